@@ -1,0 +1,162 @@
+"""The two nouns of measured motion: ``Log`` as recorded, ``Motion`` with its derivatives.
+
+Time is axis 0, SI units, float64. Both are immutable: their arrays are read-only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import InputError
+
+__all__ = ["Log", "Motion"]
+
+Array = NDArray[np.float64]
+
+
+def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+    """Return a read-only contiguous array; copied only where the caller could still write to it."""
+    array = np.ascontiguousarray(value, dtype=dtype)
+    if array.flags.writeable:
+        array = array.copy() if array is value or array.base is not None else array
+        array.flags.writeable = False
+    return array
+
+
+def _matrix(value: ArrayLike, rows: int, columns: int, name: str, source: str) -> Array:
+    array = _frozen(value)
+    if array.shape != (rows, columns):
+        raise InputError(
+            f"{source}: {name} has shape {array.shape}, expected ({rows}, {columns}): "
+            "one row per time stamp and one column per joint."
+        )
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        i, j = bad[0]
+        raise InputError(
+            f"{source}: {name}[{i}, {j}] is {array[i, j]} ({len(bad)} non-finite values in all). "
+            "Remove or interpolate these samples in the file, or leave them out with a window."
+        )
+    return array
+
+
+def _times(value: ArrayLike, source: str) -> Array:
+    t = _frozen(value)
+    if t.ndim != 1 or len(t) < 2:
+        raise InputError(f"{source}: needs at least 2 time stamps in one column, got shape {t.shape}.")
+    if not np.isfinite(t).all():
+        i = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise InputError(f"{source}: time stamp {i} is {t[i]}; remove the rows without a valid time.")
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        i = int(np.flatnonzero(steps <= 0)[0])
+        what = "repeats" if steps[i] == 0 else "runs backwards after"
+        raise InputError(
+            f"{source}: time stamp {i + 1} ({t[i + 1]!r} s) {what} stamp {i} ({t[i]!r} s); "
+            "sort the rows by time and drop repeated stamps (the first of each is usually right)."
+        )
+    return t
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One uninterrupted recording of n joints at N instants.
+
+    ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names;
+    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n).
+
+    Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
+    """
+
+    t: Array
+    q: Array
+    tau: Array
+    joints: tuple[str, ...]
+    source: str = "log"
+    dq: Array | None = None
+    command: Array | None = None
+
+    def __post_init__(self) -> None:
+        joints = tuple(self.joints)
+        object.__setattr__(self, "joints", joints)
+        if not joints or len(set(joints)) != len(joints):
+            raise InputError(f"{self.source}: joint names must be given and distinct, got {joints}.")
+        t = _times(self.t, self.source)
+        object.__setattr__(self, "t", t)
+        for name in ("q", "tau", "dq", "command"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _matrix(value, len(t), len(joints), name, self.source))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def window(self, start: float = -np.inf, stop: float = np.inf) -> Log:
+        """Return the part with ``start <= t <= stop`` (s); InputError where fewer than two samples remain."""
+        keep = (self.t >= start) & (self.t <= stop)
+        if keep.sum() < 2:
+            raise InputError(
+                f"{self.source}: the window {start} to {stop} s holds {keep.sum()} samples; "
+                f"the log runs from {self.t[0]} to {self.t[-1]} s."
+            )
+        cut = {
+            name: None if (value := getattr(self, name)) is None else value[keep]
+            for name in ("t", "q", "tau", "dq", "command")
+        }
+        return replace(self, **cut)
+
+    def select(self, joints: tuple[str, ...]) -> Log:
+        """Return the log with its joints in the given order, matched by name; InputError where one is missing."""
+        missing = [name for name in joints if name not in self.joints]
+        if missing:
+            raise InputError(f"{self.source}: no joint {missing[0]!r}; the log has {', '.join(self.joints)}.")
+        if joints == self.joints:
+            return self
+        order = [self.joints.index(name) for name in joints]
+        cut = {
+            name: None if (value := getattr(self, name)) is None else value[:, order]
+            for name in ("q", "tau", "dq", "command")
+        }
+        return replace(self, joints=joints, **cut)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A log's motion with its derivatives: what a smoother makes of a ``Log``, or the truth of a simulation.
+
+    ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
+    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report).
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+    joints: tuple[str, ...]
+    mask: NDArray[np.bool_]
+    source: str = "log"
+    smoothing: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", _times(self.t, self.source))
+        object.__setattr__(self, "joints", tuple(self.joints))
+        for name in ("q", "dq", "ddq", "tau"):
+            value = _matrix(getattr(self, name), len(self.t), len(self.joints), name, self.source)
+            object.__setattr__(self, name, value)
+        mask = _frozen(self.mask, np.bool_)
+        if mask.shape != self.t.shape:
+            raise InputError(f"{self.source}: the mask has shape {mask.shape}, expected {self.t.shape}.")
+        object.__setattr__(self, "mask", mask)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def between(self, start: float = -np.inf, stop: float = np.inf) -> Motion:
+        """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""
+        return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))

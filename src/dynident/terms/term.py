@@ -1,0 +1,71 @@
+"""The protocol of a term: one physical effect, linear in its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Joint", "Parameter", "Partials", "Term"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N)."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"] = "revolute"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the position."""
+        return "rad" if self.kind == "revolute" else "m"
+
+    @property
+    def effort(self) -> str:
+        """Unit of the torque or force."""
+        return "N m" if self.kind == "revolute" else "N"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One column of the regressor: its name, unit, meaning in words or as a formula, and true value if known."""
+
+    name: str
+    unit: str
+    expression: str = ""
+    value: float | None = None
+
+
+@dataclass(frozen=True)
+class Partials:
+    """Partial derivatives of the torque: ``dq[i, j, k]`` = d tau_j / d dq_k at sample i; each (N, n, n)."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+class Term(Protocol):
+    """One effect of the model: tau_term = Y(q, dq, ddq) theta_term.
+
+    A term is frozen configuration, picklable, and vectorised over samples: q, dq, ddq are (N, n).
+    """
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All n joints of the arm, in the order of the columns of q."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p parameters of this term, in the order of the regressor's columns."""
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Y, shape (N, n, p)."""
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the partial derivatives of Y theta with respect to q, dq and ddq, each (N, n, n)."""

@@ -48,7 +48,7 @@ def install(extra: str) -> None:
 
 def main(arguments: list[str]) -> None:
     """Run the task named first with the rest as its arguments."""
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036 - this file runs before pip can check
         sys.exit("dynident needs Python 3.11 or newer; this is " + sys.version.split()[0])
     if not arguments or arguments[0] not in EXTRAS:
         sys.exit(__doc__)

@@ -104,7 +104,7 @@ class Log:
                 f"{self.source}: the window {start} to {stop} s holds {keep.sum()} samples; "
                 f"the log runs from {self.t[0]} to {self.t[-1]} s."
             )
-        cut = {
+        cut: dict[str, Any] = {
             name: None if (value := getattr(self, name)) is None else value[keep]
             for name in ("t", "q", "tau", "dq", "command")
         }
@@ -118,7 +118,7 @@ class Log:
         if joints == self.joints:
             return self
         order = [self.joints.index(name) for name in joints]
-        cut = {
+        cut: dict[str, Any] = {
             name: None if (value := getattr(self, name)) is None else value[:, order]
             for name in ("q", "tau", "dq", "command")
         }

@@ -1,0 +1,35 @@
+"""The protocol of a smoother: Log -> Motion, that is position to velocity and acceleration."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError
+from dynident.log import Log, Motion
+
+__all__ = ["Smoother", "ends_mask"]
+
+
+class Smoother(Protocol):
+    """Makes a ``Motion`` of a ``Log``.
+
+    A smoother is frozen configuration; it keeps t, tau, joints and source, does not look at tau, and sets the mask to
+    False at those samples near the ends which it does not vouch for. It raises InputError where the log is too short.
+    """
+
+    def __call__(self, log: Log) -> Motion:
+        """Return q, dq, ddq (N, n) at the samples of the log."""
+
+
+def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:
+    """Return a mask (N) without the first ``start`` and the last ``stop`` seconds; InputError where none is left."""
+    mask = (log.t >= log.t[0] + start) & (log.t <= log.t[-1] - stop)
+    if not mask.any():
+        raise InputError(
+            f"{log.source}: {log.t[-1] - log.t[0]:.4g} s are too short: {start:.4g} s at the start and {stop:.4g} s at "
+            "the end cannot be vouched for. Record longer, or smooth less."
+        )
+    return np.asarray(mask)

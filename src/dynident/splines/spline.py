@@ -1,0 +1,252 @@
+"""The natural cubic smoothing spline after Reinsch (1967): article, eqs. (12)-(36)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ConfigError, InputError
+from dynident.splines.banded import IllConditionedError, Solution, System
+from dynident.splines.noise import noise_sigma
+from dynident.splines.rules import Constraint, Rule, Series
+
+__all__ = ["SmoothingSpline", "smooth"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothingSpline:
+    """A natural cubic spline g fitted to one or k series on a common time grid.
+
+    ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or
+    an array (k,)): ``p`` (eq. 15) and ``lam`` = 1 / (2 p), ``S`` the sum (14) reached, ``sigma`` and ``weights``
+    ((N, 1), (N, k) or None) with delta = sigma / sqrt(weight), ``residual`` of the linear system (32) relative to its
+    right-hand side, and ``accuracy``, the relative error of c to expect from the last step of iterative refinement.
+    """
+
+    t: Array
+    values: Array
+    c: Array
+    p: Array | float
+    lam: Array | float
+    S: Array | float
+    sigma: Array | float
+    residual: Array | float
+    accuracy: Array | float
+    weights: Array | None = None
+
+    @cached_property
+    def edf(self) -> Array:
+        """Effective degrees of freedom per series: 2 for a straight line, N for interpolation."""
+        n = len(self.t)
+        limits = {0.0: 2.0, np.inf: float(n)}
+        sigma, p = np.atleast_1d(self.sigma), np.atleast_1d(self.p)
+        out, known = np.empty(len(p)), dict[tuple[float, int], float]()
+        for k, value in enumerate(p):
+            column = 0 if self.weights is None else min(k, self.weights.shape[1] - 1)
+            system, step, variance = _system(self.t, self.weights, column)
+            key = (float(value * step**3 / (variance * sigma[k] ** 2)), column)
+            if value not in limits and key not in known:
+                known[key] = system.edf(key[0])
+            out[k] = limits[float(value)] if value in limits else known[key]
+        return self._like(out)
+
+    @property
+    def noise(self) -> Array:
+        """Noise standard deviation from the residuals, sqrt(sum(w (y - g)^2) / (N - edf)); nan for interpolation."""
+        left = np.atleast_1d(len(self.t) - self.edf)
+        ratio = np.full(len(left), np.nan)
+        np.divide(np.atleast_1d(self.S), left, out=ratio, where=left > 0)
+        return self._like(np.sqrt(ratio) * np.atleast_1d(self.sigma))
+
+    @property
+    def bandwidth(self) -> Array:
+        """Width of the smoothing kernel in seconds, (lam sigma^2 h)^(1/4) with h the mean step (0 to inf)."""
+        h = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
+        return self._like((np.atleast_1d(self.lam) * np.atleast_1d(self.sigma) ** 2 * h) ** 0.25)
+
+    def _like(self, value: Array) -> Array:
+        return value if self.values.ndim == 2 else np.asarray(value[0])[()]
+
+    def _column(self, x: Array) -> Array:
+        return x if self.values.ndim == 1 else x[:, None]
+
+    def derivative(self, order: int = 1) -> Array:
+        """Return the derivative of order 0 to 3 at the samples, shaped like the data (eqs. 34-36).
+
+        The third derivative is constant between samples; its value is that of the piece which begins at the sample
+        (the last sample: which ends there). Raises ConfigError for another order.
+        """
+        if order not in (0, 1, 2, 3):
+            raise ConfigError(f"order of the derivative is {order!r}; a cubic spline has 0, 1, 2 and 3.")
+        if order == 0:
+            return self.values
+        if order == 2:
+            return 2.0 * self.c
+        h = self._column(np.diff(self.t))
+        out = np.empty_like(self.values)
+        if order == 3:
+            np.divide(np.diff(self.c, axis=0), 0.5 * h, out=out[:-1])
+            out[-1] = out[-2]
+            return out
+        np.divide(np.diff(self.values, axis=0), h, out=out[:-1])
+        out[:-1] -= h * (2.0 * self.c[:-1] + self.c[1:]) / 3.0
+        out[-1] = out[-2] + h[-1] * (self.c[-2] + self.c[-1])
+        return out
+
+    def __call__(self, t: ArrayLike, order: int = 0, *, extrapolate: bool = False) -> Array:
+        """Return g or a derivative (order 0 to 3) at any times, shape (..., ) or (..., k); eqs. (34)-(36).
+
+        Outside the data: InputError, or the natural spline's straight continuation where ``extrapolate`` is set.
+        """
+        x = np.asarray(t, dtype=float)
+        if not np.isfinite(x).all():
+            raise InputError("times to evaluate the spline at must be finite.")
+        outside = (x < self.t[0]) | (x > self.t[-1])
+        if outside.any() and not extrapolate:
+            raise InputError(
+                f"t = {x[outside].flat[0]!r} lies outside the data ({self.t[0]} to {self.t[-1]}); "
+                "pass extrapolate=True for the straight continuation."
+            )
+        i = np.clip(np.searchsorted(self.t, x, side="right") - 1, 0, len(self.t) - 2)
+        h, s = self.t[i + 1] - self.t[i], np.clip(x, self.t[0], self.t[-1]) - self.t[i]
+        beyond = x - np.clip(x, self.t[0], self.t[-1])
+        if self.values.ndim == 2:
+            h, s, beyond, outside = h[..., None], s[..., None], beyond[..., None], outside[..., None]
+        a, c = self.values[i], self.c[i]
+        d = (self.c[i + 1] - c) / (3 * h)
+        b = (self.values[i + 1] - a) / h - h * (c + h * d)
+        slope = b + s * (2 * c + 3 * s * d)
+        if order == 0:
+            return a + s * (b + s * (c + s * d)) + beyond * slope  # type: ignore[no-any-return]
+        if order == 1:
+            return slope  # type: ignore[no-any-return]
+        if order not in (2, 3):
+            raise ConfigError(f"order of the derivative is {order!r}; a cubic spline has 0, 1, 2 and 3.")
+        return np.where(outside, 0.0, 2 * c + 6 * s * d if order == 2 else 6 * d)
+
+
+def smooth(
+    t: ArrayLike,
+    y: ArrayLike,
+    rule: Rule | None = None,
+    *,
+    sigma: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+) -> SmoothingSpline:
+    """Smooth one or several series by the natural cubic spline of eqs. (12)-(36).
+
+    ``t`` (N) strictly increasing, uniform or not, N >= 3; ``y`` (N,) or (N, k), each column with its own p. ``rule``
+    chooses p: ``Constraint(S)`` (the default, S = N), ``Fixed(p=...)`` or ``Fixed(lam=...)``, ``GCV()``, ``REML()``,
+    ``Interpolation()``. delta of eq. (14) is ``sigma / sqrt(weights)``: ``sigma`` one number or one per column; where
+    missing, ``noise_sigma`` estimates it for ``Constraint`` and it is one for the others; ``weights`` positive,
+    (N,) or (N, k). Long smoothing has limits: eps * m^4 << 1 with m the bandwidth in samples (m below 2000).
+
+    Raises InputError for data that cannot be smoothed (not finite, times not increasing, too few), ConfigError for a
+    bad setting, and InputError where so wide a smoothing is asked for that double precision cannot resolve it.
+    """
+    rule = Constraint() if rule is None else rule
+    time, data = _checked(t, y)
+    columns = data.reshape(len(time), -1)
+    weight = _weights(weights, columns)
+    scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
+    solved: list[tuple[Series, Solution]] = []
+    for k in range(columns.shape[1]):
+        if k == 0 or (weight is not None and weight.shape[1] > 1):
+            system, step, variance = _system(time, weight, k)
+        series = Series.of(system, columns[:, k], float(scale[k] * np.sqrt(variance)), step)
+        near = solved[-1][1].p if solved else 0.0
+        start = near if 0 < near < np.inf else None
+        solved.append((series, _solve(rule, series, k, start)))
+    return _collect(time, data, solved, scale, weight)
+
+
+def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    time, data = np.ascontiguousarray(t, dtype=float), np.asarray(y, dtype=float)
+    if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
+        raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
+    if len(time) < 3:
+        raise InputError(f"a smoothing spline needs at least 3 samples, got {len(time)}.")
+    for name, value in (("t", time), ("y", data)):
+        if not np.isfinite(value).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
+            raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if len(wrong):
+        i = int(wrong[0])
+        raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
+    return time, data
+
+
+def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:
+    if weights is None:
+        return None
+    weight = np.asarray(weights, dtype=float)
+    weight = weight[:, None] if weight.ndim == 1 else weight
+    if weight.ndim != 2 or weight.shape not in {(len(columns), 1), columns.shape}:
+        raise ConfigError(f"weights have shape {weight.shape}; expected ({len(columns)},) or {columns.shape}.")
+    if not (np.isfinite(weight).all() and (weight > 0).all()):
+        raise ConfigError("weights must be positive and finite; leave out samples that should not count.")
+    return weight
+
+
+def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | None, *, needed: bool) -> Array:
+    k = columns.shape[1]
+    if sigma is not None:
+        value = np.broadcast_to(np.asarray(sigma, dtype=float), (k,)).copy()
+        if not (np.isfinite(value).all() and (value > 0).all()):
+            raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
+        return value
+    if not needed:
+        return np.ones(k)
+    if len(t) < 6:
+        raise InputError(f"{len(t)} samples are too few to estimate sigma from; give sigma.")
+    value = noise_sigma(t, columns, weight)
+    floor = 4 * np.finfo(float).eps * np.abs(columns).max(axis=0)
+    return np.asarray(np.maximum(value, np.maximum(floor, np.finfo(float).tiny)))
+
+
+def _system(t: Array, weights: Array | None, column: int) -> tuple[System, float, float]:
+    """Return the scaled system of a column, the mean step, and the mean of 1 / weight."""
+    step = np.diff(t)
+    h = float(t[-1] - t[0]) / len(step)
+    step /= h
+    if weights is None:
+        return System(step), h, 1.0
+    variance = 1.0 / weights[:, column]
+    mean = float(variance.mean())
+    return System(step, variance / mean), h, mean
+
+
+def _solve(rule: Rule, series: Series, column: int, start: float | None) -> Solution:
+    try:
+        return rule.choose(series, column, start)
+    except IllConditionedError as error:
+        raise InputError(
+            f"column {column} cannot be smoothed so much: {error}. The smoothing would reach over thousands of "
+            "samples, more than double precision resolves; average neighbouring samples first, or smooth less."
+        ) from error
+
+
+def _collect(
+    time: Array, data: Array, solved: list[tuple[Series, Solution]], sigma: Array, weight: Array | None
+) -> SmoothingSpline:
+    shape = (len(time), len(solved))
+    values, c = np.empty(shape), np.zeros(shape)
+    for k, (series, one) in enumerate(solved):
+        np.multiply(series.y - one.v, series.size, out=values[:, k])
+        bend = 1.0 if one.p == np.inf else one.p
+        np.multiply(one.u, bend * series.size / series.step**2, out=c[1:-1, k])
+    p = np.array([one.p * series.p_scale for series, one in solved])
+    with np.errstate(divide="ignore"):
+        lam = 0.5 / p
+    S = np.array([one.rss / series.noise**2 for series, one in solved])
+    residual, accuracy = (np.array([getattr(one, name) for _, one in solved]) for name in ("residual", "accuracy"))
+    if data.ndim == 2:
+        return SmoothingSpline(time, values, c, p, lam, S, sigma, residual, accuracy, weight)
+    p, lam, S, sigma, residual, accuracy = (x[0] for x in (p, lam, S, sigma, residual, accuracy))
+    return SmoothingSpline(time, values[:, 0], c[:, 0], p, lam, S, sigma, residual, accuracy, weight)

@@ -1,0 +1,50 @@
+"""The difference-based noise estimate: statistics with a stated confidence, irregular times, weights, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.splines import noise_sigma
+
+
+def bound(n: int) -> float:
+    """4.9 standard deviations (1e-6, two-sided): the squared differences of order 4 are correlated, factor below 4."""
+    return 4.9 * np.sqrt(4.0 / n) / 2
+
+
+@pytest.mark.parametrize("kind", ["uniform", "jittered"])
+@pytest.mark.parametrize("sigma", [1e-6, 1e-2])
+def test_white_noise_on_a_moving_joint(kind: str, sigma: float) -> None:
+    rng = np.random.default_rng(0)
+    n = 20_000
+    t = np.cumsum(1e-3 * (1 + (0.5 if kind == "jittered" else 0.0) * rng.uniform(-1, 1, n)))
+    y = np.column_stack((np.sin(3 * t), 1e3 + 5 * t + np.cos(2 * t))) + sigma * rng.standard_normal((n, 2))
+    np.testing.assert_allclose(noise_sigma(t, y), sigma, rtol=bound(n))
+
+
+def test_times_matter_more_than_indices() -> None:
+    """A straight motion sampled at irregular times has no noise, whatever its differences by index say."""
+    t = np.cumsum(np.random.default_rng(0).uniform(0.1, 1.9, 500))
+    assert noise_sigma(t, 3 * t + 1) < 1e-11
+    assert np.std(np.diff(3 * t, n=2)) > 1
+
+
+def test_weights() -> None:
+    rng = np.random.default_rng(0)
+    n = 20_000
+    t, weights = np.arange(n) * 1e-3, rng.uniform(0.1, 10, n)
+    y = np.sin(t) + 0.02 / np.sqrt(weights) * rng.standard_normal(n)
+    assert noise_sigma(t, y, weights)[0] == pytest.approx(0.02, rel=bound(n))
+
+
+def test_quantised_standstill_reads_as_silence() -> None:
+    """The stated limit: a quantised encoder at rest shows no noise at all."""
+    t = np.arange(1000) * 1e-3
+    assert noise_sigma(t, np.round(0.3 * np.ones(1000) / 1e-3) * 1e-3)[0] < 1e-16
+
+
+def test_too_few() -> None:
+    with pytest.raises(InputError, match="at least 6 samples, got 5"):
+        noise_sigma(np.arange(5), np.arange(5))

@@ -1,0 +1,313 @@
+"""The smoothing spline against the printed algorithm, dense algebra, scipy, 50 digits, and itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline, make_smoothing_spline
+
+from dynident.errors import ConfigError, InputError
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, SmoothingSpline, smooth
+
+from .reference import second_derivative
+
+RULES = [Constraint(), Constraint(S=50.0), Fixed(lam=1e-4), Fixed(p=1e3), GCV(), REML(), Interpolation()]
+
+
+def grid(n: int, h: float, kind: str, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    factor = {"uniform": 0.0, "jittered": 0.3}.get(kind)
+    steps = (
+        h * (1 + factor * rng.uniform(-1, 1, n - 1)) if factor is not None else h * np.exp(rng.uniform(-2, 2, n - 1))
+    )
+    return np.arange(n) * h if kind == "uniform" else np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def series(n: int = 300, h: float = 0.01, kind: str = "jittered", sigma: float = 1e-2) -> tuple[np.ndarray, np.ndarray]:
+    t = grid(n, h, kind)
+    return t, np.sin(3 * t) + 0.5 * np.sin(9.3 * t) + sigma * np.random.default_rng(1).standard_normal(n)
+
+
+def matrices(t: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M, N, Q as printed: eqs. (27)-(31)."""
+    h, n = np.diff(t), len(t) - 1
+    N, Q = np.zeros((n - 1, n - 1)), np.zeros((n + 1, n - 1))
+    for i in range(n - 1):
+        N[i, i] = 2 * (h[i] + h[i + 1]) / 3
+        if i + 1 < n - 1:
+            N[i, i + 1] = N[i + 1, i] = h[i + 1] / 3
+        Q[i, i], Q[i + 1, i], Q[i + 2, i] = 1 / h[i], -1 / h[i] - 1 / h[i + 1], 1 / h[i + 1]
+    return np.diag(delta), N, Q
+
+
+def printed_algorithm(
+    t: np.ndarray, y: np.ndarray, delta: np.ndarray, S: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Steps (1)-(4) of sec. 2.2 in dense algebra, Newton from p = 0; returns a, c, p."""
+    M, N, Q = matrices(t, delta)
+    p = 0.0
+    for _ in range(60):
+        R = np.linalg.cholesky(Q.T @ M**2 @ Q + p * N).T
+        u = np.linalg.solve(R, np.linalg.solve(R.T, Q.T @ y))
+        v = M @ Q @ u
+        e = v @ v
+        if e <= S * (1 + 1e-10):
+            break
+        w = np.linalg.solve(R.T, N @ u)
+        p += (e - np.sqrt(S * e)) / (u @ N @ u - p * w @ w)
+    return y - M @ v, np.concatenate(([0], p * u, [0])), p
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
+def test_agrees_with_the_printed_algorithm(kind: str, weighted: bool) -> None:
+    n, sigma = 60, 0.05
+    t = grid(n, 0.05, kind)
+    rng = np.random.default_rng(2)
+    weights = rng.uniform(0.3, 3.0, n) if weighted else np.ones(n)
+    delta = sigma / np.sqrt(weights)
+    y = np.sin(3 * t) + delta * rng.standard_normal(n)
+    a, c, p = printed_algorithm(t, y, delta, S=float(n))
+    fit = smooth(t, y, sigma=sigma, weights=weights if weighted else None)
+    assert fit.p == pytest.approx(p, rel=1e-6)
+    assert fit.lam == pytest.approx(0.5 / p, rel=1e-6)
+    np.testing.assert_allclose(fit.values, a, atol=1e-8)
+    np.testing.assert_allclose(fit.c, c, atol=1e-6 * np.abs(c).max())
+
+
+@pytest.mark.parametrize("S", [1e-6, 1.0, 150.0, 300.0, 900.0])
+@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
+def test_reaches_the_constraint(kind: str, S: float) -> None:
+    t, y = series(kind=kind)
+    fit = smooth(t, y, Constraint(S=S), sigma=1e-2)
+    assert np.sum(((fit.values - y) / 1e-2) ** 2) == pytest.approx(S, rel=1e-8)
+    assert pytest.approx(S, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("n", [20_000, 100_000])
+def test_reaches_the_constraint_on_long_data(n: int) -> None:
+    """Long data start from their middle; a middle that stands still must not mislead the search."""
+    t = np.arange(n) * 1e-3
+    y = np.where(np.abs(t - t[-1] / 2) < 3.0, 0.0, np.sin(t)) + 1e-3 * np.random.default_rng(0).standard_normal(n)
+    fit = smooth(t, y, sigma=1e-3)
+    assert pytest.approx(n, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1])
+@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
+@pytest.mark.parametrize("m", [2, 131, 500])
+def test_second_derivative_against_fifty_digits(kind: str, h: float, m: int) -> None:
+    n = 800
+    t = grid(n, h, kind)
+    y = np.sin(12 * np.arange(n) / n) + 1e-3 * np.random.default_rng(3).standard_normal(n)
+    step = (t[-1] - t[0]) / (n - 1)
+    fit = smooth(t, y, Fixed(lam=m**4 * step**3))
+    exact = second_derivative(t, y, float(fit.p), np.ones(n))
+    assert np.linalg.norm(fit.derivative(2) - exact) <= 1e-10 * np.linalg.norm(exact)
+    assert fit.accuracy < 1e-12
+    assert fit.bandwidth == pytest.approx(m * step)
+
+
+def test_weighted_second_derivative_against_fifty_digits() -> None:
+    t, y = series(n=400, kind="wild")
+    weights = np.random.default_rng(0).uniform(0.1, 10, 400)
+    fit = smooth(t, y, sigma=1e-2, weights=weights)
+    exact = second_derivative(t, y, float(fit.p), 1e-2 / np.sqrt(weights))
+    assert np.linalg.norm(fit.derivative(2) - exact) <= 1e-10 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("kind", ["uniform", "wild"])
+def test_fixed_lam_agrees_with_scipy(kind: str) -> None:
+    t, y = series(kind=kind)
+    weights = np.random.default_rng(0).uniform(0.5, 2, len(t))
+    fit, peer = smooth(t, y, Fixed(lam=1e-4), weights=weights), make_smoothing_spline(t, y, weights, lam=1e-4)
+    x = np.sort(np.random.default_rng(1).uniform(t[0], t[-1], 500))
+    for order in range(4):
+        expected = peer.derivative(order)(x) if order else peer(x)
+        np.testing.assert_allclose(fit(x, order), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_interpolation_is_the_natural_cubic_spline() -> None:
+    t, y = series(kind="wild")
+    fit, peer = smooth(t, y, Interpolation()), CubicSpline(t, y, bc_type="natural")
+    np.testing.assert_array_equal(fit.values, y)
+    np.testing.assert_allclose(fit.c * 2, peer(t, 2), atol=1e-9 * np.abs(peer(t, 2)).max())
+    zero = smooth(t, y, Constraint(S=0.0), sigma=1.0)
+    np.testing.assert_array_equal(zero.c, fit.c)
+    assert (fit.p, fit.lam, fit.S, fit.edf) == (np.inf, 0.0, 0.0, len(t))
+
+
+def test_large_S_gives_the_regression_line() -> None:
+    t, y = series()
+    fit = smooth(t, y, Constraint(S=1e9), sigma=1e-2)
+    np.testing.assert_allclose(fit.values, np.polyval(np.polyfit(t, y, 1), t), atol=1e-12)
+    assert (fit.p, fit.lam, fit.edf) == (0.0, np.inf, pytest.approx(2.0))
+    assert not fit.c.any()
+    weights = np.linspace(0.5, 3, len(t))
+    weighted = smooth(t, y, Fixed(p=0.0), weights=weights)
+    np.testing.assert_allclose(weighted.values, np.polyval(np.polyfit(t, y, 1, w=np.sqrt(weights)), t), atol=1e-12)
+
+
+def test_effective_degrees_of_freedom_are_the_trace() -> None:
+    t, y = series(n=120, kind="wild")
+    weights = np.random.default_rng(0).uniform(0.5, 2, len(t))
+    fit = smooth(t, y, sigma=1e-2, weights=weights)
+    M, N, Q = matrices(t, 1e-2 / np.sqrt(weights))
+    away = M**2 @ Q @ np.linalg.solve(Q.T @ M**2 @ Q + fit.p * N, Q.T)
+    assert fit.edf == pytest.approx(len(t) - np.trace(away), rel=1e-6)
+
+
+@pytest.mark.parametrize("rule", [GCV(), REML()])
+def test_criteria_are_minimal(rule: GCV | REML) -> None:
+    """The lam chosen by GCV and REML minimises the criterion computed in dense algebra."""
+    t, y = series(n=120)
+    _, N, Q = matrices(t, np.ones(len(t)))
+
+    def criterion(lam: float) -> float:
+        A = Q.T @ Q + 0.5 / lam * N
+        u = np.linalg.solve(A, Q.T @ y)
+        if isinstance(rule, REML):
+            return len(A) * np.log(y @ Q @ u) + np.linalg.slogdet(A)[1]
+        return np.log(u @ Q.T @ Q @ u) - 2 * np.log(np.trace(Q @ np.linalg.solve(A, Q.T)))
+
+    chosen = float(smooth(t, y, rule).lam)
+    assert criterion(chosen) <= min(criterion(chosen * f) for f in (1e-3, 0.1, 0.8, 0.98, 1.02, 1.25, 10, 1e3))
+
+
+@pytest.mark.parametrize("rule", RULES, ids=repr)
+def test_scaling_and_shifting(rule: Constraint) -> None:
+    """The unit of time, the unit of y, and their zero change nothing but the numbers' scale."""
+    t = np.arange(256) / 256.0
+    y = np.sin(6 * t) + 0.01 * np.random.default_rng(0).standard_normal(256)
+    sigma = 0.01 if isinstance(rule, Constraint) else None
+    a, b = 2.0**10, 2.0**-7
+    one = smooth(t, y, rule, sigma=sigma)
+    if not isinstance(rule, Fixed):
+        two = smooth(a * t, b * y, rule, sigma=b * sigma if sigma else None)
+        np.testing.assert_allclose(two.values, b * one.values, rtol=0, atol=1e-10 * b)
+        np.testing.assert_allclose(two.c, one.c * b / a**2, rtol=0, atol=1e-7 * np.abs(one.c).max() * b / a**2)
+    three = smooth(t + 1024.0, y + 64.0, rule, sigma=sigma)
+    np.testing.assert_allclose(three.values - 64.0, one.values, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(three.c, one.c, rtol=0, atol=1e-6 * np.abs(one.c).max())
+
+
+@pytest.mark.parametrize("rule", RULES, ids=repr)
+@pytest.mark.parametrize("weighted", [False, True])
+def test_columns_are_smoothed_each_on_its_own(rule: Constraint, weighted: bool) -> None:
+    t, y = series(n=200)
+    both = np.column_stack((y, 3 * y + t, np.cos(5 * t), 2 * t))
+    both[:, 2] += 0.03 * np.random.default_rng(5).standard_normal(len(t))
+    weights = np.random.default_rng(6).uniform(0.5, 2, both.shape) if weighted else None
+    fit = smooth(t, both, rule, sigma=0.02, weights=weights)
+    assert fit.values.shape == fit.derivative(1).shape == both.shape
+    assert fit(t[:7] + 1e-4).shape == (7, 4)
+    for k in range(4):
+        single = smooth(t, both[:, k], rule, sigma=0.02, weights=None if weights is None else weights[:, k])
+        assert isinstance(single, SmoothingSpline)
+        np.testing.assert_allclose(fit.values[:, k], single.values, atol=1e-7)
+        for name in ("p", "lam", "S", "edf", "noise", "bandwidth"):
+            both_value, one = getattr(fit, name)[k], getattr(single, name)
+            assert np.isnan(one) if np.isnan(both_value) else one == pytest.approx(both_value, rel=1e-4), name
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_derivatives_at_samples_are_those_of_the_pieces(order: int) -> None:
+    t, y = series(kind="wild")
+    fit = smooth(t, y, sigma=1e-2)
+    scale = np.abs(fit.derivative(order)).max()
+    inside = slice(None, -1) if order == 3 else slice(None)
+    np.testing.assert_allclose(fit(t, order)[inside], fit.derivative(order)[inside], atol=1e-12 * scale)
+    before = t[1:] - 1e-9 * np.diff(t)  # continuous up to the second derivative
+    if order < 3:
+        np.testing.assert_allclose(fit(before, order), fit.derivative(order)[1:], atol=1e-6 * scale)
+
+
+def test_outside_the_data() -> None:
+    t, y = series()
+    fit = smooth(t, y, sigma=1e-2)
+    with pytest.raises(InputError, match=r"lies outside the data .* extrapolate=True"):
+        fit(t[-1] + 0.1)
+    beyond = np.array([t[0] - 0.5, t[-1] + 0.5])
+    ends, slopes = fit.values[[0, -1]], fit.derivative(1)[[0, -1]]
+    np.testing.assert_allclose(fit(beyond, extrapolate=True), ends + slopes * [-0.5, 0.5])
+    np.testing.assert_allclose(fit(beyond, 1, extrapolate=True), slopes)
+    assert not fit(beyond, 2, extrapolate=True).any()
+    assert not fit(beyond, 3, extrapolate=True).any()
+
+
+def test_noise_is_recovered() -> None:
+    t, y = series(n=4000, sigma=1e-2)
+    for rule in (GCV(), REML()):
+        assert smooth(t, y, rule, sigma=1e-2).noise == pytest.approx(1e-2, rel=0.05)  # 4.5 standard deviations
+
+
+@pytest.mark.parametrize(
+    ("t", "y", "error", "words"),
+    [
+        ([0, 1, 1, 2], [0, 1, 2, 3], InputError, r"t\[2\] = .* does not exceed t\[1\]"),
+        ([0, 2, 1, 3], [0, 1, 2, 3], InputError, r"t\[2\]"),
+        ([0, 1], [0, 1], InputError, "at least 3 samples, got 2"),
+        ([0, 1, 2, 3], [0, np.nan, 2, 3], InputError, r"y\[1\] is nan"),
+        ([0, 1, np.inf, 3], [0, 1, 2, 3], InputError, r"t\[2\] is inf"),
+        ([0, 1, 2], [0, 1], InputError, r"shapes \(3,\) and \(2,\)"),
+        ([0, 1, 2, 3], [0, 1, 0, 3], InputError, "too few to estimate sigma"),
+    ],
+)
+def test_bad_data(t: list[float], y: list[float], error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        smooth(t, y)
+
+
+@pytest.mark.parametrize(
+    ("rule", "options", "words"),
+    [
+        (Constraint(S=-1), {}, "S is -1"),
+        (Constraint(S=np.nan), {}, "S is nan"),
+        (Constraint(S=[1.0, 2.0]), {"columns": 3}, "S has 2 entries"),
+        (Fixed(lam=-1.0), {}, "lam is -1"),
+        (Constraint(), {"sigma": 0.0}, "sigma is 0.0"),
+        (Constraint(), {"sigma": [1.0, -1.0], "columns": 2}, "must be positive"),
+        (Constraint(), {"weights": np.zeros(300)}, "weights must be positive"),
+        (Constraint(), {"weights": np.ones(3)}, r"shape \(3, 1\); expected \(300,\)"),
+    ],
+)
+def test_bad_settings(rule: Constraint, options: dict, words: str) -> None:
+    t, y = series()
+    data = np.column_stack([y] * options.pop("columns", 1))
+    with pytest.raises(ConfigError, match=words):
+        smooth(t, data, rule, **{"sigma": 1e-2, **options})
+
+
+def test_exactly_one_of_p_and_lam() -> None:
+    with pytest.raises(ConfigError, match="exactly one of p and lam"):
+        Fixed()
+    with pytest.raises(ConfigError, match="a cubic spline has 0, 1, 2 and 3"):
+        smooth([0, 1, 2, 3], [0, 1, 0, 1], Interpolation()).derivative(4)
+
+
+def test_more_smoothing_than_double_precision_resolves_is_refused() -> None:
+    n = 60_000
+    t = np.arange(n) * 1e-6
+    with pytest.raises(InputError, match="cannot be smoothed so much"):
+        smooth(t, np.sin(40 * t), Fixed(lam=20000.0**4 * 1e-18))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    steps=st.lists(st.floats(1e-3, 1e3), min_size=6, max_size=40),
+    values=st.lists(st.floats(-1e6, 1e6), min_size=41, max_size=41),
+    level=st.floats(0.01, 2.0),
+)
+def test_any_grid_and_values(steps: list[float], values: list[float], level: float) -> None:
+    """On any grid the constraint holds (or a line satisfies it), and no curvature remains at the ends."""
+    t = np.concatenate(([0.0], np.cumsum(steps)))
+    y = np.array(values[: len(t)])
+    sigma = 1e-3 * (1.0 + np.abs(y).max())
+    S = level * len(t)
+    fit = smooth(t, y, Constraint(S=S), sigma=sigma)
+    reached = float(np.sum(((fit.values - y) / sigma) ** 2))
+    assert reached == pytest.approx(S, rel=1e-7) or (reached < S and fit.p == 0)
+    assert fit.c[0] == fit.c[-1] == 0
+    assert 2 - 1e-6 <= fit.edf <= len(t) + 1e-6

@@ -1,1 +1,16 @@
+"""Reports: pure functions from a study or an identification to one HTML page that works offline, or terminal tables."""
 
+from __future__ import annotations
+
+from dynident.report.identification import identification_page, identification_tables, result_dict
+from dynident.report.study import findings, study_page, study_tables, study_text
+
+__all__ = [
+    "findings",
+    "identification_page",
+    "identification_tables",
+    "result_dict",
+    "study_page",
+    "study_tables",
+    "study_text",
+]

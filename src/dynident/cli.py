@@ -1,0 +1,144 @@
+"""The command ``dynident``: each command reads, calls and writes; heavy packages are imported when one runs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from dynident import __version__
+from dynident.errors import DynidentError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["main"]
+
+DIRECTORY = click.Path(file_okay=False, path_type=Path)
+FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+class _Commands(click.Group):
+    """Turns the errors meant for the user into one message and exit code 1."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except DynidentError as error:
+            raise click.ClickException(str(error)) from error
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="dynident")
+def main() -> None:
+    """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
+
+
+@main.command()
+@click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
+@click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option("--methods", default="raw,filtered,spline", show_default=True, help="Methods, separated by commas.")
+@click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
+@click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
+def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | None, json_file: Path | None) -> None:
+    """Run the article's study (sec. 3) again and print its tables 2-7 beside the printed numbers."""
+    from dynident import article
+    from dynident.io.results import write_json, write_text
+    from dynident.report.study import study_page, study_text
+
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    with _bar(f"{scenario}, {runs} runs") as progress:
+        found = article.reproduce(
+            scenario, runs, seed, names, path=out / "study.parquet" if out else None, progress=progress
+        )
+    console = _console()
+    console.print(study_text(found))
+    if json_file:
+        write_json(json_file, found.summary())
+    if out:
+        report = write_text(out / "report.html", study_page(found))
+        console.print(f"Report: {report.resolve()}", soft_wrap=True, highlight=False, markup=False)
+
+
+@main.command()
+@click.argument("config", type=FILE)
+@click.option("--out", type=DIRECTORY, help="Folder for result.json and report.html.")
+def identify(config: Path, out: Path | None) -> None:
+    """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
+    from dynident.report.identification import identification_page, identification_tables, result_dict
+
+    with _status() as say:
+        found = _identify(config, say)
+    console = _console()
+    for table in identification_tables(found):
+        console.print(table)
+    for warning in found.warnings:
+        console.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
+    if out:
+        from dynident.io.results import write_json, write_text
+
+        result = write_json(out / "result.json", result_dict(found))
+        report = write_text(out / "report.html", identification_page(found))
+        for what, path in (("Result", result), ("Report", report)):
+            console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _identify(path: Path, say: Callable[[str], None]) -> Any:
+    from dataclasses import replace
+
+    from dynident.identify import identify as run
+    from dynident.io.config import load_model, read_config
+    from dynident.io.logs import read_logs
+    from dynident.io.recipe import build_recipe
+
+    config = read_config(path)
+    say("building the model")
+    model = load_model(config.model, path.parent)
+    recipe = build_recipe(config)
+    logs: dict[str, dict[str, Any]] = {"train": {}, "validation": {}}
+    warnings: list[str] = []
+    for role in logs:
+        for spec in getattr(config, role):
+            say(f"reading {spec.label}")
+            reading = read_logs(spec, config, model.joints)
+            logs[role].update({log.source: log for log in reading.logs})
+            warnings += reading.warnings
+    found = run(model, logs["train"], logs["validation"], recipe, progress=say)
+    settings = {"configuration": path.read_text(encoding="utf-8"), **found.settings}
+    return replace(found, warnings=(*warnings, *found.warnings), settings=settings)
+
+
+def _console() -> Console:
+    """Return the console of standard output; wide enough for the tables where it is no terminal."""
+    from rich.console import Console
+
+    return Console() if sys.stdout.isatty() else Console(width=150)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on standard error; silent where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _status() -> Iterator[Callable[[str], None]]:
+    """Show what is being done on standard error; silent where that is no terminal."""
+    from rich.console import Console
+
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    with Console(stderr=True).status("starting") as status:
+        yield lambda step: status.update(step)

@@ -1,0 +1,127 @@
+"""Ordinary least squares, eq. (11), from a triangular factor, with its covariance and an honest rank."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError
+from dynident.estimators.estimator import Estimate, Problem
+
+__all__ = ["Fit", "LeastSquares", "solve"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
+
+    ``inverse`` (p, p) = (X' X)^-1 on the determined subspace; ``rss`` the sum of squared residuals; ``groups`` the
+    indices of parameters that cannot be told apart, one tuple for each independent group, empty at full rank.
+    """
+
+    value: Array
+    inverse: Array
+    rss: float
+    rank: int
+    condition: float
+    groups: tuple[tuple[int, ...], ...]
+
+    @property
+    def undetermined(self) -> Array:
+        """Indices of the parameters in any of the groups."""
+        return np.array(sorted({k for group in self.groups for k in group}), dtype=int)
+
+
+def solve(factor: Array, tolerance: float = 1e-12) -> Fit:
+    """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y].
+
+    The columns are scaled to norm one; singular values below ``tolerance`` times the largest count as zero.
+    ``condition`` is the ratio of the largest to the smallest of all singular values (inf where one is zero).
+    """
+    p = len(factor) - 1
+    scale = np.linalg.norm(factor[:, :p], axis=0)
+    empty = scale == 0
+    scale[empty] = 1.0
+    R, y = factor[:p, :p] / scale, factor[:p, p]
+    U, s, Vt = np.linalg.svd(R)
+    rank = int((s > tolerance * s[0]).sum()) if s[0] > 0 else 0
+    V, kept = np.where(empty, 0.0, Vt[:rank]).T, s[:rank]  # a zero column has no share in any direction
+    value = np.linalg.solve(R, y) if rank == p else V @ ((U[:, :rank].T @ y) / kept)
+    half = V / kept / scale[:, None]
+    rest = float(np.sum((y - R @ value) ** 2)) + float(factor[p, p] ** 2)
+    with np.errstate(over="ignore"):
+        condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
+    return Fit(value / scale, half @ half.T, rest, rank, condition, _groups(Vt[rank:]))
+
+
+def _groups(null: Array) -> tuple[tuple[int, ...], ...]:
+    """Return the sets of columns that a null space (k, p) ties together: the components of its projector's graph."""
+    if not len(null):
+        return ()
+    from scipy.sparse.csgraph import connected_components
+
+    tied = np.abs(null.T @ null) > 1e-6
+    _, label = connected_components(tied, directed=False)
+    involved = np.diag(tied)
+    return tuple(
+        tuple(int(k) for k in np.flatnonzero((label == one) & involved)) for one in sorted(set(label[involved]))
+    )
+
+
+@dataclass(frozen=True)
+class LeastSquares:
+    """theta = (X' X)^-1 X' y, eq. (11), all joints weighing the same.
+
+    ``tolerance``: relative to the largest singular value of the column-scaled regressor, below which a direction counts
+    as not excited. The covariance is s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors
+    of equal variance and an exactly known regressor; correlated residuals make it too small.
+    """
+
+    tolerance: float = 1e-12
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance < 1:
+            raise ConfigError(
+                f"tolerance of the rank is {self.tolerance}; give a number between 0 and 1, such as 1e-12."
+            )
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; where the rank is deficient the status names the parameters that cannot be told apart."""
+        compressed, model = problem.regression.compressed, problem.model
+        fit = solve(compressed.stacked(), self.tolerance)
+        rows = compressed.samples * len(compressed.factors)
+        covariance = fit.inverse * (fit.rss / max(rows - fit.rank, 1))
+        for k in fit.undetermined:
+            covariance[k, :] = covariance[:, k] = 0.0
+            covariance[k, k] = np.inf
+        return Estimate(
+            value=fit.value,
+            covariance=covariance,
+            names=model.names,
+            units=tuple(parameter.unit for parameter in model.parameters),
+            sigma=np.sqrt(compressed.residual(fit.value) / max(compressed.samples - 1, 1)),
+            rank=fit.rank,
+            condition=fit.condition,
+            samples=compressed.samples,
+            status=_status(fit, model.names),
+        )
+
+
+def _status(fit: Fit, names: tuple[str, ...]) -> str:
+    if not fit.groups:
+        return "ok"
+    lone = [names[group[0]] for group in fit.groups if len(group) == 1]
+    tied = [group for group in fit.groups if len(group) > 1]
+    words = [f"rank {fit.rank} of {len(names)}"]
+    if lone:
+        words.append(f"no effect on the torque in these data: {', '.join(lone)} (move the joints that excite them)")
+    for group in tied:
+        words.append(
+            f"cannot be told apart: {', '.join(names[k] for k in group)} "
+            "(only combinations of them act on the torque; remove or fix all but one, or excite them differently)"
+        )
+    return "; ".join(words)

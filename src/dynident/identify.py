@@ -1,0 +1,92 @@
+"""The whole method in one place: logs -> motions -> linear problem -> estimate -> validation."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+from dynident import __version__
+from dynident.errors import ConfigError
+from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
+from dynident.log import Log, Motion
+from dynident.model import Model
+from dynident.regression import Parallel, Regression
+from dynident.smoothers import Smoother, Spline
+from dynident.validation import LogValidation, validate
+
+__all__ = ["Identification", "Recipe", "identify", "versions"]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to identify: the interchangeable parts, with the article's method as the default."""
+
+    smoother: Smoother = field(default_factory=Spline)
+    estimator: Estimator = field(default_factory=LeastSquares)
+    parallel: Parallel | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Everything that one run found: what reports and exports read."""
+
+    model: Model
+    estimate: Estimate
+    logs: tuple[LogValidation, ...]
+    warnings: tuple[str, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def identify(
+    model: Model,
+    train: Mapping[str, Log] | Sequence[Log],
+    validation: Mapping[str, Log] | Sequence[Log] = (),
+    recipe: Recipe | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identify the parameters of ``model`` from the training logs and judge them on all logs.
+
+    Logs are given by name, or in a sequence (then named by their source); their joints are matched to the model's by
+    name. ``progress`` is called with a few words before each step. Raises the errors of the stages: InputError,
+    ConfigError, ModelError.
+    """
+    recipe = recipe or Recipe()
+    joints = tuple(joint.name for joint in model.joints)
+    roles = {"train": _named(train), "validation": _named(validation)}
+    if not roles["train"]:
+        raise ConfigError("no training log is given; name at least one.")
+    motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
+    for role, logs in roles.items():
+        for name, log in logs.items():
+            progress(f"smoothing {name}")
+            motions[role][name] = recipe.smoother(log.select(joints))
+    progress("estimating")
+    fitted = tuple(motions["train"].values())
+    estimate = recipe.estimator(Problem(model, fitted, Regression(model, fitted, recipe.parallel)))
+    progress("validating")
+    judged = tuple(
+        validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel)
+        for role in ("train", "validation")
+        for name, motion in motions[role].items()
+    )
+    warnings = () if estimate.status == "ok" else (estimate.status,)
+    return Identification(model, estimate, judged, warnings, {"recipe": repr(recipe)}, versions())
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes the numbers."""
+    packages = {name: version(name) for name in ("numpy", "scipy")}
+    return {"dynident": __version__, "python": platform.python_version(), **packages}
+
+
+def _named(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:
+    if isinstance(logs, Mapping):
+        return dict(logs)
+    named = {log.source: log for log in logs}
+    if len(named) != len(logs):
+        raise ConfigError(f"two logs have the same source among {[log.source for log in logs]}; give them by name.")
+    return named

@@ -1,0 +1,214 @@
+"""Reads a configuration (YAML) into frozen settings, and builds the model that it names."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import re
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from reprlib import repr as short
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from dynident.errors import ConfigError, ModelError, choices
+from dynident.io.fields import interval_words
+from dynident.io.settings import Config
+
+if TYPE_CHECKING:
+    from dynident.model import Model
+
+__all__ = ["load_model", "parse_config", "read_config"]
+
+_KINDS = ("spline", "difference", "butterworth")
+
+
+def read_config(path: str | Path) -> Config:
+    """Read a YAML configuration; relative file names in it start at its folder.
+
+    Raises ConfigError with the path of the wrong setting (``train[0].window``), its value and the choices.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}. {_neighbours(path)}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: is not a UTF-8 text ({error}); save it as one.") from error
+    return parse_config(text, path.parent, str(path))
+
+
+def parse_config(text: str, folder: str | Path = ".", source: str = "configuration") -> Config:
+    """Return the configuration in a YAML text, as ``read_config`` does with a file."""
+    data = _load_yaml(text, source)
+    try:
+        return _named(Config.model_validate(data, context={"folder": folder}), source)
+    except ValidationError as error:
+        lines: dict[str, list[str]] = {}
+        for details in error.errors():
+            lines.setdefault(_path(details["loc"], data), []).append(_words(details))
+        words = [f"{path}: {' or '.join(parts)}" if path else " or ".join(parts) for path, parts in lines.items()]
+        raise ConfigError(f"{source}: " + "\n  ".join(words)) from None
+
+
+def _neighbours(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f"The folder {path.parent} does not exist."
+    return choices(path.name, (p.name for p in sorted(path.parent.iterdir()) if p.suffix in (".yaml", ".yml")))
+
+
+def _load_yaml(text: str, source: str) -> Any:
+    try:
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        doubled = next(_doubled_keys(tree, set()), None)
+        data = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise ConfigError(f"{source}: {where}{error.problem}; the file must be valid YAML.") from error
+    except Exception as error:  # values such as 2022-99-99 fail in many ways inside the YAML reader
+        raise ConfigError(f"{source}: is not valid YAML ({type(error).__name__}: {error}).") from error
+    if doubled is not None:
+        line = doubled.start_mark.line + 1
+        raise ConfigError(f"{source}: line {line}: the key {doubled.value!r} is given twice; keep one of them.")
+    return data
+
+
+def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:
+    """Yield the keys that repeat in their mapping; ``seen`` holds the nodes visited, as aliases may form rings."""
+    if node is None or id(node) in seen:
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.MappingNode):
+        counts = Counter(str(key.value) for key, _ in node.value)
+        yield from (key for key, _ in reversed(node.value) if counts[str(key.value)] > 1)
+    if isinstance(node, yaml.CollectionNode):
+        for child in node.value:
+            for part in child if isinstance(child, tuple) else (child,):
+                yield from _doubled_keys(part, seen)
+
+
+def _path(loc: Sequence[int | str], data: Any) -> str:
+    """Word the place of an error as ``train[0].window``, without the tags that pydantic adds."""
+    words = ""
+    for part in loc:
+        keys = {str(key): key for key in data} if isinstance(data, dict) else {}
+        if isinstance(data, list) and isinstance(part, int):
+            words, data = f"{words}[{part}]", data[part] if part < len(data) else None
+        elif str(part) in keys:
+            words, data = f"{words}.{part}", data[keys[str(part)]]
+        elif part not in ("[key]", *_KINDS):
+            words, data = f"{words}.{part}", None
+    return words.removeprefix(".")
+
+
+def _words(details: ErrorDetails) -> str:
+    """Word one finding of pydantic."""
+    kind, context = details["type"], details.get("ctx", {})
+    got = f"; got {short(details['input'])}"
+    if kind == "missing":
+        return "is missing"
+    if kind == "unknown_key":
+        return details["msg"]
+    if kind == "value_error":
+        return f"{context['error']}{got}"
+    if kind in ("literal_error", "union_tag_invalid"):
+        known = re.findall(r"'([^']*)'", context.get("expected") or context["expected_tags"])
+        wrong = str(context.get("tag", details["input"]))
+        return f"{wrong!r} is not a choice; {choices(wrong, known)}"
+    if kind == "union_tag_not_found":
+        return f"needs a `kind`: {', '.join(_KINDS)}"
+    if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
+        return f"a mapping (`key: value` lines) is expected{got}"
+    if kind == "tuple_type":
+        return f"a list is expected{got}"
+    return details["msg"].replace("Input should", "should") + got
+
+
+def _named(config: Config, source: str) -> Config:
+    """Fill in the names of the logs: the file's stem, with the window where a file serves more than once."""
+    specs = (*config.train, *config.validation)
+    uses = Counter(tuple(spec.file.values()) for spec in specs)
+    named = []
+    for spec in specs:
+        several = spec.name is None and uses[tuple(spec.file.values())] > 1
+        window = f" {interval_words(spec.window[0])}" if several and spec.window else ""
+        named.append(spec.model_copy(update={"name": spec.label + window}))
+    name, count = Counter(spec.name for spec in named).most_common(1)[0]
+    if count > 1:
+        raise ConfigError(f"{source}: {count} logs are named {name!r}; give each of them a distinct `name`.")
+    split = len(config.train)
+    return config.model_copy(update={"train": tuple(named[:split]), "validation": tuple(named[split:])})
+
+
+def load_model(spec: str, folder: str | Path = ".") -> Model:
+    """Build the model that ``gallery:NAME``, or ``path/to/file.py:function`` (from ``folder``), names.
+
+    Raises ModelError where there is no such name, file or function, where the function raises, or where it
+    returns something else than a Model.
+    """
+    from dynident.model import Model
+
+    place, colon, name = spec.rpartition(":")
+    if not (place and colon and name):
+        raise ModelError(f"model: {spec!r} is neither `gallery:NAME` nor `path/to/file.py:function`.")
+    path = (Path(folder) / place).resolve()
+    build = _from_gallery(name) if place == "gallery" else _from_file(path, name)
+    model = _guarded(build, spec, path)
+    if not isinstance(model, Model):
+        raise ModelError(f"model: {spec} returned a {type(model).__name__}; it must return a dynident Model.")
+    return model
+
+
+def _from_gallery(name: str) -> Callable[[], object]:
+    from dynident.gallery import MODELS
+
+    if name not in MODELS:
+        raise ModelError(f"model: the gallery has no {name!r}; {choices(name, MODELS)}")
+    return MODELS[name]
+
+
+def _from_file(path: Path, name: str) -> Callable[[], object]:
+    if not path.is_file():
+        known = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
+        raise ModelError(f"model: there is no file {path}; {choices(path.name, known)}")
+    module = _import(path)
+    functions = {key: value for key, value in vars(module).items() if callable(value) and not key.startswith("_")}
+    if name not in functions:
+        raise ModelError(f"model: {path} has no function {name!r}; {choices(name, functions)}")
+    build: Callable[[], object] = functions[name]
+    return build
+
+
+def _import(path: Path) -> ModuleType:
+    """Import a file under a private name, known to ``sys.modules`` as dataclasses and pickle need it there."""
+    private = f"_dynident_model_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
+    spec = importlib.util.spec_from_file_location(private, path)
+    if spec is None or (loader := spec.loader) is None:
+        raise ModelError(f"model: {path} is not a Python file; its name must end in .py.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[private] = module
+    try:
+        _guarded(lambda: loader.exec_module(module), str(path), path)
+    except ModelError:
+        del sys.modules[private]
+        raise
+    return module
+
+
+def _guarded(call: Callable[[], object], what: str, file: Path) -> object:
+    """Call foreign code; what it raises becomes a ModelError that names the line of the user's file."""
+    try:
+        return call()
+    except (Exception, SystemExit) as error:
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
+        place = f" at {file}:{line}" if line is not None else ""
+        raise ModelError(f"model: {what} failed{place}: {type(error).__name__}: {error}") from error

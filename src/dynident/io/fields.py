@@ -1,0 +1,202 @@
+"""The kinds of values that settings hold: numbers, names, files, windows, and units with their factor to SI.
+
+Each reader raises ValueError in words that fit after the path of the setting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from dynident.errors import ConfigError, choices
+
+__all__ = [
+    "UNITS",
+    "Count",
+    "CountOrEach",
+    "Files",
+    "Gain",
+    "Interval",
+    "Name",
+    "NonNegative",
+    "Positive",
+    "PositiveOrEach",
+    "Section",
+    "Windows",
+    "interval_words",
+    "unit_factor",
+]
+
+Interval = tuple[float | None, float | None]
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": math.pi / 180,
+        "rev": 2 * math.pi,
+        "arcmin": math.pi / 10800,
+        "arcsec": math.pi / 648000,
+    },
+    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},
+    "torque": {
+        "N m": 1.0,
+        "mN m": 1e-3,
+        "kN m": 1e3,
+        "N cm": 1e-2,
+        "kgf m": 9.80665,
+        "kgf cm": 9.80665e-2,
+        "lbf ft": 4.4482216152605 * 0.3048,
+        "lbf in": 4.4482216152605 * 0.0254,
+    },
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
+}
+
+
+def unit_factor(unit: str, dimension: str, where: str) -> float:
+    """Return the factor from a unit to SI; ``N m``, ``Nm`` and ``N*m`` are one.
+
+    ``dimension`` is time, angle, length, torque or force; raises ConfigError, led by ``where``, for other units.
+    """
+    known = UNITS[dimension]
+    plain = {name.replace(" ", ""): factor for name, factor in known.items()}
+    key = unit.replace(" ", "").replace("*", "").replace("·", "")
+    if key in plain:
+        return plain[key]
+    others = [name for name, units in UNITS.items() if key in {u.replace(" ", "") for u in units}]
+    what = f"a unit of {others[0]}, not of {dimension}" if others else f"not a unit of {dimension}"
+    raise ConfigError(f"{where}: {unit!r} is {what}; {choices(unit, known)}")
+
+
+def interval_words(interval: Interval) -> str:
+    """Word a window for the name of a log, as ``0-20 s``."""
+    start, stop = interval
+    return f"{start or 0:.12g}-{'end' if stop is None else f'{stop:.12g} s'}"
+
+
+def _number(value: object) -> float:
+    """Read a number; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+        if math.isfinite(number):
+            return number
+    raise ValueError("a finite number is expected")
+
+
+def _count(value: object) -> int:
+    number = _number(value)
+    if number != int(number) or number < 1:
+        raise ValueError("a whole number of at least 1 is expected")
+    return int(number)
+
+
+def _name(value: object) -> str:
+    """Read a name; header-less columns are named by numbers, which need no quotes."""
+    if isinstance(value, bool) or not isinstance(value, int | str) or not str(value).strip():
+        raise ValueError("a name is expected (in quotes, where YAML takes it for something else)")
+    return str(value)
+
+
+def _gain(value: object) -> float | str:
+    try:
+        return _number(value)
+    except ValueError:
+        if isinstance(value, str) and value.strip().lower().lstrip("+-.") not in ("", "nan", "inf"):
+            return value
+    raise ValueError("a finite number, or the name of a scalar in the file, is expected")
+
+
+def _each(read: Callable[[object], Any]) -> Callable[[object], Any]:
+    """Read either one value, or a mapping of names to values."""
+
+    def read_all(value: object) -> Any:
+        if value is None:
+            return None
+        return {_name(k): read(v) for k, v in value.items()} if isinstance(value, dict) else read(value)
+
+    return read_all
+
+
+def _positive(value: object) -> float:
+    if (number := _number(value)) > 0:
+        return number
+    raise ValueError("a number greater than 0 is expected")
+
+
+def _non_negative(value: object) -> float:
+    if (number := _number(value)) >= 0:
+        return number
+    raise ValueError("a number of at least 0 is expected")
+
+
+def _windows(value: object) -> tuple[Interval, ...]:
+    """Read ``[start, stop]`` or a list of such pairs; an open end is null."""
+    if value is None:
+        return ()
+    pairs = value if isinstance(value, list | tuple) else [value]
+    if pairs and not any(isinstance(pair, list | tuple) for pair in pairs):
+        pairs = [pairs]
+    read: list[Interval] = []
+    for pair in pairs:
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise ValueError("a window is [start, stop] in s, where null leaves an end open")
+        start, stop = (None if end is None else _number(end) for end in pair)
+        if min(start or 0.0, stop or 0.0) < 0:
+            raise ValueError("a window cannot start or stop before 0 s: it counts in time stamps of the file")
+        if start is not None and stop is not None and start >= stop:
+            raise ValueError(f"a window must stop after it starts, but {start:g} >= {stop:g} s")
+        read.append((start, stop))
+    _check_disjoint(read)
+    return tuple(read)
+
+
+def _check_disjoint(windows: list[Interval]) -> None:
+    ordered = sorted(windows, key=lambda pair: pair[0] or 0.0)
+    for (_, stop), (start, _) in pairwise(ordered):
+        if stop is None or stop > (start or 0.0):
+            raise ValueError("windows of one file must not overlap: their samples would count twice")
+
+
+def _files(value: object, info: ValidationInfo) -> dict[str, Path]:
+    """Read a file name, or a mapping of short names to them; relative ones start at the configuration's folder."""
+    folder = Path((info.context or {}).get("folder", "."))
+    named = {_name(k): v for k, v in value.items()} if isinstance(value, dict) else {"": value}
+    if not named or not all(isinstance(v, str | Path) and str(v).strip() for v in named.values()):
+        raise ValueError("a file name, or a mapping of short names to file names, is expected")
+    return {key: folder / str(path) for key, path in named.items()}
+
+
+Positive = Annotated[float, BeforeValidator(_positive)]
+NonNegative = Annotated[float, BeforeValidator(_non_negative)]
+Count = Annotated[int, BeforeValidator(_count)]
+CountOrEach = Annotated[int | Mapping[str, int] | None, BeforeValidator(_each(_count))]
+PositiveOrEach = Annotated[float | Mapping[str, float] | None, BeforeValidator(_each(_positive))]
+Name = Annotated[str, BeforeValidator(_name)]
+Gain = Annotated[float | str, BeforeValidator(_gain)]
+Files = Annotated[Mapping[str, Path], BeforeValidator(_files)]
+Windows = Annotated[tuple[Interval, ...], BeforeValidator(_windows)]
+
+
+class Section(BaseModel):
+    """A frozen group of settings; an unknown key is refused with the known ones."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: object) -> object:
+        for key in data if isinstance(data, dict) else ():
+            if key not in cls.model_fields:
+                words = f"unknown key {str(key)!r}; {choices(str(key), cls.model_fields)}"
+                raise PydanticCustomError("unknown_key", "{words}", {"words": words})
+        return data

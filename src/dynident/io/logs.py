@@ -1,0 +1,220 @@
+"""Measured logs: the declared channels of a file, in SI units, cut into windows and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.diagnostics import Finding, check, require, split_gaps
+from dynident.errors import InputError
+from dynident.io.fields import Interval, interval_words, unit_factor
+from dynident.io.settings import POSITIONS, TORQUES, Channel, Config, LogSpec, check_joints
+from dynident.io.tables import Table, read_columns
+from dynident.log import Log
+from dynident.terms.term import Joint
+
+__all__ = ["Reading", "Table", "read_columns", "read_logs"]
+
+Array = NDArray[np.float64]
+
+_LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words."""
+
+    logs: tuple[Log, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """All rows of a recording: t (N) s, q and tau (N, n) in SI, and the columns they come from."""
+
+    table: Table
+    used: Mapping[str, Array]
+    t: Array
+    q: Array
+    tau: Array
+
+
+def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
+    """Read one recording of the configuration, for the joints of the model and in their order.
+
+    The logs have t in s, q in rad or m, tau in N m or N. Raises ConfigError where the channels do not fit the
+    joints, and InputError, with file, line and column, where the data cannot be used.
+    """
+    check_joints(config, joints)
+    signals = _signals(_table(spec), config, joints)
+    logs: list[Log] = []
+    warnings: list[str] = []
+    for window in spec.window or ((None, None),):
+        name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
+        log = _cut(signals, window, joints, name)
+        pieces = _pieces(log, config.gaps, signals.table.source)
+        warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
+        for piece in pieces:
+            findings = _checked(piece, config, joints, signals.table.source)
+            warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
+        logs += pieces
+    return Reading(tuple(logs), tuple(warnings))
+
+
+def _table(spec: LogSpec) -> Table:
+    """Return the table of a recording; where it has several files, their columns are named ``key.column``."""
+    tables = {
+        key: read_columns(path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width)
+        for key, path in spec.file.items()
+    }
+    if list(tables) == [""]:
+        return tables[""]
+    return Table(
+        {f"{key}.{name}": column for key, table in tables.items() for name, column in table.columns.items()},
+        {f"{key}.{name}": value for key, table in tables.items() for name, value in table.constants.items()},
+        ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
+        {f"{key}.{name}": fault for key, table in tables.items() for name, fault in table.faults.items()},
+    )
+
+
+def _signals(table: Table, config: Config, joints: Sequence[Joint]) -> _Signals:
+    used = _used(table, config, joints)
+    rows = len(next(iter(used.values())))
+    tau = _matrix(table, config.torque, joints, "torque", TORQUES)
+    return _Signals(
+        table=table,
+        used=used,
+        t=_times(table, config, rows),
+        q=_matrix(table, config.position, joints, "position", POSITIONS),
+        tau=tau,
+    )
+
+
+def _used(table: Table, config: Config, joints: Sequence[Joint]) -> dict[str, Array]:
+    """Return the columns that the channels name; InputError where they differ in length."""
+    used = {} if config.time.column is None else {config.time.column: table.column(config.time.column, "time")}
+    for section, channels in (("position", config.position), ("torque", config.torque)):
+        for joint in joints:
+            for name in channels[joint.name].terms:
+                used[name] = table.column(name, f"{section}.{joint.name}")
+    first, *others = used
+    for name in others:
+        if len(used[name]) != len(used[first]):
+            raise InputError(
+                f"{table.source}: columns of different lengths: {first!r} has {len(used[first])} rows, "
+                f"{name!r} has {len(used[name])}. Take all columns of a log from one recording."
+            )
+    return used
+
+
+def _matrix(
+    table: Table,
+    channels: Mapping[str, Channel],
+    joints: Sequence[Joint],
+    section: str,
+    units: Mapping[str, str],
+) -> Array:
+    """Return the channels of all joints in SI, (N, n)."""
+    columns = []
+    for joint in joints:
+        channel, where = channels[joint.name], f"{section}.{joint.name}"
+        factor = unit_factor(channel.unit, units[joint.kind], f"{where}.unit")
+        with np.errstate(over="ignore", invalid="ignore"):  # the finished log is checked for infinities
+            columns.append(factor * _linear(table, channel, where))
+    return np.column_stack(columns)
+
+
+def _linear(table: Table, channel: Channel, where: str) -> Array:
+    """Return gain * (sum of columns times coefficients) + offset, in the channel's unit."""
+    total = sum(
+        (table.constant(gain, where) * table.column(name, where) for name, gain in channel.terms.items()),
+        start=np.zeros(1),
+    )
+    return table.constant(channel.gain, where) * total + table.constant(channel.offset, where)
+
+
+def _times(table: Table, config: Config, rows: int) -> Array:
+    """Return the time stamps in s; InputError where one is missing or does not increase."""
+    if config.time.rate is not None:
+        return np.arange(rows) / config.time.rate
+    name = config.time.column or ""
+    column = table.column(name, "time")
+    bad = _bad(column)
+    if len(bad):
+        raise InputError(
+            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
+            f"({len(bad)} such rows); delete these rows."
+        )
+    t = unit_factor(config.time.unit, "time", "time.unit") * column
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        k = back[0]
+        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
+        raise InputError(
+            f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
+            f"({len(back)} such rows); sort the rows by time and keep the first of equal stamps."
+        )
+    return t
+
+
+def _bad(values: Array) -> NDArray[np.intp]:
+    """Return where values are not finite, or so large that they cannot have been measured."""
+    return np.flatnonzero(~(np.abs(values) < _LARGEST))
+
+
+def _cut(signals: _Signals, window: Interval, joints: Sequence[Joint], name: str) -> Log:
+    """Return the log of one window; values outside it need not be finite."""
+    start, stop = (-np.inf if window[0] is None else window[0], np.inf if window[1] is None else window[1])
+    t, source = signals.t, signals.table.source
+    rows = np.flatnonzero((t >= start) & (t <= stop))
+    if len(rows) < 2:
+        raise InputError(
+            f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
+            f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s."
+        )
+    for column, values in signals.used.items():
+        bad = rows[_bad(values[rows])]
+        if len(bad):
+            value = values[bad[0]]
+            what = "empty or NaN" if np.isnan(value) else f"{value:.3g}"
+            raise InputError(
+                f"{source}: column {column!r} is {what} at {signals.table.place(bad[0])} "
+                f"({len(bad)} such values in all). Mend these samples, or leave them out with a window."
+            )
+    return Log(t[rows], signals.q[rows], signals.tau[rows], tuple(joint.name for joint in joints), name)
+
+
+def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
+    pieces = split_gaps(log) if gaps == "split" else (log,)
+    if not pieces:
+        raise InputError(f"{source}: the gaps in {log.source!r} leave no piece long enough; widen the window.")
+    return pieces
+
+
+def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str) -> tuple[Finding, ...]:
+    """Return the findings on a log; InputError where one of them is an error."""
+    kinds = {joint.name: joint.kind for joint in joints}
+    turning = frozenset(name for name, channel in config.position.items() if channel.multi_turn)
+    findings = check(log, kinds, turning)
+    require(findings, f"{source} ({log.source})")
+    return findings
+
+
+def _overhang(name: str, t: Array, window: Interval) -> Iterator[str]:
+    """Say where a window reaches past the recording by more than a sample."""
+    step = float(np.median(np.diff(t)))
+    start, stop = window
+    if (start is not None and start < t[0] - step) or (stop is not None and stop > t[-1] + step):
+        yield (
+            f"{name}: the window {interval_words(window)} reaches past the recording, "
+            f"which runs from {t[0]:.6g} to {t[-1]:.6g} s."
+        )
+
+
+def _left_out(log: Log, pieces: Sequence[Log]) -> Iterator[str]:
+    lost = len(log) - sum(map(len, pieces))
+    if lost:
+        yield f"{log.source}: {lost} samples are left out, in pieces between gaps too short to be smoothed."

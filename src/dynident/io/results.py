@@ -1,0 +1,101 @@
+"""Results to files, never half written: a temporary file in the same folder takes the name when it is whole."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+import numpy as np
+
+from dynident.errors import InputError, choices
+
+if TYPE_CHECKING:
+    import polars as pl
+
+__all__ = ["read_table", "write_json", "write_table", "write_text"]
+
+_TABLES = (".parquet", ".csv")
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
+    return _write(Path(path), text.encode())
+
+
+def write_json(path: str | Path, data: Any) -> Path:
+    """Write JSON of mappings, sequences, NumPy values and paths; NaN and infinity become null.
+
+    Raises InputError where the file cannot be written, TypeError for values that JSON cannot hold.
+    """
+    text = json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+    return write_text(path, text + "\n")
+
+
+def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
+    """Write a polars table as Parquet or CSV, by the file's extension; InputError for another one."""
+    path = Path(path)
+    buffer = BytesIO()
+    if _table_kind(path) == ".parquet":
+        frame.write_parquet(buffer)
+    else:
+        frame.write_csv(buffer)
+    return _write(path, buffer.getvalue())
+
+
+def read_table(path: str | Path) -> pl.DataFrame:
+    """Read a table that ``write_table`` wrote; InputError where it is missing or damaged."""
+    import polars as pl
+
+    path = Path(path)
+    kind = _table_kind(path)
+    try:
+        data = BytesIO(path.read_bytes())
+        return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
+
+
+def _table_kind(path: Path) -> str:
+    kind = path.suffix.lower()
+    if kind not in _TABLES:
+        raise InputError(f"{path}: tables cannot have the extension {kind!r}; {choices(kind, _TABLES)}")
+    return kind
+
+
+def _plain(value: Any) -> Any:
+    """Return the value in types that JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def _write(path: Path, data: bytes) -> Path:
+    temporary = path.parent / f".{uuid4().hex}.tmp"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with open(temporary, "xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())  # the new name must not reach the disk before the content
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be written: {reason}. Choose another folder or mend its rights.") from error
+    return path

@@ -1,0 +1,190 @@
+"""Tables of columns from files: text (CSV, ...), Parquet, NumPy archives and MATLAB files up to version 7."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from io import BytesIO
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, choices
+from dynident.io.matlab import parse_mat
+from dynident.io.text import parse_text, unpanicked
+
+__all__ = ["Table", "read_columns"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns and scalars of a file, as float64 and without units.
+
+    ``faults`` says why a column that is in the file cannot be used, ``lines`` are the lines of the file from which
+    the rows come (text files only). Columns may differ in length: a file may hold more than one log.
+    """
+
+    columns: Mapping[str, Array]
+    constants: Mapping[str, float]
+    source: str
+    faults: Mapping[str, str] = field(default_factory=dict)
+    lines: Sequence[int] | None = None
+
+    def __post_init__(self) -> None:
+        for column in self.columns.values():
+            column.flags.writeable = False
+        for name in ("columns", "constants", "faults"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    def column(self, name: str, where: str = "") -> Array:
+        """Return a column; InputError, led by the setting ``where``, lists the columns if there is none such."""
+        if name in self.faults:
+            raise InputError(f"{self.source}: {_led(where)}column {name!r} {self.faults[name]}")
+        if name in self.constants:
+            raise InputError(f"{self.source}: {_led(where)}{name!r} is a single number, not a column.")
+        if name not in self.columns:
+            raise InputError(f"{self.source}: {_led(where)}no column {name!r}; {choices(name, self.columns)}")
+        return self.columns[name]
+
+    def constant(self, value: float | str, where: str = "") -> float:
+        """Return a number as it is, or the scalar of that name; InputError lists the scalars if there is none."""
+        if not isinstance(value, str):
+            return value
+        if value not in self.constants:
+            raise InputError(f"{self.source}: {_led(where)}no scalar {value!r}; {choices(value, self.constants)}")
+        if not np.isfinite(self.constants[value]):
+            raise InputError(f"{self.source}: {_led(where)}the scalar {value!r} is {self.constants[value]}.")
+        return self.constants[value]
+
+    def place(self, row: int) -> str:
+        """Word where a row is in the file."""
+        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+
+
+def _led(where: str) -> str:
+    return f"{where}: " if where else ""
+
+
+def read_columns(path: str | Path, width: int | None = None) -> Table:
+    """Read all columns of a file; ``width`` columns where a text file holds one number a line.
+
+    Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...
+    Nothing is ever unpickled. Raises InputError where the file is missing, empty, damaged or of unknown type.
+    """
+    path = Path(path)
+    data = _bytes(path)
+    kind = path.suffix.lower()
+    if kind not in _READERS:
+        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, _READERS)}")
+    if not data.strip():
+        raise InputError(f"{path}: the file is empty.")
+    try:
+        table = _READERS[kind](data, str(path))
+    except InputError:
+        raise
+    except Exception as error:  # the readers of damaged files raise nearly anything
+        reason = (str(error).splitlines() or [""])[0]
+        raise InputError(f"{path}: is not a readable {kind} file ({type(error).__name__}: {reason}).") from error
+    return table if width is None else _reshaped(table, width)
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: the folder {path.parent} does not exist.") from error
+        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in _READERS)
+        raise InputError(f"{path}: there is no such file; {choices(path.name, near)}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from error
+
+
+def _reshaped(table: Table, width: int) -> Table:
+    """Return the table of a file with one number a line, ``width`` of which make a row."""
+    if len(table.columns) != 1 or table.faults:
+        count = len(table.columns) + len(table.faults)
+        raise InputError(
+            f"{table.source}: has {count} columns; `width` is for files with one number a line: leave it out."
+        )
+    (column,) = table.columns.values()
+    if len(column) % width:
+        raise InputError(
+            f"{table.source}: its {len(column)} numbers do not fill rows of {width}; "
+            f"{len(column) % width} are left over. Is `width` right, and the file complete?"
+        )
+    rows = column.reshape(-1, width)
+    columns = {str(k): rows[:, k].copy() for k in range(width)}
+    return replace(table, columns=columns, lines=None if table.lines is None else table.lines[::width])
+
+
+def _read_text(data: bytes, source: str) -> Table:
+    columns, faults, lines = parse_text(data, source)
+    return Table(columns, {}, source, faults, lines)
+
+
+def _read_parquet(data: bytes, source: str) -> Table:
+    import polars as pl
+
+    frame = unpanicked(lambda: pl.read_parquet(BytesIO(data)))
+    columns, faults = {}, {}
+    for series in frame.get_columns():
+        if series.dtype.is_numeric() or series.dtype == pl.Boolean:
+            columns[series.name] = series.cast(pl.Float64).fill_null(np.nan).to_numpy().copy()
+        else:
+            faults[series.name] = f"holds {series.dtype}, not numbers; convert it before."
+    return Table(columns, {}, source, faults)
+
+
+def _read_npz(data: bytes, source: str) -> Table:
+    with np.load(BytesIO(data), allow_pickle=False) as archive:
+        items: dict[str, Any] = {}
+        for name in archive.files:
+            try:
+                items[name] = archive[name]
+            except ValueError as error:  # pickled objects are refused here
+                items[name] = str(error)
+    return _from_arrays(items.items(), source)
+
+
+def _read_mat(data: bytes, source: str) -> Table:
+    return _from_arrays(parse_mat(data).items(), source)
+
+
+def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
+    columns, constants, faults = {}, {}, {}
+    for name, value in items:
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf" or array.size == 0:
+            faults[name] = f"holds {_content(value, array)}, not an array of numbers."
+        elif array.size == 1:
+            constants[name] = float(array.item())
+        elif max(array.shape) == array.size:
+            columns[name] = _float(array.reshape(-1))
+        elif array.ndim == 2 and array.shape[0] >= array.shape[1]:
+            columns |= {f"{name}[{k}]": _float(array[:, k]) for k in range(array.shape[1])}
+        else:
+            faults[name] = f"has the shape {array.shape}; time must run down the rows of a 2-D array: transpose it."
+    return Table(columns, constants, source, faults)
+
+
+def _float(array: NDArray[Any]) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):  # extended precision may exceed float64: then inf
+        return np.array(array, dtype=np.float64)
+
+
+def _content(value: Any, array: NDArray[Any]) -> str:
+    return value if isinstance(value, str) else f"{array.dtype} values of shape {array.shape}"
+
+
+_READERS: Mapping[str, Callable[[bytes, str], Table]] = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _read_text),
+    ".parquet": _read_parquet,
+    ".npz": _read_npz,
+    ".mat": _read_mat,
+}

@@ -1,0 +1,175 @@
+"""Columns of numbers from a text: separator, header, decimal comma and damaged rows are found and worded."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable
+from io import BytesIO
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+__all__ = ["parse_text", "unpanicked"]
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+_NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+_EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
+
+
+def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, str], list[int]]:
+    """Return the columns of a text, the faults of those that are not numbers, and the line of each row.
+
+    The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
+    start with # or % are comments. Raises InputError for rows cut off and for ambiguous numbers.
+    """
+    lines = [(k, line) for k, line in enumerate(_decoded(data, source).splitlines(), 1) if line.strip()]
+    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"]
+    if not body:
+        raise InputError(f"{source}: holds no numbers, only comments.")
+    separator = _separator(body[min(1, len(body) - 1)][1])
+    first = _fields(body[0][1], separator)
+    names = [str(k) for k in range(len(first))]
+    comments = [line for k, line in lines if k < body[0][0]]
+    if not all(_is_number(cell) for cell in first):
+        names, body = first, body[1:]
+    elif comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
+        names = said
+    if not body:
+        raise InputError(f"{source}: holds a header, but no row of numbers.")
+    names, rows = _trimmed(names, [line.replace('"', "") for _, line in body], separator)
+    numbers = [k for k, _ in body]
+    _check_rows(rows, numbers, len(names), separator, source)
+    cells = _split(rows, separator, len(names))
+    columns, faults = _parsed(cells, _distinct(names, source), numbers, source)
+    return columns, faults, numbers
+
+
+def _decoded(data: bytes, source: str) -> str:
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
+    if b"\0" in data:
+        raise InputError(f"{source}: is not a text but a binary file; give it the extension of its type.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:  # an older editor's degree sign in the header; the numbers are ASCII anyhow
+        return data.decode("latin-1")
+
+
+def _separator(line: str) -> str | None:
+    """Return the separator of a line: ; before tab before comma, since decimal commas go with the former."""
+    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+
+
+def _fields(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.replace('"', "").split()
+    cells = (
+        next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if '"' in line else line.split(separator)
+    )
+    return [cell.strip() for cell in cells]
+
+
+def _is_number(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell)) or cell.lower() in (*_EMPTY, "inf", "-inf", "+inf")
+
+
+def _trimmed(names: list[str], rows: list[str], separator: str | None) -> tuple[list[str], list[str]]:
+    """Drop the separator that some recorders write after the last cell of each line."""
+    if separator is None or not all(row.endswith(separator) for row in rows):
+        return names, rows
+    cells = rows[0].count(separator)
+    if len(names) == cells + 1 and names[-1] in ("", str(cells)):
+        names = names[:-1]
+    return (names, [row[:-1] for row in rows]) if len(names) == cells else (names, rows)
+
+
+def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str | None, source: str) -> None:
+    for k, row in enumerate(rows):
+        count = len(row.split()) if separator is None else row.count(separator) + 1
+        if count == width:
+            continue
+        hint = "The last line is cut off: delete it." if k == len(rows) - 1 else "Complete or delete the line."
+        if separator == "," and count > width:
+            hint = "If commas are decimal marks, separate the columns with ';'."
+        raise InputError(f"{source}: line {numbers[k]} has {count} fields where {width} are expected. {hint}")
+
+
+def _distinct(names: list[str], source: str) -> list[str]:
+    names = [name or str(k) for k, name in enumerate(names)]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise InputError(
+                f"{source}: columns {names.index(name) + 1} and {k + 1} are both named {name!r}; rename one of them."
+            )
+    return names
+
+
+def _split(rows: list[str], separator: str | None, width: int) -> pl.DataFrame:
+    """Return the cells as texts, one column of texts per column of the file."""
+    import polars as pl
+
+    if separator is None:
+        separator, rows = " ", [" ".join(row.split()) for row in rows]
+    frame = unpanicked(
+        lambda: pl.read_csv(
+            BytesIO("\n".join(rows).encode()),
+            has_header=False,
+            separator=separator,
+            infer_schema=False,
+            quote_char=None,
+            raise_if_empty=False,
+            new_columns=[str(k) for k in range(width)],
+        )
+    )
+    if frame.shape != (len(rows), width):
+        raise ValueError(f"the reader found a table of {frame.shape}, not of {(len(rows), width)}")
+    return frame.select(pl.all().fill_null("").str.strip_chars())
+
+
+def _parsed(
+    cells: pl.DataFrame, names: list[str], numbers: list[int], source: str
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the numbers of each column, with NaN for empty cells, and a fault for each column with other text."""
+    import polars as pl
+
+    comma, point = (rf"^[-+]?\d*[{mark}]\d+([eE][-+]?\d+)?$" for mark in ",.")
+    decimal_comma = _any(cells, comma)
+    if decimal_comma and _any(cells, point):
+        raise InputError(
+            f"{source}: some numbers have a decimal comma and others a decimal point; "
+            "write all with one of them and no thousands separators."
+        )
+    columns, faults = {}, {}
+    for name, texts in zip(names, cells.get_columns(), strict=True):
+        plain = texts.str.replace(",", ".", literal=True) if decimal_comma else texts
+        values = plain.cast(pl.Float64, strict=False)
+        bad = (values.is_null() & ~texts.str.to_lowercase().is_in(_EMPTY)).arg_true()
+        if len(bad):
+            text, line = texts[bad[0]], numbers[bad[0]]
+            faults[name] = f"has {text!r} at line {line}, which is not a number; mend or empty the cell."
+        else:
+            columns[name] = values.fill_null(np.nan).to_numpy().copy()
+    return columns, faults
+
+
+def _any(cells: pl.DataFrame, pattern: str) -> bool:
+    return any(texts.str.contains(pattern).any() for texts in cells.get_columns())
+
+
+def unpanicked(read: Callable[[], T]) -> T:
+    """Call polars; the panics of its readers, which are no ``Exception``, become one."""
+    import polars as pl
+
+    try:
+        return read()
+    except pl.exceptions.PanicException as error:
+        raise ValueError(str(error)) from error

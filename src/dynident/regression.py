@@ -1,0 +1,195 @@
+"""The linear problem y = X theta + e, eqs. (9)-(10): streamed block by block to one triangular factor per joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError
+from dynident.log import Motion
+from dynident.model import Model
+
+__all__ = ["Block", "Compressed", "Parallel", "Regression", "compress"]
+
+Array = NDArray[np.float64]
+BLOCK = 4096
+
+
+@dataclass(frozen=True)
+class Parallel:
+    """Parallel filtering: the same zero-phase low-pass and decimation for the torque and every regressor column.
+
+    The relation tau = Y theta survives it exactly, because it is linear. ``decimate`` keeps every k-th sample;
+    ``cutoff`` (Hz) of the Butterworth filter of ``order``, forward and backward; None takes 0.8 of half the rate that
+    remains. Reference: Gautier and Poignet (2000), cited by the article.
+    """
+
+    decimate: int = 1
+    cutoff: float | None = None
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
+        if not whole or not (self.cutoff is None or self.cutoff > 0):
+            raise ConfigError(
+                f"parallel filter: decimate = {self.decimate} and order = {self.order} must be whole numbers from 1 "
+                f"and cutoff = {self.cutoff} positive (Hz)."
+            )
+        if self.decimate == 1 and self.cutoff is None:
+            raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
+
+    def sections(self, motion: Motion) -> Array:
+        """Return the filter's second-order sections for the mean rate of a motion."""
+        from scipy.signal import butter
+
+        rate = 1.0 / float(np.diff(motion.t).mean())
+        cutoff = self.cutoff or 0.4 * rate / self.decimate
+        if not cutoff < 0.5 * rate:
+            raise ConfigError(
+                f"{motion.source}: the parallel filter's cut-off {cutoff:g} Hz does not lie below half the sampling "
+                f"rate ({0.5 * rate:g} Hz)."
+            )
+        return np.asarray(butter(self.order, cutoff, fs=rate, output="sos"))
+
+    def pad(self, sections: Array) -> int:
+        """Return the number of samples after which the filter has forgotten all but about 1e-12."""
+        poles = np.concatenate([np.roots(row[3:]) for row in sections])
+        slowest = np.abs(poles).max(initial=0.1)  # poles at zero forget within the order
+        return max(3 * self.order, int(np.ceil(np.log(1e-12) / np.log(slowest))))
+
+    def apply(self, sections: Array, x: Array) -> Array:
+        """Return x (N, ...) filtered at all N samples, not yet decimated."""
+        from scipy.signal import sosfiltfilt
+
+        return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=min(3 * self.order, len(x) - 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some rows of the problem: ``Y`` (B, n, p) and ``tau`` (B, n)."""
+
+    Y: Array
+    tau: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Compressed:
+    """What least squares needs of any number of rows: per joint the R factor of [Y_j | tau_j].
+
+    ``factors`` (n, p + 1, p + 1), upper triangular; ``samples`` is the number of rows behind each of them.
+    """
+
+    factors: Array
+    samples: int
+
+    def stacked(self, weights: Array | None = None) -> Array:
+        """Return one factor (p + 1, p + 1) of all joints, each multiplied by its weight (n) (one over its noise)."""
+        factors = self.factors if weights is None else self.factors * np.asarray(weights)[:, None, None]
+        if len(factors) == 1:
+            return np.asarray(factors[0])
+        with _one_thread():
+            return _triangle(np.concatenate(factors))
+
+    def residual(self, theta: Array) -> Array:
+        """Return the sum of squared residuals of each joint (n) at theta (p)."""
+        return np.asarray(np.square(self.factors @ np.append(-theta, 1.0)).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The torque equation of a model over any number of motions; only the masked-in samples enter.
+
+    The matrix is never formed: ``blocks`` makes it again, a few thousand samples at a time, as often as it is asked;
+    ``compressed`` keeps its triangular factors.
+    """
+
+    model: Model
+    motions: tuple[Motion, ...]
+    parallel: Parallel | None = None
+
+    def __post_init__(self) -> None:
+        names = tuple(joint.name for joint in self.model.joints)
+        for motion in self.motions:
+            if motion.joints != names:
+                raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the rows block by block, filtered and decimated where ``parallel`` says so."""
+        for motion in self.motions:
+            for part in stretches(motion.mask):
+                yield from self._plain(motion, part) if self.parallel is None else self._filtered(motion, part)
+
+    @cached_property
+    def compressed(self) -> Compressed:
+        """The triangular factors; InputError where no more rows than parameters are left."""
+        found = compress(self.blocks(), len(self.model.joints), len(self.model.parameters))
+        rows, unknowns = found.samples * len(self.model.joints), len(self.model.parameters)
+        if rows <= unknowns:
+            raise InputError(
+                f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
+                f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
+            )
+        return found
+
+    def _plain(self, motion: Motion, part: slice) -> Iterator[Block]:
+        for start in range(part.start, part.stop, BLOCK):
+            yield self._rows(motion, slice(start, min(start + BLOCK, part.stop)))
+
+    def _filtered(self, motion: Motion, part: slice) -> Iterator[Block]:
+        """Filter pieces that overlap by the filter's memory, so that the pieces fit together."""
+        if self.parallel is None:  # pragma: no cover - blocks() asks first
+            return
+        sections, step = self.parallel.sections(motion), self.parallel.decimate
+        pad = self.parallel.pad(sections)
+        size = -(-max(BLOCK, 4 * pad) // step) * step
+        for start in range(part.start, part.stop, size):
+            stop = min(start + size, part.stop)
+            first, last = max(part.start, start - pad), min(part.stop, stop + pad)
+            if last - first < 2:
+                continue
+            rows = self._rows(motion, slice(first, last))
+            keep = slice(start - first, stop - first, step)
+            yield Block(*(self.parallel.apply(sections, x)[keep] for x in (rows.Y, rows.tau)))
+
+    def _rows(self, motion: Motion, rows: slice) -> Block:
+        return Block(self.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]), motion.tau[rows])
+
+
+def stretches(mask: NDArray[np.bool_]) -> list[slice]:
+    """Return the uninterrupted runs of True in a mask (N) as slices."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def compress(blocks: Iterator[Block], joints: int, parameters: int) -> Compressed:
+    """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
+    factors = np.zeros((joints, parameters + 1, parameters + 1))
+    samples = 0
+    with _one_thread():
+        for block in blocks:
+            samples += len(block.tau)
+            for j in range(joints):
+                rows = np.column_stack((block.Y[:, j], block.tau[:, j]))
+                factors[j] = _triangle(np.concatenate((factors[j], rows)))
+    return Compressed(factors, samples)
+
+
+def _triangle(rows: Array) -> Array:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@cache
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def _one_thread() -> Any:
+    """Limit BLAS to one thread: with several, the many small factorisations run several times slower."""
+    return _controller().limit(limits=1, user_api="blas")

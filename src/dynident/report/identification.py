@@ -1,0 +1,276 @@
+"""The report of an identification: HTML page, terminal tables, and the plain dictionary for a result file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynident import plot
+from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render, terminal
+
+if TYPE_CHECKING:
+    import rich.table
+
+    from dynident.identify import Identification
+    from dynident.validation import LogValidation
+
+__all__ = ["identification_page", "identification_tables", "result_dict"]
+
+WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
+ALL_POINTS = 70_000  # points of all curves of a page together, so that it stays near 1 MB
+
+
+def identification_page(identification: Identification) -> str:
+    """Return the identification as one HTML page: findings, parameters, errors, torques, smoothing, settings."""
+    sections = [
+        Section("What was found", tuple(_found(identification))),
+        Section("Parameters", _parameter_blocks(identification)),
+        Section("Errors", (_ERRORS, _error_table(identification), _joint_table(identification))),
+        Section("Torques", (_TORQUES, *_torques(identification))),
+        Section("Smoothing", (_SMOOTHING, *_smoothing(identification), *_motions(identification))),
+        Section("Warnings", (tuple(identification.warnings) or "None.",)),
+        Section("Settings and versions", tuple(_settings(identification))),
+    ]
+    lead = f"Dynamic parameters from {_count(len(identification.logs), 'log')}: {_names(identification.logs)}."
+    return render(f"Identification of {identification.model.name}", lead, sections)
+
+
+def identification_tables(identification: Identification) -> list[rich.table.Table]:
+    """Return for a terminal: the parameters, the errors per log, and the errors per log and joint."""
+    tables = (_parameter_table(identification), _error_table(identification), _joint_table(identification))
+    return [terminal(table) for table in tables]
+
+
+def result_dict(identification: Identification) -> dict[str, Any]:
+    """Return the result as plain dictionaries, texts and floats (which may be infinite or NaN).
+
+    Keys: parameters (list of name, value, std, unit), rank, condition, train and validation (by log:
+    relative_error and relative_error_filtered in %, rmse and per_joint by joint), status, warnings, versions, settings.
+    """
+    estimate = identification.estimate
+    columns = zip(estimate.names, estimate.value, estimate.std, estimate.units, strict=True)
+    return {
+        "parameters": [
+            {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns
+        ],
+        "rank": int(estimate.rank),
+        "condition": float(estimate.condition),
+        "train": {log.name: _errors(log) for log in _role(identification, "train")},
+        "validation": {log.name: _errors(log) for log in _role(identification, "validation")},
+        "status": estimate.status,
+        "warnings": list(identification.warnings),
+        "versions": dict(identification.versions),
+        "settings": dict(identification.settings),
+    }
+
+
+def _errors(log: LogValidation) -> dict[str, Any]:
+    filtered = log.relative_error_filtered
+    return {
+        "relative_error": float(log.relative_error),
+        "relative_error_filtered": None if filtered is None else float(filtered),
+        "rmse": {joint: float(value) for joint, value in log.rmse.items()},
+        "per_joint": {joint: float(value) for joint, value in log.per_joint.items()},
+    }
+
+
+def _found(identification: Identification) -> Iterator[Block]:
+    train, held_out = _role(identification, "train"), _role(identification, "validation")
+    estimate = identification.estimate
+    relative = _relative_std(identification)
+    well = int((relative <= WELL).sum())
+    yield Facts(
+        (
+            (_span(train), "torque error, training"),
+            (_span(held_out), "torque error, held out"),
+            (f"{well} of {len(relative)}", f"parameters within {WELL:g} % standard error"),
+            (number(estimate.condition, 3), "condition number"),
+        )
+    )
+    size = f"{_count(len(relative), 'parameter')} ({_count(estimate.rank, 'independent combination')})"
+    fit = (
+        f"From {_count(len(train), 'log')}, {size} of {identification.model.name} were estimated; the model leaves "
+        f"{_span(train)} of the measured torque there unexplained (unfiltered, in the norm over all joints)."
+    )
+    test = "No log was held out, so nothing here says how well the model predicts motions that it has not seen."
+    if held_out:
+        test = f"On {_count(len(held_out), 'log')} that the fit has not seen, it leaves {_span(held_out)} unexplained."
+    unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
+    rest = f"; less certain: {', '.join(unsure)}" if unsure else ""
+    sure = f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
+    yield (fit, test, sure)
+    yield f"Status of the fit: {estimate.status}"
+    if identification.warnings:
+        yield f"{_count(len(identification.warnings), 'warning')}, listed below."
+
+
+def _parameter_blocks(identification: Identification) -> tuple[Block, ...]:
+    blocks: list[Block] = [_parameter_table(identification)]
+    if len(identification.estimate.names):
+        caption = "Estimates with 95 % intervals (1.96 standard errors). Hollow: not determined by these logs."
+        blocks.append(Figure(plot.parameter_figure(identification), caption))
+    return tuple(blocks)
+
+
+def _parameter_table(identification: Identification) -> Table:
+    estimate = identification.estimate
+    meaning = {parameter.name: parameter.expression for parameter in identification.model.parameters}
+    true = {parameter.name: parameter.value for parameter in identification.model.parameters}
+    known = any(value is not None for value in true.values())
+    columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
+    columns += [Column("true")] * known + [Column("unit", numeric=False)]
+    columns += [Column("meaning", numeric=False)] * any(meaning.values())
+    rows = []
+    for name, value, std, relative, unit in zip(
+        estimate.names, estimate.value, estimate.std, _relative_std(identification), estimate.units, strict=True
+    ):
+        row = [name, number(float(value)), number(float(std), 2), number(float(relative), 2)]
+        row += [number(true.get(name))] * known + [unit] + [meaning.get(name, "")] * any(meaning.values())
+        rows.append(tuple(row))
+    return Table(tuple(columns), tuple(rows), "Parameters with their standard errors")
+
+
+_ERRORS = (
+    "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used."
+)
+
+
+def _error_table(identification: Identification) -> Table:
+    words = (Column("log", numeric=False), Column("role", numeric=False))
+    columns = (*words, Column("samples"), Column("unfiltered, %"), Column("filtered, %"))
+    rows = [
+        (
+            log.name,
+            _ROLES.get(log.role, log.role),
+            str(int(log.motion.mask.sum())),
+            number(log.relative_error, 3),
+            number(log.relative_error_filtered, 3),
+        )
+        for log in identification.logs
+    ]
+    return Table(columns, tuple(rows), "Relative torque error per log")
+
+
+_ROLES = {"train": "training", "validation": "held out"}
+
+
+def _joint_table(identification: Identification) -> Table:
+    columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
+    rows = [
+        (
+            log.name,
+            joint.name,
+            number(log.per_joint.get(joint.name), 3),
+            number(log.rmse.get(joint.name), 3),
+            joint.effort,
+        )
+        for log in identification.logs
+        for joint in identification.model.joints
+    ]
+    return Table((*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered")
+
+
+_TORQUES = (
+    "Measured and predicted torque, and below their difference. Drag over a part to zoom, double-click to return."
+)
+
+
+def _torques(identification: Identification) -> Iterator[Section]:
+    points = _points(identification)
+    for log in identification.logs:
+        figures = (
+            Figure(
+                plot.torque_figure(log, joint.name, joint.effort, points),
+                f"{joint.name}: relative error {number(log.per_joint.get(joint.name), 3)} %, "
+                f"rmse {number(log.rmse.get(joint.name), 3)} {joint.effort}.",
+            )
+            for joint in identification.model.joints
+        )
+        yield Section(f"{log.name} ({_ROLES.get(log.role, log.role)})", tuple(figures))
+
+
+_SMOOTHING = "How positions were smoothed, per log and joint, and the motion that the regression has seen."
+
+
+def _smoothing(identification: Identification) -> Iterator[Block]:
+    """Yield one table of what the smoothers say in one number per joint, and their words below it."""
+    motions = [(log.name, log.motion) for log in identification.logs]
+    keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
+    if keys:
+        rows = [
+            (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
+            for name, motion in motions
+            for j, joint in enumerate(motion.joints)
+        ]
+        columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, keys))
+        yield Table(columns, tuple(rows), "Smoothing per log and joint")
+    words = [
+        f"{name}: " + ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))
+        for name, motion in motions
+        if any(isinstance(value, str) for value in motion.smoothing.values())
+    ]
+    if words:
+        yield tuple(words)
+
+
+def _per_joint(motion: Any, key: str) -> bool:
+    value = motion.smoothing.get(key)
+    return value is not None and not isinstance(value, str) and np.shape(value) == (len(motion.joints),)
+
+
+def _smoothing_cell(motion: Any, key: str, j: int) -> str:
+    return number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-"
+
+
+def _motions(identification: Identification) -> Iterator[Section]:
+    points = _points(identification)
+    for log in identification.logs:
+        figures = (
+            Figure(plot.motion_figure(log.motion, joint.name, joint.unit, points), f"{joint.name}.")
+            for joint in identification.model.joints
+        )
+        yield Section(log.name, tuple(figures))
+
+
+def _settings(identification: Identification) -> Iterator[Block]:
+    yield pairs("setting", list(identification.settings.items()), "Settings")
+    yield pairs("package", list(identification.versions.items()), "Versions")
+    residual = zip(identification.model.joints, identification.estimate.sigma, strict=True)
+    rows = tuple((joint.name, number(float(sigma)), joint.effort) for joint, sigma in residual)
+    columns = (Column("joint", numeric=False), Column("sigma"), Column("unit", numeric=False))
+    yield Table(columns, rows, "Standard deviation of the torque residual")
+
+
+def _points(identification: Identification) -> int:
+    """Share the page's points among its curves: six per log and joint."""
+    curves = 6 * max(len(identification.logs) * len(identification.model.joints), 1)
+    return int(np.clip(ALL_POINTS // curves, 100, 2000))
+
+
+def _relative_std(identification: Identification) -> plot.Array:
+    """Return the standard errors in percent of the values; infinite where the value is zero."""
+    value, std = np.asarray(identification.estimate.value), np.asarray(identification.estimate.std)
+    relative: plot.Array = np.full(len(value), np.inf)
+    np.divide(100 * std, np.abs(value), out=relative, where=value != 0)
+    return relative
+
+
+def _role(identification: Identification, role: str) -> list[LogValidation]:
+    return [log for log in identification.logs if log.role == role]
+
+
+def _span(logs: Sequence[LogValidation]) -> str:
+    """Word the relative error of one log, or the range over several."""
+    texts = [number(bound(log.relative_error for log in logs), 3) for bound in (min, max)] if logs else ["-"]
+    return " to ".join(dict.fromkeys(texts)) + (" %" if logs else "")
+
+
+def _names(logs: Sequence[LogValidation]) -> str:
+    return ", ".join(log.name for log in logs) or "none"
+
+
+def _count(number_of: int, noun: str) -> str:
+    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"

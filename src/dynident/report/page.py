@@ -1,0 +1,181 @@
+"""The parts of a report, and the one HTML page made of them.
+
+A page is a list of sections; a section is a list of blocks. Text from files and configurations is escaped; plotly.js
+and the styles are part of the page, which needs no network.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    import jinja2
+    import plotly.graph_objects as go
+    import rich.table
+    from markupsafe import Markup
+
+__all__ = ["Block", "Column", "Facts", "Figure", "Section", "Table", "number", "pairs", "render", "terminal"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right."""
+
+    title: str
+    group: str = ""
+    numeric: bool = True
+    muted: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts: each row has one cell per column."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        for i, row in enumerate(self.rows):
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"Table {self.caption!r}: row {i} has {len(row)} cells for {len(self.columns)} columns."
+                )
+
+    @property
+    def groups(self) -> tuple[tuple[str, int], ...]:
+        """Headings above the columns, each with the number of columns it spans; empty where no column has one."""
+        runs = tuple((name, len(list(run))) for name, run in groupby(column.group for column in self.columns))
+        return runs if any(name for name, _ in runs) else ()
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The few numbers to see first: pairs of a value and what it is."""
+
+    facts: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A plotly figure and the sentence below it."""
+
+    figure: go.Figure
+    caption: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A titled part of a page; text becomes a paragraph, a tuple of texts a list, a section a part of its own."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+Block = str | tuple[str, ...] | Table | Facts | Figure | Section
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Format to ``digits`` significant digits, without an exponent from 1e-4 to 1e5; "-" for None and NaN.
+
+    Digits before the decimal point are never rounded away: 12345.6 becomes "12346".
+    """
+    if value is None or math.isnan(value):
+        return "-"
+    if value == 0 or math.isinf(value):
+        return "0" if value == 0 else ("∞" if value > 0 else "-∞")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
+    return f"{mantissa}e{int(exponent)}"
+
+
+def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> Table:
+    """Return a table of names and texts, such as settings or versions."""
+    columns = (Column(title, numeric=False), Column("value", numeric=False))
+    return Table(columns, tuple((str(name), str(text)) for name, text in content), caption)
+
+
+def terminal(table: Table) -> rich.table.Table:
+    """Return the table for a terminal; names are not read as rich's markup."""
+    import rich.table
+    from rich.box import SIMPLE_HEAD
+    from rich.text import Text
+
+    title = Text(table.caption) if table.caption else None
+    drawn = rich.table.Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for i, column in enumerate(table.columns):
+        header = Text(f"{column.group}\n{column.title}" if table.groups else column.title)
+        justify: Literal["left", "right"] = "right" if column.numeric else "left"
+        # Without a least width rich lets the words vanish before it narrows the numbers.
+        least = max((len(row[i]) for row in table.rows), default=1) if column.numeric else 8
+        drawn.add_column(header, justify=justify, style="dim" if column.muted else None, min_width=least)
+    for row in table.rows:
+        drawn.add_row(*(Text(cell.replace("∞", "inf")) for cell in row))
+    return drawn
+
+
+def render(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """Return one HTML page: title, lead, contents, sections; plotly.js is embedded once, if there is a figure.
+
+    All texts are escaped, except those that are ``markupsafe.Markup`` already.
+    """
+    from dynident import __version__
+
+    template = _environment().get_template("page.html")
+    script = _plotly() if any(_has_figure(section) for section in sections) else None
+    return template.render(title=title, lead=lead, sections=sections, plotly=script, version=__version__)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("dynident.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json}
+    return environment
+
+
+def _plotly() -> Markup:
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    return Markup(get_plotlyjs())  # noqa: S704 -- the library's own script, not a text of the user
+
+
+def _kind(block: Block) -> str:
+    if isinstance(block, str):
+        return "html" if hasattr(block, "__html__") else "text"
+    return "list" if isinstance(block, tuple) else type(block).__name__.lower()
+
+
+def _has_figure(block: Block) -> bool:
+    if isinstance(block, Section):
+        return any(_has_figure(inner) for inner in block.blocks)
+    return isinstance(block, Figure)
+
+
+def _minus(cell: str) -> str:
+    """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
+    return cell.replace("-", "\u2212") if len(cell) > 1 else cell
+
+
+def _json(figure: Any) -> Markup:
+    """Return the figure as JSON that can stand in a script element whatever its texts hold."""
+    from markupsafe import Markup
+
+    text: str = figure.to_json()
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return Markup(text)  # noqa: S704 -- no sign is left that could end the element

@@ -1,0 +1,203 @@
+"""Monte Carlo studies: scenario x method x noise level x run -> one row per fit, resumable."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident import __version__
+from dynident.errors import InputError
+from dynident.estimators import Estimate
+from dynident.io.results import read_table, write_table
+from dynident.simulation import Recording
+
+if TYPE_CHECKING:
+    import polars as pl
+
+__all__ = ["Method", "Scenario", "Statistics", "run_study", "statistics"]
+
+Array = NDArray[np.float64]
+KEY = ("scenario", "method", "level", "run", "seed", "version")
+SAVE_EVERY = 2.0  # seconds between writes of the table
+
+
+class Scenario(Protocol):
+    """A simulated experiment: frozen and picklable."""
+
+    @property
+    def name(self) -> str:
+        """A short name, the scenario's key in the table."""
+
+    def record(self, level: float, rng: np.random.Generator) -> Recording:
+        """Return one noisy recording at a noise level."""
+
+
+class Method(Protocol):
+    """A way to identify: frozen and picklable."""
+
+    @property
+    def name(self) -> str:
+        """A short name, the method's key in the table."""
+
+    def estimate(self, recording: Recording) -> Estimate:
+        """Estimate the parameters from the recording's log."""
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """The methods still to run on one recording: they all see the same noise."""
+
+    scenario: Any
+    methods: tuple[Any, ...]
+    level: float
+    run: int
+    seed: int
+
+    def rows(self) -> list[dict[str, Any]]:
+        record = self.scenario.record(self.level, generator(self.seed, self.level, self.run))
+        return [self._row(method, record) for method in self.methods]
+
+    def _row(self, method: Method, record: Recording) -> dict[str, Any]:
+        began = time.perf_counter()
+        value: list[float] = []
+        std: list[float] = []
+        try:
+            estimate = method.estimate(record)
+            value, std, status = estimate.value.tolist(), estimate.std.tolist(), estimate.status
+        except Exception as error:  # a failed fit is a row, whatever broke it
+            status = f"failed: {type(error).__name__}: {error}"
+        seconds = time.perf_counter() - began
+        key = (self.scenario.name, method.name, self.level, self.run, self.seed, __version__)
+        return {**dict(zip(KEY, key, strict=True)), "status": status, "seconds": seconds, "value": value, "std": std}
+
+
+def generator(seed: int, level: float, run: int) -> np.random.Generator:
+    """Return the generator of one recording: it depends on nothing but these three, whatever runs where."""
+    words = struct.unpack("<2I", struct.pack("<d", level))
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*words, run)))
+
+
+def run_study(
+    scenarios: Sequence[Scenario],
+    methods: Sequence[Method],
+    levels: Sequence[float],
+    runs: int,
+    seed: int = 0,
+    *,
+    path: str | Path | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
+) -> pl.DataFrame:
+    """Run every method on ``runs`` recordings of every scenario at every noise level.
+
+    Returns a table with one row per fit: scenario, method, level, run, seed, version, status ("ok", a warning, or
+    "failed: ..."), seconds, value and std (lists, empty where it failed), sorted by these. With ``path`` the table is
+    kept there (Parquet) as it grows: an interrupted study goes on where it stopped, and rows of another version of
+    dynident are computed again. With ``executor`` the recordings are spread over its workers; the numbers do not
+    depend on it. ``progress`` is called with the fits done and their total.
+    """
+    import polars as pl
+
+    if runs < 1:
+        raise InputError(f"runs is {runs}; a study needs at least 1.")
+    rows = _known(path)
+    wanted = {
+        (scenario.name, method.name, float(level), run, seed, __version__): (scenario, method)
+        for scenario in scenarios
+        for level in levels
+        for run in range(runs)
+        for method in methods
+    }
+    done = {tuple(row[name] for name in KEY) for row in rows}
+    units = _units(wanted, done)
+    count, saved = len(wanted.keys() & done), time.monotonic()
+    progress(count, len(wanted))
+    try:
+        for new in _results(units, executor):
+            rows += new
+            count += len(new)
+            progress(count, len(wanted))
+            if path is not None and time.monotonic() - saved > SAVE_EVERY:
+                write_table(path, _frame(rows))
+                saved = time.monotonic()
+    finally:
+        if path is not None:
+            write_table(path, _frame(rows))
+    table = _frame([row for row in rows if tuple(row[name] for name in KEY) in wanted])
+    order = {name: k for k, name in enumerate(dict.fromkeys(method.name for method in methods))}
+    return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
+
+
+def _known(path: str | Path | None) -> list[dict[str, Any]]:
+    if path is None or not Path(path).exists():
+        return []
+    table = read_table(path)
+    if not set(KEY) <= set(table.columns):
+        raise InputError(f"{path}: is no table of a study (columns {', '.join(table.columns)}); choose another file.")
+    return table.to_dicts()
+
+
+def _units(wanted: dict[tuple[Any, ...], tuple[Any, Any]], done: set[tuple[Any, ...]]) -> list[_Unit]:
+    groups: dict[tuple[Any, ...], tuple[Any, list[Any]]] = {}
+    for key, (scenario, method) in wanted.items():
+        if key not in done:
+            groups.setdefault((key[0], *key[2:5]), (scenario, []))[1].append(method)
+    return [_Unit(scenario, tuple(found), *key[1:]) for key, (scenario, found) in groups.items()]
+
+
+def _results(units: Iterable[_Unit], executor: Executor | None) -> Iterator[list[dict[str, Any]]]:
+    if executor is None:
+        yield from (unit.rows() for unit in units)
+        return
+    futures = [executor.submit(_Unit.rows, unit) for unit in units]
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    import polars as pl
+
+    schema: dict[str, pl.DataType | type[pl.DataType]] = {
+        "scenario": pl.String, "method": pl.String, "level": pl.Float64, "run": pl.Int64, "seed": pl.Int64,
+        "version": pl.String, "status": pl.String, "seconds": pl.Float64,
+        "value": pl.List(pl.Float64), "std": pl.List(pl.Float64),
+    }  # fmt: skip
+    return pl.DataFrame(rows, schema=schema)
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Sample ``mean`` and ``variance`` (p), eqs. (54)-(55), of the ``estimates`` (runs, p) of one case.
+
+    Failed fits are counted in ``failed`` and left out; nan where too few are left.
+    """
+
+    mean: Array
+    variance: Array
+    estimates: Array
+    failed: int
+
+
+def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
+    """Return the sample mean and variance over the rows of a table."""
+    good = [row for row in table["value"].to_list() if row]
+    estimates = np.array(good, dtype=float).reshape(len(good), parameters)
+    nothing = np.full(parameters, np.nan)
+    return Statistics(
+        mean=estimates.mean(axis=0) if good else nothing,
+        variance=estimates.var(axis=0, ddof=1) if len(good) > 1 else nothing,
+        estimates=estimates,
+        failed=len(table) - len(good),
+    )

@@ -1,0 +1,206 @@
+"""Euler-Lagrange torques of symbolic energies, lumped into linear parameters: article, eqs. (1)-(8) and (40)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+
+__all__ = ["Lump", "Monomial", "compiled", "lump"]
+
+Symbols = Sequence[Any]
+Monomial = tuple[int, ...]  # powers of the unknowns, in order of declaration
+
+DIGITS = 50  # working precision of the comparison of functions
+SAME = 1e-30  # functions that differ by less are one function
+POINTS = 4  # random states at which functions are compared
+
+
+@dataclass(frozen=True)
+class Lump:
+    """A lumped parameter: its formula, the monomial in it that has factor one, and its n torques per unit."""
+
+    expression: Any
+    leader: Monomial
+    torque: tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """What one monomial of the unknowns contributes: n torques, and their values (POINTS, n) at random states."""
+
+    monomial: Monomial
+    torque: tuple[Any, ...]
+    samples: NDArray[np.object_]
+    kinetic: bool
+    varying: bool
+
+    @property
+    def rank(self) -> tuple[int, Monomial]:
+        """Lowest degree first, then the order of declaration."""
+        return sum(self.monomial), tuple(-power for power in self.monomial)
+
+    def ratio(self, other: _Share) -> Any:
+        """Return c with torque = c * other.torque, or None where there is none."""
+        import mpmath  # type: ignore[import-untyped]
+
+        pivot = np.unravel_index(np.argmax(np.abs(other.samples)), other.samples.shape)
+        c = mpmath.mpmathify(self.samples[pivot]) / other.samples[pivot]
+        scale = np.abs(self.samples).max()
+        return c if np.abs(self.samples - c * other.samples).max() <= SAME * scale else None
+
+
+Group = list[tuple[_Share, Any]]  # proportional shares with their ratios to the first
+
+
+def lump(kinetic: Any, potential: Any, q: Symbols, dq: Symbols, ddq: Symbols, unknowns: Symbols) -> tuple[Lump, ...]:
+    """Return the lumped parameters of the torque of two energies, in the order that ``Lagrangian`` documents.
+
+    The energies are SymPy expressions with exact numbers in no other symbols than q, dq and the unknowns.
+    Raises ModelError where the kinetic energy is not quadratic in dq, an energy is not polynomial in an unknown,
+    or a part of the torque contains no unknown.
+    """
+    import mpmath
+
+    groups: list[Group] = []
+    with mpmath.workdps(DIGITS):
+        shares = _shares(_split(kinetic, potential, dq, unknowns), q, dq, ddq)
+        for share in sorted(shares, key=lambda share: share.rank):
+            if not any(share.monomial):
+                raise ModelError(
+                    "Lagrangian: a part of the energies holds no unknown, so its torque has no parameter; "
+                    "declare one of its factors (a mass, say) as an Unknown."
+                )
+            _join(groups, share)
+    groups.sort(key=_order)
+    return tuple(_lumped(group, unknowns) for group in groups)
+
+
+def compiled(arguments: Any, expressions: Symbols, module: str = "numpy") -> Callable[..., Sequence[Any]]:
+    """Return a function of the arguments that gives the values of all expressions as one list."""
+    import sympy as sp
+
+    function: Callable[..., Sequence[Any]] = sp.lambdify(arguments, list(expressions), modules=module, cse=True)
+    return function
+
+
+def _split(kinetic: Any, potential: Any, dq: Symbols, unknowns: Symbols) -> dict[Monomial, list[Any]]:
+    """Return per monomial of the unknowns the factors [kinetic, potential] that multiply it."""
+    import sympy as sp
+
+    n = len(dq)
+    parts: dict[Monomial, list[Any]] = {}
+    for powers, factor in _terms(kinetic, (*dq, *unknowns), "kinetic"):
+        if factor != 0 and sum(powers[:n]) != 2:
+            culprit = _product((*dq, *unknowns), powers) * factor
+            raise ModelError(f"Lagrangian: the kinetic energy must be quadratic in dq (eq. 3), but holds {culprit}.")
+        parts.setdefault(powers[n:], [sp.S.Zero, sp.S.Zero])[0] += factor * _product(dq, powers[:n])
+    for powers, factor in _terms(potential, unknowns, "potential"):
+        parts.setdefault(powers, [sp.S.Zero, sp.S.Zero])[1] += factor
+    return parts
+
+
+def _terms(energy: Any, symbols: Symbols, which: str) -> Iterable[tuple[Monomial, Any]]:
+    import sympy as sp
+
+    for symbol in symbols:
+        if not energy.is_polynomial(symbol):
+            raise ModelError(
+                f"Lagrangian: the {which} energy is not polynomial in {symbol}; declare another unknown "
+                f"(a product such as m*cos({symbol}), say), or make {symbol} a constant."
+            )
+    terms: Iterable[tuple[Monomial, Any]] = sp.Poly(energy, *symbols).terms() if symbols else [((), energy)]
+    return terms
+
+
+def _product(symbols: Symbols, powers: Monomial) -> Any:
+    import sympy as sp
+
+    return sp.Mul(*(symbol**power for symbol, power in zip(symbols, powers, strict=True)))
+
+
+def _inertial(kinetic: Any, q: Symbols, dq: Symbols, ddq: Symbols) -> tuple[Any, ...]:
+    """Return d/dt(dT/d(dq)) - dT/dq by the chain rule: article, eq. (1)."""
+    import sympy as sp
+
+    rates = list(zip((*dq, *q), (*ddq, *dq), strict=True))
+    momenta = (sp.diff(kinetic, velocity) for velocity in dq)
+    return tuple(
+        sp.Add(*(sp.diff(momentum, s) * rate for s, rate in rates)) - sp.diff(kinetic, position)
+        for momentum, position in zip(momenta, q, strict=True)
+    )
+
+
+def _shares(parts: dict[Monomial, list[Any]], q: Symbols, dq: Symbols, ddq: Symbols) -> list[_Share]:
+    """Return what each monomial adds to the torque, without those that add nothing."""
+    import sympy as sp
+
+    n = len(q)
+    inertial = [_inertial(kinetic, q, dq, ddq) for kinetic, _ in parts.values()]
+    static = [tuple(sp.diff(potential, s) for s in q) for _, potential in parts.values()]
+    function = compiled((q, dq, ddq), sp.flatten([inertial, static]), "mpmath")
+    states = _states(n)
+    moving = np.array([function(*state) for state in states], dtype=object).reshape(POINTS, 2, -1, n)
+    coasting = np.array([function(q, dq, [0] * n) for q, dq, _ in states], dtype=object).reshape(moving.shape)
+    shares = [
+        _Share(
+            monomial=monomial,
+            torque=tuple(a + b for a, b in zip(inertial[k], static[k], strict=True)),
+            samples=moving[:, 0, k] + moving[:, 1, k],
+            kinetic=_differs(moving[:, 0, k]),
+            varying=_differs(coasting[:, 0, k]),
+        )
+        for k, monomial in enumerate(parts)
+    ]
+    return [share for share in shares if _differs(share.samples)]
+
+
+def _states(n: int) -> list[list[list[Any]]]:
+    """Return POINTS random q, dq, ddq; positive, so that roots and logarithms of q stay real."""
+    import mpmath
+
+    points = np.random.default_rng(20).uniform(0.1, 1.1, (POINTS, 3, n))
+    return [[[mpmath.mpf(x) for x in row] for row in point] for point in points]
+
+
+def _differs(samples: NDArray[np.object_]) -> bool:
+    """Tell whether a function is anywhere else than zero."""
+    return bool(np.abs(samples).max() > SAME)
+
+
+def _join(groups: list[Group], share: _Share) -> None:
+    import mpmath
+
+    for group in groups:
+        if (ratio := share.ratio(group[0][0])) is not None:
+            group.append((share, ratio))
+            return
+    groups.append([(share, mpmath.mpf(1))])
+
+
+def _order(group: Group) -> tuple[bool, bool, int, tuple[int, Monomial]]:
+    shares = [share for share, _ in group]
+    acted = [_differs(column) for column in shares[0].samples.T]
+    last = max(joint for joint, acts in enumerate(acted) if acts)
+    return not any(s.kinetic for s in shares), any(s.varying for s in shares), last, shares[0].rank
+
+
+def _lumped(group: Group, unknowns: Symbols) -> Lump:
+    import sympy as sp
+
+    leader = group[0][0]
+    expression = sp.Add(*(_readable(ratio) * _product(unknowns, share.monomial) for share, ratio in group))
+    return Lump(expression, leader.monomial, leader.torque)
+
+
+def _readable(ratio: Any) -> Any:
+    """Return a small fraction as it is, any other number as a short decimal."""
+    import sympy as sp
+
+    fraction = sp.nsimplify(sp.Float(ratio, DIGITS), rational=True, tolerance=SAME)
+    return fraction if fraction.q <= 100 else sp.Float(repr(float(ratio)))

@@ -1,0 +1,195 @@
+"""Least squares: rank, scaling, and what its covariance promises."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from dynident.errors import ConfigError
+from dynident.estimators import LeastSquares, Problem
+from dynident.estimators.least_squares import Fit, solve
+from dynident.gallery import two_link_arm
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import Block, Regression, compress
+from dynident.terms import Coulomb, Joint, Offset, Viscous
+
+Array = NDArray[np.float64]
+ROWS, COLUMNS = 60, 6
+
+
+def data(seed: int = 0) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(ROWS, COLUMNS)), rng.normal(size=ROWS)
+
+
+def fitted(X: Array, y: Array, **settings: Any) -> Fit:
+    return solve(compress(iter([Block(X[:, None], y[:, None])]), 1, X.shape[1]).stacked(), **settings)
+
+
+def dependent(*which: str) -> Array:
+    """A matrix with the named dependences between its columns, which are of very different size."""
+    X: Array = data()[0] * np.array([1.0, 1e-3, 1.0, 1e2, 1.0, 1e-1])
+    made = {
+        "equal": (4, X[:, 1]),
+        "opposite": (4, -1e6 * X[:, 1]),
+        "zero": (2, np.zeros(ROWS)),
+        "three": (5, X[:, 0] - 0.02 * X[:, 3]),
+    }
+    for column, content in (made[name] for name in which):
+        X[:, column] = content
+    return X
+
+
+DEPENDENT = [
+    (("equal",), ((1, 4),)),
+    (("opposite",), ((1, 4),)),
+    (("zero",), ((2,),)),
+    (("three",), ((0, 3, 5),)),
+    (("equal", "three"), ((0, 3, 5), (1, 4))),
+    (("equal", "zero"), ((1, 4), (2,))),
+    (("opposite", "zero", "three"), ((0, 3, 5), (1, 4), (2,))),
+]
+every_dependence = pytest.mark.parametrize(("which", "groups"), DEPENDENT, ids=lambda x: "-".join(map(str, x)))
+
+
+@every_dependence
+def test_rank_deficiency_names_exactly_the_columns_tied(which: tuple[str, ...], groups: tuple[tuple[int, ...]]) -> None:
+    fit = fitted(dependent(*which), data()[1])
+    assert set(fit.groups) == set(groups)
+    assert fit.rank == COLUMNS - len(groups)
+    assert fit.undetermined.tolist() == sorted(k for group in groups for k in group)
+    assert fit.condition > 1e12
+
+
+@every_dependence
+def test_other_columns_are_fitted_as_if_one_of_each_group_was_not_there(
+    which: tuple[str, ...], groups: tuple[tuple[int, ...]]
+) -> None:
+    X, y = dependent(*which), data()[1]
+    fit = fitted(X, y)
+    kept = [k for k in range(COLUMNS) if k not in {group[-1] for group in groups}]
+    clean = fitted(X[:, kept], y)
+    sure = [k for k in kept if k not in fit.undetermined]
+    place = [kept.index(k) for k in sure]
+    assert clean.rank == len(kept)
+    np.testing.assert_allclose(fit.value[sure], clean.value[place], rtol=1e-10)
+    np.testing.assert_allclose(fit.inverse[np.ix_(sure, sure)], clean.inverse[np.ix_(place, place)], rtol=1e-9)
+    assert fit.rss == pytest.approx(clean.rss, rel=1e-12)
+
+
+@every_dependence
+def test_solution_is_of_least_norm_in_scaled_columns(which: tuple[str, ...], groups: tuple[tuple[int, ...]]) -> None:
+    X, y = dependent(*which), data()[1]
+    scale = np.linalg.norm(X, axis=0)
+    scale[scale == 0] = 1.0
+    shortest = np.linalg.pinv(X / scale, rcond=1e-12) @ y
+    np.testing.assert_allclose(fitted(X, y).value * scale, shortest, atol=1e-12)
+
+
+def test_no_column_has_an_effect() -> None:
+    fit = fitted(np.zeros((ROWS, 2)), data()[1])
+    assert (fit.rank, fit.groups, fit.condition) == (0, ((0,), (1,)), np.inf)
+    np.testing.assert_array_equal(fit.value, [0, 0])
+    assert fit.rss == pytest.approx(np.sum(data()[1] ** 2))
+
+
+def test_solution_residual_and_condition_by_hand() -> None:
+    """y = 1, 2, 6 over a constant and over x = -1, 0, 1: mean 3, slope 5/2, residuals 1/2, -1, 1/2."""
+    fit = fitted(np.array([[1.0, -1], [1, 0], [1, 1]]), np.array([1.0, 2, 6]))
+    np.testing.assert_allclose(fit.value, [3, 2.5], rtol=1e-14)
+    np.testing.assert_allclose(fit.inverse, [[1 / 3, 0], [0, 1 / 2]], atol=1e-15)
+    assert (fit.rank, fit.groups) == (2, ())
+    assert fit.rss == pytest.approx(1.5, rel=1e-14)
+    assert fit.condition == pytest.approx(1.0)
+
+
+def test_condition_too_large_for_a_float_is_infinite() -> None:
+    fit = solve(np.array([[1.0, 1.0, 1.0], [0.0, 1e-310, 0.0], [0.0, 0.0, 0.0]]))
+    assert (fit.condition, fit.groups) == (np.inf, ((0, 1),))
+
+
+@pytest.mark.parametrize("which", [(), ("equal",), ("three", "zero")])
+def test_units_of_the_columns_do_not_matter(which: tuple[str, ...]) -> None:
+    X, y = dependent(*which), data()[1]
+    units = 10.0 ** np.array([-8, 3, 8, -2, 5, 0])
+    fit, other = fitted(X, y), fitted(X * units, y)
+    assert (other.rank, other.groups) == (fit.rank, fit.groups)
+    np.testing.assert_allclose(other.value * units, fit.value, rtol=1e-10)
+    np.testing.assert_allclose(other.inverse * np.outer(units, units), fit.inverse, rtol=1e-9, atol=1e-12)
+    assert other.rss == pytest.approx(fit.rss, rel=1e-12)
+    if not which:
+        assert other.condition == pytest.approx(fit.condition, rel=1e-12)
+
+
+@pytest.mark.parametrize(("tolerance", "rank"), [(1e-12, COLUMNS), (1e-6, COLUMNS - 1)])
+def test_tolerance_decides_on_nearly_dependent_columns(tolerance: float, rank: int) -> None:
+    X, y = data()
+    X[:, 3] = X[:, 2] + 1e-8 * X[:, 3]
+    fit = fitted(X, y, tolerance=tolerance)
+    assert fit.rank == rank
+    assert fit.groups == (() if rank == COLUMNS else ((2, 3),))
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-12, float("nan")])
+def test_wrong_tolerance(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match=rf"rank is {tolerance}; give a number between 0 and 1"):
+        LeastSquares(tolerance)
+
+
+def problem(model: Model, theta: Array, noise: Array, still: tuple[int, ...] = (), samples: int = 100) -> Problem:
+    """Random states, the joints ``still`` at rest, and the given noise (samples, n) on the torque."""
+    n = len(model.joints)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, samples, n)) * np.array([1.0, 2.0, 10.0])[:, None, None]
+    dq[:, still] = 0.0
+    tau = model.torque(q, dq, ddq, theta) + noise
+    names = tuple(joint.name for joint in model.joints)
+    motion = Motion(np.linspace(0, 1, samples), q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
+    return Problem(model, (motion,), Regression(model, (motion,)))
+
+
+def test_estimate_says_which_parameters_cannot_be_told_apart() -> None:
+    joints = (Joint("a"), Joint("b"))
+    model = Model(
+        (
+            Viscous(joints, on=("a",), names=("v1",)),
+            Offset(joints),
+            Viscous(joints, on=("a",), names=("v2",)),
+            Coulomb(joints, on=("b",), names=("Fc",)),
+        )
+    )
+    noise = 0.1 * np.random.default_rng(1).normal(size=(100, 2))
+    posed = problem(model, np.array([1.0, 2.0, 3.0, 4.0, 5.0]), noise, still=(1,))
+    found = LeastSquares()(posed)
+    assert found.names == ("v1", "offset_a", "offset_b", "v2", "Fc")
+    np.testing.assert_array_equal(np.isinf(found.std), [True, False, False, True, True])
+    assert found.rank == 3
+    assert "rank 3 of 5" in found.status
+    assert "no effect on the torque in these data: Fc (" in found.status
+    assert "cannot be told apart: v1, v2 (" in found.status
+    np.testing.assert_allclose(found.value[[0, 3, 4]], [2.5, 2.5, 0.0], atol=0.1)
+    residual = posed.motions[0].tau - model.torque(
+        posed.motions[0].q, posed.motions[0].dq, posed.motions[0].ddq, found.value
+    )
+    variance = np.sum(residual**2) / (200 - 3)
+    assert found.std[2] == pytest.approx(np.sqrt(variance / 100), rel=1e-10)
+    np.testing.assert_allclose(found.sigma, np.sqrt(np.sum(residual**2, axis=0) / 99), rtol=1e-10)
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+    """95 % intervals and the ellipsoid of all parameters, over many noises of the same motion."""
+    model, runs, sigma = two_link_arm(), 1000, 0.2
+    assert model.values is not None
+    rng = np.random.default_rng(5)
+    p, freedom = len(model.names), 200 - 7
+    inside, distance = np.zeros((runs, p), dtype=bool), np.zeros(runs)
+    for k in range(runs):
+        found = LeastSquares()(problem(model, model.values, sigma * rng.normal(size=(100, 2))))
+        error = found.value - model.values
+        inside[k] = np.abs(error) < student.ppf(0.975, freedom) * found.std
+        distance[k] = error @ np.linalg.solve(found.covariance, error)
+    assert (np.abs(inside.mean(axis=0) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / runs)).all()
+    expected = p * freedom / (freedom - 2)  # p times the mean of an F(p, freedom) variable
+    assert abs(distance.mean() - expected) < 3 * distance.std() / np.sqrt(runs)

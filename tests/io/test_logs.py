@@ -1,0 +1,158 @@
+"""Logs from the declared channels of a recording."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.io.config import parse_config
+from dynident.io.logs import read_logs
+from dynident.terms.term import Joint
+from tests.io.files import npz, written
+
+ELBOW = (Joint("elbow"),)
+HEAD = """
+model: gallery:pendulum
+time: {column: t, unit: s}
+position: {elbow: {column: q, unit: rad}}
+torque: {elbow: {column: tau, unit: N m}}
+"""
+
+
+def recording(**changes) -> str:
+    """A sound CSV of 200 rows; a change is a function from the row's number to its cell."""
+    cells = {
+        "t": lambda k: f"{k * 0.01:.2f}",
+        "q": lambda k: f"{np.sin(0.02 * k):.9f}",
+        "tau": lambda k: f"{np.cos(0.03 * k):.9f}",
+    } | changes
+    rows = [",".join(str(cell(k)) for cell in cells.values()) for k in range(200)]
+    return "\n".join([",".join(cells), *rows])
+
+
+def read(folder, text: str, settings: str = "", spec: str = "", joints=ELBOW):
+    written(folder, "a.csv", text)
+    config = parse_config(HEAD + textwrap.dedent(settings) + f"\ntrain: [{{file: a.csv{spec}}}]\n", folder)
+    return read_logs(config.train[0], config, joints)
+
+
+def test_a_recording_becomes_a_log(tmp_path):
+    reading = read(tmp_path, recording())
+    (log,) = reading.logs
+    assert (len(log), log.joints, log.source, reading.warnings) == (200, ("elbow",), "a", ())
+    np.testing.assert_allclose(log.t, np.arange(200) * 0.01)
+
+
+def test_channels_are_linear_maps_in_declared_units(tmp_path):
+    k = np.arange(100)
+    data = npz(ms=k, a=np.sin(0.1 * k), b=np.cos(0.1 * k), i=np.sin(k), kt=0.5)
+    written(tmp_path, "a.npz", data)
+    config = parse_config(
+        """
+        model: gallery:slider
+        time: {column: ms, unit: ms}
+        position: {slider: {sum: {a: 32, b: -4.5}, gain: 2, offset: 0.1, unit: mm}}
+        torque: {slider: {column: i, gain: kt, unit: kN}}
+        train: [{file: a.npz}]
+        """,
+        tmp_path,
+    )
+    (log,) = read_logs(config.train[0], config, (Joint("slider", "prismatic"),)).logs
+    np.testing.assert_allclose(log.t, k * 1e-3)
+    np.testing.assert_allclose(log.q[:, 0], 1e-3 * (2 * (32 * np.sin(0.1 * k) - 4.5 * np.cos(0.1 * k)) + 0.1))
+    np.testing.assert_allclose(log.tau[:, 0], 500 * np.sin(k))
+
+
+def test_several_files_make_one_log(tmp_path):
+    written(tmp_path, "q.txt", "\n".join(str(np.sin(0.1 * k)) for k in range(80)))
+    written(tmp_path, "c.txt", recording().replace(",", "\t").splitlines()[0] + "\n" + "\n".join(["0\t0\t1"] * 40))
+    config = parse_config(
+        """
+        model: gallery:two_link_arm
+        time: {rate: 50}
+        position: {a: {column: pos.0, unit: rad}, b: {column: pos.1, unit: deg}}
+        torque: {a: {column: cur.tau, unit: Nm}, b: {column: cur.q, unit: Nm}}
+        train: [{file: {pos: q.txt, cur: c.txt}, width: {pos: 2}}]
+        """,
+        tmp_path,
+    )
+    reading = read_logs(config.train[0], config, (Joint("b"), Joint("a")))
+    (log,) = reading.logs
+    assert log.joints == ("b", "a")
+    np.testing.assert_allclose(log.q[:, 1], np.sin(0.1 * np.arange(0, 80, 2)))
+    np.testing.assert_allclose(log.q[:, 0], np.deg2rad(np.sin(0.1 * np.arange(1, 80, 2))))
+    np.testing.assert_allclose(log.t[:2], [0, 0.02])
+    assert sum("torque is" in warning for warning in reading.warnings) == 2
+
+
+def test_windows_cut_and_name_the_logs(tmp_path):
+    reading = read(tmp_path, recording(), spec=", window: [[0, 0.5], [1, null]]")
+    assert [(log.source, len(log)) for log in reading.logs] == [("a 0-0.5 s", 51), ("a 1-end", 100)]
+
+
+def test_bad_samples_outside_the_window_do_not_matter(tmp_path):
+    text = recording(q=lambda k: "" if k < 20 else np.sin(0.02 * k))
+    assert len(read(tmp_path, text, spec=", window: [0.2, 1.5]").logs[0]) == 131
+
+
+def test_a_window_past_the_end_is_a_warning(tmp_path):
+    assert "reaches past the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
+
+
+def test_gaps_can_be_split(tmp_path):
+    text = recording(t=lambda k: k * 0.01 + (k >= 50) + (k >= 60))
+    reading = read(tmp_path, text, "gaps: split")
+    assert [(log.source, len(log)) for log in reading.logs] == [("a part 1", 50), ("a part 2", 140)]
+    assert reading.warnings == ("a: 10 samples are left out, in pieces between gaps too short to be smoothed.",)
+
+
+def test_a_joint_that_may_turn_without_end(tmp_path):
+    text = recording(q=lambda k: 90 * np.sin(0.02 * k))
+    joint = "position: {elbow: {column: q, unit: rad, multi_turn: true}}"
+    written(tmp_path, "a.csv", text)
+    head = HEAD.replace("position: {elbow: {column: q, unit: rad}}", joint)
+    config = parse_config(head + "train: [{file: a.csv}]", tmp_path)
+    assert read_logs(config.train[0], config, ELBOW).warnings == ()
+
+
+BAD_DATA = {
+    "unknown column": (recording().replace("q", "pos", 1), "", ("position.elbow: no column 'q'", "'pos'")),
+    "text in a cell": (recording(q=lambda k: "1.2x" if k == 9 else k), "", ("column 'q' has '1.2x' at line 11",)),
+    "empty cell": (recording(q=lambda k: "" if k == 9 else k / 99), "", ("column 'q' is empty or NaN at line 11",)),
+    "infinite": (recording(tau=lambda k: "-inf" if k > 8 else k), "", ("'tau' is -inf at line 11", "191 such")),
+    "absurd": (recording(tau=lambda k: "1e300" if k == 3 else k), "", ("'tau' is 1e+300 at line 5",)),
+    "no time": (recording(t=lambda k: "" if k == 4 else k), "", ("'t' has no valid time at line 6",)),
+    "time repeats": (recording(t=lambda k: min(k, 50)), "", ("time 50 s at line 53 repeats (149 such",)),
+    "time restarts": (recording(t=lambda k: k % 100), "", ("0 s at line 102 runs backwards from 99 s",)),
+    "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
+    "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),
+    "too short": (recording(), ", window: [0, 0.1]", ("only 11 samples",)),
+    "degrees": (recording(q=lambda k: 90 * np.sin(0.02 * k)), "", ("joint 'elbow'", "unit: deg", "multi_turn")),
+}
+
+
+@pytest.mark.parametrize(("text", "spec", "fragments"), BAD_DATA.values(), ids=BAD_DATA)
+def test_bad_data_are_worded_with_file_line_and_column(tmp_path, text, spec, fragments):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, spec=spec)
+    assert all(fragment in str(caught.value) for fragment in ("a.csv", *fragments)), caught.value
+
+
+def test_columns_of_different_lengths_are_refused(tmp_path):
+    written(tmp_path, "a.npz", npz(t=np.arange(50), q=np.arange(50), tau=np.arange(49)))
+    config = parse_config(HEAD + "train: [{file: a.npz}]", tmp_path)
+    with pytest.raises(InputError, match="'t' has 50 rows, 'tau' has 49"):
+        read_logs(config.train[0], config, ELBOW)
+
+
+def test_gaps_that_leave_nothing_are_refused(tmp_path):
+    with pytest.raises(InputError, match="leave no piece long enough"):
+        read(tmp_path, recording(t=lambda k: k * 0.01 + k // 20), "gaps: split")
+
+
+def test_channels_are_checked_against_the_joints(tmp_path):
+    with pytest.raises(ConfigError, match="the model has no joint 'elbow'"):
+        read(tmp_path, recording(), joints=(Joint("wrist"),))

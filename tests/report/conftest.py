@@ -1,0 +1,129 @@
+"""Stand-ins for the nouns that a report receives, with every kind of value that must be shown."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dynident.log import Motion
+from dynident.terms.term import Joint, Parameter
+
+PARAMETERS = (
+    Parameter("theta1", "kg m^2", "m1 lc1^2 + I1 + m2 l1^2", 0.0340),
+    Parameter("theta2", "kg m^2", "m2 lc2^2 + I2", 0.0030),
+    Parameter("theta3", "kg m^2", "m2 l1 lc2", 0.0045),
+    Parameter("theta4", "kg m", "m1 lc1 + m2 l1", 0.1329),
+    Parameter("theta5", "kg m", "m2 lc2", 0.0170),
+    Parameter("theta6", "N m s/rad", "mu1", 0.6189),
+    Parameter("theta7", "N m s/rad", "mu2", 0.6189),
+)
+TRUE = np.array([parameter.value for parameter in PARAMETERS])
+
+
+@dataclass(frozen=True)
+class Case:
+    sigma_q2: float
+    method: str
+    estimates: np.ndarray
+    failed: int = 0
+    printed_mean: tuple | None = None
+    printed_variance: tuple | None = None
+
+    @property
+    def mean(self):
+        return self.estimates.mean(axis=0) if len(self.estimates) else np.full(7, np.nan)
+
+    @property
+    def variance(self):
+        return self.estimates.var(axis=0, ddof=1) if len(self.estimates) else np.full(7, np.nan)
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    cases: tuple
+    traces: dict = field(default_factory=dict)
+    scenario: str = "tabulated"
+    description: str = "The torque amplitudes that fit the article's tables."
+    runs: int = 12
+    seed: int = 1
+    seconds: float = 21.5
+    names: tuple = tuple(parameter.name for parameter in PARAMETERS)
+    expressions: tuple = tuple(parameter.expression for parameter in PARAMETERS)
+    true: np.ndarray = field(default_factory=lambda: TRUE)
+    settings: dict = field(default_factory=lambda: {"torque amplitudes": "1.13, 0.78 N m", "duration": "10 s"})
+
+
+def motion(joints=("joint1", "joint2"), start=0.25, noise=0.0, n=1200, smoothing=None, source="run.csv"):
+    """Two sines in time with their derivatives; the mask begins at ``start`` and has a hole near 6 s."""
+    t = np.linspace(0.0, 10.0, n)
+    rng = np.random.default_rng(7)
+    phase = np.arange(1, len(joints) + 1)
+    angle = np.outer(t, np.ones(len(joints))) + phase
+    ddq = -np.sin(angle) + noise * rng.standard_normal(angle.shape) + 30 * np.exp(-np.outer(t, 3.0 * phase))
+    tau = 0.6 * np.cos(angle) + 0.01 * rng.standard_normal(angle.shape)
+    mask = (t >= start) & ~((t > 6.0) & (t < 6.2))
+    return Motion(t, np.sin(angle), np.cos(angle), ddq, tau, joints, mask, source, smoothing or {})
+
+
+def cases(runs=12):
+    rng = np.random.default_rng(3)
+    bias = {"raw": (0.02, 0.1, -0.1, 0.95, 1.05, 0.7, 0.8), "filtered": (0.97,) * 7, "spline": (1.08, 0.8, *(1.0,) * 5)}
+    for level, spread in ((1e-8, 0.003), (1e-6, 0.02), (1e-4, 0.4)):
+        for method, factor in bias.items():
+            noise = 1 + spread * rng.standard_normal((runs, 7)) * (0.05 if method == "raw" else 1)
+            means = tuple(np.round(TRUE * factor, 4)[:6]) + ((None,) if method == "raw" else (0.6191,))
+            yield Case(level, method, TRUE * factor * noise, 0, means, (None, *(1.23e-7,) * 6))
+
+
+@pytest.fixture
+def reproduction():
+    traces = {"simulated": motion(start=0.0), "spline": motion(noise=0.05), "filtered": motion(start=1.75)}
+    return Reproduction(tuple(cases()), traces)
+
+
+def log_validation(name, role, joints, filtered):
+    smoothing = {"method": "spline", "sigma": np.full(len(joints), 1e-3), "S": [1200.0] * len(joints), "note": "S = n"}
+    held = motion(joints, smoothing=smoothing, source=name)
+    rng = np.random.default_rng(5)
+    return SimpleNamespace(
+        name=name,
+        role=role,
+        motion=held,
+        predicted=held.tau + 0.02 * rng.standard_normal(held.tau.shape),
+        relative_error=4.2 if role == "train" else 5.1,
+        relative_error_filtered=filtered,
+        rmse=dict.fromkeys(joints, 0.02),
+        per_joint={joint: 3.5 + j for j, joint in enumerate(joints)},
+    )
+
+
+def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.csv"), warnings=("elbow hardly moves",)):
+    std = np.array([4e-4, 3e-4, np.inf, 2e-4, 1e-4, 9e-4, 8e-4])
+    estimate = SimpleNamespace(
+        value=TRUE * (1, 1.1, 1.3, 1, 1, 1, 1),
+        std=std,
+        names=tuple(parameter.name for parameter in PARAMETERS),
+        units=tuple(parameter.unit for parameter in PARAMETERS),
+        status="solved; 1 of 7 parameters is not determined by these motions",
+        rank=6,
+        condition=143.7,
+        sigma=np.full(len(joints), 0.0101),
+    )
+    model = SimpleNamespace(name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS)
+    return SimpleNamespace(
+        model=model,
+        estimate=estimate,
+        logs=tuple(
+            log_validation(name, "train" if i == 0 else "validation", joints, 1.1 if i == 0 else None)
+            for i, name in enumerate(logs)
+        ),
+        warnings=warnings,
+        settings={"smoother": "spline", "estimator": "least squares"},
+        versions={"dynident": "0.1.0", "numpy": "2.0"},
+    )
+
+
+@pytest.fixture
+def identification():
+    return identification_of()

@@ -1,0 +1,166 @@
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import plotly.graph_objects as go
+import pytest
+import rich.console
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from dynident.report.page import Column, Facts, Figure, Section, Table, number, pairs, render, terminal
+
+EVIL = "</script><script>alert(1)</script><b>\u2028&"
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Outline(HTMLParser):
+    """Collects the tags and the texts of scripts; fails where an element is not closed."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.tags, self.scripts = [], [], []
+        self.feed(page)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag == "script":
+            self.scripts.append("")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "script":
+            self.scripts[-1] += data
+
+    def count(self, tag):
+        return sum(name == tag for name, _ in self.tags)
+
+
+def figure(name="y"):
+    return Figure(go.Figure(go.Scatter(x=[0, 1], y=[0, 1], name=name), {"height": 300}), name)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0340, 4, "0.03400"),
+        (-0.000451, 4, "-0.0004510"),
+        (1e-4, 4, "0.0001000"),
+        (0.99e-4, 4, "9.900e-5"),
+        (99999.4, 4, "99999"),
+        (99999.6, 4, "100000"),
+        (12345.6, 4, "12346"),
+        (1e5, 4, "1.000e5"),
+        (9.9996, 4, "10.00"),
+        (-4.47e-10, 3, "-4.47e-10"),
+        (0.00012345, 2, "0.00012"),
+        (143.7, 2, "144"),
+        (0.0, 4, "0"),
+        (-0.0, 4, "0"),
+        (None, 4, "-"),
+        (float("nan"), 4, "-"),
+        (float("inf"), 4, "∞"),
+        (float("-inf"), 4, "-∞"),
+    ],
+)
+def test_number(value, digits, text):
+    assert number(value, digits) == text
+
+
+def test_a_row_that_does_not_fit_is_named():
+    with pytest.raises(ValueError, match="Table 'errors': row 1 has 1 cells for 2 columns"):
+        Table((Column("a"), Column("b")), (("1", "2"), ("1",)), "errors")
+
+
+def test_neighbouring_columns_share_a_heading():
+    table = Table((Column("a"), Column("own", "raw"), Column("printed", "raw"), Column("own", "spline")), ())
+    assert table.groups == (("", 1), ("raw", 2), ("spline", 1))
+    assert pairs("setting", [("x", "1")]).groups == ()
+    page = render("t", "l", [Section("s", (table,))])
+    assert '<th colspan="2" scope="colgroup">raw</th>' in page
+
+
+def test_every_kind_of_block_is_shown():
+    blocks = (
+        "plain & simple, 3 %",
+        ("first", "second"),
+        Facts((("4.2 %", "error"),)),
+        Table((Column("name", numeric=False), Column("value", muted=True)), (("a-b", "-1e-5"), ("c", "-"))),
+        Section("Inner", (Markup("<em>kept</em>"), figure())),
+    )
+    page = render("Title", "Lead", [Section("One", blocks), Section("Two", ())])
+    outline = Outline(page)
+    assert "<p>plain &amp; simple, 3\u00a0%</p>" in page
+    assert "<li>second</li>" in page
+    assert "<dt>error</dt><dd>4.2 %</dd>" in page
+    assert '<td class="words">a-b</td><td class="number muted">\u22121e\u22125</td>' in page
+    assert '<td class="number muted">-</td>' in page
+    assert "<em>kept</em>" in page
+    assert '<section id="part-1-5">\n<h3>Inner</h3>' in page
+    assert [attrs["href"] for tag, attrs in outline.tags if tag == "a"] == ["#part-1", "#part-2"]
+    assert '<section id="part-2">' in page
+
+
+def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
+    with_two = render("t", "l", [Section("s", (figure(), Section("inner", (figure(),))))])
+    assert with_two.count(get_plotlyjs()) == 1
+    assert Outline(with_two).count("figure") == 2
+    without = render("t", "l", [Section("s", ("text",))])
+    assert len(without) < 20_000
+    assert Outline(without).scripts == []
+
+
+def test_names_cannot_break_out_of_texts_tables_and_figures():
+    table = Table((Column(EVIL, EVIL, numeric=False),), ((EVIL,),), EVIL)
+    blocks = (EVIL, (EVIL,), Facts(((EVIL, EVIL),)), table, figure(EVIL), Section(EVIL, (EVIL,)))
+    page = render(EVIL, EVIL, [Section(EVIL, blocks)])
+    outline = Outline(page)
+    assert outline.count("script") == 3
+    assert outline.count("b") == 0
+    data = json.loads(outline.scripts[1])
+    assert data["data"][0]["name"] == EVIL
+    assert "\u2028" not in outline.scripts[1]
+
+
+def test_the_page_asks_the_network_for_nothing():
+    page = render("t", "l", [Section("s", (figure(),))])
+    outline = Outline(page)
+    own = page.replace(get_plotlyjs(), "")
+    assert not re.search(r"https?:|//[a-z]|@import|url\(", own)
+    assert all("src" not in attrs and tag != "link" for tag, attrs in outline.tags)
+    policy = next(
+        attrs["content"] for tag, attrs in outline.tags if attrs.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert policy.startswith("default-src 'none'")
+
+
+def test_the_page_fits_both_schemes_narrow_windows_and_paper():
+    page = render("t", "l", [])
+    for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print", "overflow-x: auto"):
+        assert rule in page
+
+
+def printed(table, width=80):
+    console = rich.console.Console(width=width, file=io.StringIO(), color_system=None)
+    console.print(terminal(table))
+    return console.file.getvalue()
+
+
+def test_terminal_tables_show_names_as_they_are():
+    table = Table((Column("name", numeric=False), Column("own", "raw")), (("[bold]x[/]", "∞"),), "[red]caption")
+    shown = printed(table)
+    assert "[bold]x[/]" in shown
+    assert "[red]caption" in shown
+    assert "inf" in shown
+
+
+def test_terminal_tables_wrap_words_before_they_lose_numbers():
+    columns = (Column("name", numeric=False), *(Column("value") for _ in range(4)))
+    shown = printed(Table(columns, (("a long name of a thing", *("123456789",) * 4),)), width=60)
+    assert shown.count("123456789") == 4

@@ -1,0 +1,114 @@
+"""What a log says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.diagnostics import Finding, check, require, split_gaps
+from dynident.errors import InputError
+from dynident.log import Log
+
+N = 2000
+
+
+def log(**changes) -> Log:
+    """A sound log of one revolute joint at 500 Hz, with some fields replaced."""
+    t = np.arange(N) * 0.002
+    fields = {"t": t, "q": np.sin(2 * t)[:, None], "tau": np.cos(3 * t)[:, None], "joints": ("elbow",)}
+    return Log(**(fields | changes))
+
+
+def stretched(rows: int, gap: float) -> np.ndarray:
+    t = np.arange(N) * 0.002
+    t[rows:] += gap
+    return t
+
+
+def jittered() -> np.ndarray:
+    return np.cumsum(np.random.default_rng(1).uniform(0.001, 0.003, N))
+
+
+T = np.arange(N) * 0.002
+SATURATED = np.clip(np.sin(3 * T), -0.9, 2)[:, None]
+CASES = {
+    "gap": ({"t": stretched(500, 0.1)}, "error", None, ("a gap of 0.102 s after t = 0.998 s", "gaps: split", "1 such")),
+    "jitter": ({"t": jittered()}, "warning", None, ("time steps vary by", "%")),
+    "still": ({"q": np.full((N, 1), 0.3)}, "warning", "elbow", ("never moves", "near 0.3")),
+    "dead torque": ({"tau": np.zeros((N, 1))}, "warning", "elbow", ("torque is 0 throughout",)),
+    "degrees": ({"q": 90 * np.sin(2 * T)[:, None]}, "error", "elbow", ("spans 180 rad", "unit: deg", "multi_turn")),
+    "fast": ({"q": 4 * np.sin(12 * T)[:, None]}, "error", "elbow", ("rad/s", "degrees")),
+    "saturated": ({"tau": SATURATED}, "warning", "elbow", ("exactly the extreme value -0.9", "saturated")),
+    "quantised": ({"q": np.round(np.sin(2 * T) / 0.001)[:, None] * 0.001}, "warning", "elbow", ("steps of 0.001",)),
+}
+
+
+@pytest.mark.parametrize(("changes", "severity", "joint", "fragments"), CASES.values(), ids=CASES)
+def test_each_fault_is_found_and_is_the_only_one(changes, severity, joint, fragments):
+    (finding,) = check(log(**changes), {"elbow": "revolute"})
+    assert (finding.severity, finding.joint) == (severity, joint)
+    assert all(fragment in finding.message for fragment in fragments)
+
+
+def test_a_sound_log_has_no_findings():
+    assert check(log(), {"elbow": "revolute"}) == ()
+
+
+def test_noise_does_not_look_like_speed():
+    noise = np.random.default_rng(2).normal(0, 0.01, (N, 1))
+    assert check(log(q=np.sin(2 * T)[:, None] + noise), {"elbow": "revolute"}) == ()
+
+
+@pytest.mark.parametrize(("kind", "multi_turn"), [("revolute", {"elbow"}), ("prismatic", set())])
+def test_a_wide_range_is_allowed_where_declared(kind, multi_turn):
+    assert check(log(q=90 * np.sin(2 * T)[:, None]), {"elbow": kind}, multi_turn) == ()
+
+
+def test_an_arm_let_go_is_not_saturated():
+    tau = np.where(T[:, None] < 2, 1 + np.sin(T[:, None]), 0)
+    assert check(log(tau=tau), {"elbow": "revolute"}) == ()
+
+
+@pytest.mark.parametrize(("count", "errors"), [(2, 1), (29, 1), (30, 0)])
+def test_too_few_samples(count, errors):
+    found = check(log().window(stop=T[count - 1]), {"elbow": "revolute"})
+    assert sum("samples; at least 30" in finding.message for finding in found) == errors
+
+
+def test_a_joint_without_a_kind_is_refused():
+    with pytest.raises(InputError, match="'elbow' has no kind"):
+        check(log(), {"wrist": "revolute"})
+
+
+def test_findings_name_the_joint_at_fault():
+    two = replace(log(), q=np.column_stack([np.sin(T), np.ones(N)]), tau=np.tile(log().tau, 2), joints=("a", "b"))
+    (finding,) = check(two, {"a": "revolute", "b": "revolute"})
+    assert str(finding).startswith("joint 'b': the position never moves")
+
+
+def test_require_words_every_error_and_lets_warnings_pass():
+    warning = Finding("warning", None, "odd")
+    require([warning], "x.csv")
+    errors = [Finding("error", "a", "first"), warning, Finding("error", None, "second")]
+    with pytest.raises(InputError) as caught:
+        require(errors, "x.csv")
+    assert str(caught.value) == "x.csv: joint 'a': first\n  second"
+
+
+def test_split_gaps_keeps_all_long_pieces_and_all_channels():
+    t = stretched(500, 0.1)
+    t[510:] += 1.0
+    whole = log(t=t, dq=np.ones((N, 1)), command=np.arange(N)[:, None])
+    pieces = split_gaps(whole)
+    assert [len(piece) for piece in pieces] == [500, N - 510]
+    assert pieces[1].command is not None
+    assert pieces[1].command[0] == 510
+    assert [piece.source for piece in pieces] == ["log part 1", "log part 2"]
+    assert not any("gap" in found.message for piece in pieces for found in check(piece, {"elbow": "revolute"}))
+
+
+def test_split_gaps_returns_an_uninterrupted_log_unchanged():
+    whole = log()
+    assert split_gaps(whole) == (whole,)

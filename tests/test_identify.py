@@ -1,0 +1,117 @@
+"""The whole method in one call."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import LeastSquares
+from dynident.gallery import two_link_arm
+from dynident.identify import Identification, Recipe, identify, versions
+from dynident.log import Log
+from dynident.model import Model
+from dynident.regression import Parallel
+from dynident.simulation import record, simulate
+from dynident.smoothers import Difference, Spline
+from dynident.terms import Joint, Offset, Viscous
+
+ARM = two_link_arm()
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """Ten seconds of the article's motion at 100 Hz, without noise."""
+    assert ARM.values is not None
+    t = np.linspace(0, 10, 1001)
+    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), t, tolerance=1e-9)
+    return record(truth, 0.0, 0.0, np.random.default_rng(0), source="exact").log
+
+
+def error(found: Identification) -> float:
+    """The largest relative error of a parameter."""
+    assert ARM.values is not None
+    return float(np.abs(found.estimate.value / ARM.values - 1).max())
+
+
+@pytest.mark.parametrize("parallel", [None, Parallel(decimate=4)], ids=repr)
+def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel: Parallel | None) -> None:
+    found = identify(ARM, [log], recipe=Recipe(parallel=parallel))
+    assert error(found) < 1e-3
+    assert found.warnings == ()
+    assert found.estimate.status == "ok"
+    (judged,) = found.logs
+    assert (judged.name, judged.role) == ("exact", "train")
+    assert judged.relative_error < 0.1
+    assert (judged.relative_error_filtered is None) == (parallel is None)
+
+
+def test_recipe_chooses_the_parts(log: Log) -> None:
+    """Forward differences without filter are far off on the same data, and the settings say what was used."""
+    recipe = Recipe(smoother=Difference(), estimator=LeastSquares(1e-10))
+    found = identify(ARM, [log], recipe=recipe)
+    assert error(found) > 20 * error(identify(ARM, [log]))
+    assert found.logs[0].motion.smoothing["method"] == "forward differences"
+    assert found.settings["recipe"] == repr(recipe)
+    assert "tolerance=1e-10" in found.settings["recipe"]
+    assert Recipe() == Recipe(Spline(), LeastSquares(), None)
+
+
+def test_joints_are_matched_by_name(log: Log) -> None:
+    turned = log.select(("joint2", "joint1"))
+    assert turned.joints != log.joints
+    found, straight = identify(ARM, [turned]), identify(ARM, [log])
+    np.testing.assert_array_equal(found.estimate.value, straight.estimate.value)
+    assert found.logs[0].per_joint == straight.logs[0].per_joint
+
+
+def test_a_missing_joint_is_an_error(log: Log) -> None:
+    with pytest.raises(InputError, match="exact: no joint 'joint2'; the log has joint1"):
+        identify(ARM, [log.select(("joint1",))])
+    with pytest.raises(InputError, match="later: no joint 'joint2'"):
+        identify(ARM, [log], {"x": replace(log.select(("joint1",)), source="later")})
+
+
+@pytest.mark.parametrize("none", [(), [], {}])
+def test_no_training_log_is_an_error(log: Log, none: list[Log]) -> None:
+    with pytest.raises(ConfigError, match="no training log"):
+        identify(ARM, none, [log])
+
+
+def test_two_logs_of_the_same_source_need_names(log: Log) -> None:
+    early, late = log.window(stop=6.0), log.window(start=4.0)
+    with pytest.raises(ConfigError, match=r"same source among \['exact', 'exact'\]; give them by name"):
+        identify(ARM, [early, late])
+    found = identify(ARM, {"early": early, "late": late})
+    assert [judged.name for judged in found.logs] == ["early", "late"]
+    assert found.estimate.samples == sum(int(judged.motion.mask.sum()) for judged in found.logs)
+
+
+def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
+    early, late = log.window(stop=6.0), replace(log.window(start=4.0), source="late")
+    found = identify(ARM, [early], {"check": late})
+    assert [(judged.name, judged.role) for judged in found.logs] == [("exact", "train"), ("check", "validation")]
+    np.testing.assert_array_equal(found.estimate.value, identify(ARM, [early]).estimate.value)
+    wrong = identify(ARM, [early], {"check": replace(late, tau=2 * late.tau)})
+    np.testing.assert_array_equal(found.estimate.value, wrong.estimate.value)
+    assert wrong.logs[1].relative_error == pytest.approx(50.0, rel=1e-2)
+
+
+def test_progress_is_told_before_each_step(log: Log) -> None:
+    told: list[str] = []
+    identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
+    assert told == ["smoothing a", "smoothing b", "estimating", "validating"]
+
+
+def test_warnings_hold_the_status_where_the_rank_is_deficient(log: Log) -> None:
+    joints = (Joint("joint1"), Joint("joint2"))
+    model = Model((Viscous(joints), Viscous(joints, on=("joint2",), names=("again",)), Offset(joints)))
+    found = identify(model, [log], recipe=Recipe(smoother=Difference()))
+    assert found.warnings == (found.estimate.status,)
+    assert "rank 4 of 5; cannot be told apart: Fv_joint2, again (" in found.warnings[0]
+    np.testing.assert_array_equal(np.isinf(found.estimate.std), [False, True, True, False, False])
+
+
+def test_versions_name_what_computes() -> None:
+    assert set(versions()) == {"dynident", "python", "numpy", "scipy"}
+    assert versions()["numpy"] == np.__version__

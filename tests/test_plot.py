@@ -1,0 +1,227 @@
+import json
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dynident import plot
+from dynident.errors import InputError
+from dynident.log import Motion
+
+QUARTILES = [0, 0.25, 0.5, 0.75, 1]
+
+
+def motion(mask=None, n=400, spike=None, joints=("joint1", "joint2")):
+    t = np.linspace(0.0, 10.0, n)
+    angle = np.outer(t, np.ones(len(joints))) + np.arange(len(joints))
+    ddq, tau = -np.sin(angle), np.cos(angle)
+    if spike is not None:
+        tau[spike, 0] = ddq[spike, 0] = 50.0
+    mask = np.ones(n, bool) if mask is None else mask(t)
+    return Motion(t, np.sin(angle), np.cos(angle), ddq, tau, joints, mask, "run.csv")
+
+
+def validation(held):
+    return SimpleNamespace(motion=held, predicted=held.tau + 0.25)
+
+
+def estimated(std, units, true=None, names=("a", "b", "c")):
+    parameters = tuple(SimpleNamespace(name=n, value=v) for n, v in zip(names, true or (None,) * 3, strict=True))
+    estimate = SimpleNamespace(names=names, value=np.array([1.0, -2.0, 3.0]), std=np.array(std), units=units)
+    return SimpleNamespace(estimate=estimate, model=SimpleNamespace(parameters=parameters))
+
+
+def study(estimates, levels=(1e-6,), methods=("raw",)):
+    cases = tuple(SimpleNamespace(sigma_q2=s, method=m, estimates=estimates) for s in levels for m in methods)
+    return SimpleNamespace(cases=cases, names=("theta1", "theta2"), true=np.array([2.0, -4.0]))
+
+
+@pytest.mark.parametrize("n", [2001, 4000, 6001, 99_991])
+def test_thin_keeps_ends_extremes_and_order(n):
+    rng = np.random.default_rng(n)
+    t, y = np.sort(rng.random(n)), rng.standard_normal(n)
+    thin_t, thin_y = plot.thin(t, y, 2000)
+    assert 1000 < len(thin_t) <= 2000
+    assert (np.diff(thin_t) > 0).all()
+    assert (thin_t[0], thin_t[-1]) == (t[0], t[-1])
+    assert (thin_y.min(), thin_y.max()) == (y.min(), y.max())
+    assert np.isin(thin_t, t).all()
+    np.testing.assert_array_equal(thin_y, y[np.searchsorted(t, thin_t)])
+
+
+def test_thin_keeps_the_extremes_of_every_bucket():
+    """An oscillation far faster than the buckets keeps its envelope everywhere."""
+    t = np.linspace(0, 1, 50_000)
+    y = t * np.cos(np.pi * np.arange(len(t)))
+    thin_t, thin_y = plot.thin(t, y, 500)
+    edges = np.linspace(0.05, 1, 20)
+    for start, stop in pairwise(edges):
+        part = thin_y[(thin_t >= start) & (thin_t <= stop)]
+        assert part.max() > 0.99 * (stop - 0.01)
+        assert part.min() < -0.99 * (stop - 0.01)
+
+
+@pytest.mark.parametrize("hole", [slice(0, 3000), slice(4000, 4700), slice(9000, 10_000)])
+def test_thin_keeps_gaps_open(hole):
+    t, y = np.arange(10_000.0), np.sin(np.arange(10_000) / 300)
+    y[hole] = np.nan
+    thin_t, thin_y = plot.thin(t, y, 600)
+    inside = (thin_t >= hole.start) & (thin_t < hole.stop)
+    assert len(thin_t) <= 600
+    assert inside.any()
+    np.testing.assert_array_equal(np.isnan(thin_y), inside)
+    assert np.nanmax(thin_y) == np.nanmax(y)
+
+
+def test_thin_leaves_short_curves_alone_and_rejects_too_few_points():
+    t, y = np.arange(50.0), np.arange(50.0)
+    assert plot.thin(t, y, 50)[1] is y
+    with pytest.raises(InputError, match="to 7 points; ask for at least 8"):
+        plot.thin(t, y, 7)
+    assert np.isnan(plot.thin(t, np.full(50, np.nan), 8)[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1e-8, "1e-8"), (1e-4, "1e-4"), (2.5e-7, "2.5e-7"), (4.47e-10, "4.47e-10")]
+)
+def test_noise_levels_are_worded_without_padding(value, text):
+    assert plot.scientific(value) == text
+
+
+def test_trace_figure_has_the_colours_of_the_article():
+    late = motion(lambda t: t >= 1.75)
+    traces = {"simulated": motion(), "spline": motion(), "filtered": late, "raw": motion(), "kalman": motion()}
+    figure = plot.trace_figure(traces, 1, "ddq")
+    looks = {trace.name: (trace.line.color, trace.line.dash, trace.visible) for trace in figure.data}
+    assert looks["simulated"] == (plot.BLUE, None, True)
+    assert looks["smoothing splines"] == (plot.RED, None, True)
+    assert looks["filtered differences"] == (plot.INK, "dash", True)
+    assert looks["filtered differences, clipped"] == (plot.GREEN, "dash", None)
+    assert looks["raw differences"][2] == "legendonly"
+    assert looks["kalman"][0] in plot.MORE
+    assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == plot.INK for trace in figure.data]
+    kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
+    np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
+    np.testing.assert_array_equal(np.isnan(clipped), late.mask)
+    assert len(kept) == len(clipped)
+
+
+def test_trace_figure_ranges_over_what_every_method_may_use():
+    """A distortion before the clipped part, or in the raw differences, does not flatten the rest."""
+    wild = motion(lambda t: t >= 1.75, spike=10)
+    figure = plot.trace_figure({"simulated": motion(), "filtered": wild, "raw": motion(spike=300)}, 0, "ddq")
+    low, high = figure.layout.yaxis.range
+    assert -2.0 < low < -1.0
+    assert 1.0 < high < 2.0
+    empty = plot.trace_figure({"simulated": motion(lambda t: t < 0)}, 0, "dq")
+    assert empty.layout.yaxis.range is None
+    apart = {"simulated": motion(lambda t: t < 2), "filtered": motion(lambda t: t > 8)}
+    assert plot.trace_figure(apart, 0, "dq").layout.yaxis.range is None
+
+
+@pytest.mark.parametrize(
+    ("joint", "quantity", "message"),
+    [
+        (0, "velocity", "'velocity'; .*'dq', 'ddq'"),
+        (2, "dq", "no joint number 2; .*'joint1', 'joint2'"),
+        (-1, "dq", "-1"),
+    ],
+)
+def test_trace_figure_names_the_choices(joint, quantity, message):
+    with pytest.raises(InputError, match=message):
+        plot.trace_figure({"simulated": motion()}, joint, quantity)
+
+
+def test_spread_figure_shows_each_relative_error():
+    figure = plot.spread_figure(study(np.array([[2.2, -4.0], [1.0, 4.0]]), (1e-4, 1e-8), ("raw", "spline")))
+    assert len(figure.data) == 4
+    assert [trace.yaxis for trace in figure.data] == ["y2", "y2", "y", "y"]
+    box = figure.data[0]
+    assert list(box.x) == ["theta1", "theta1", "theta2", "theta2"]
+    np.testing.assert_allclose(np.sinh(box.y), [10, -50, 0, 200], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(box.customdata[:, 0], [2.2, 1.0, -4.0, 4.0], rtol=1e-6)
+    assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
+    assert max(figure.layout.yaxis.tickvals) == pytest.approx(np.arcsinh(1000))
+
+
+def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
+    many = np.random.default_rng(0).normal(size=(5000, 2))
+    box = plot.spread_figure(study(many)).data[0]
+    values = box.customdata[: len(box.y) // 2, 0]
+    assert len(values) == plot.MOST_RUNS
+    np.testing.assert_allclose(np.quantile(values, QUARTILES), np.quantile(many[:, 0], QUARTILES), rtol=1e-5)
+
+
+def test_spread_figure_leaves_out_cases_without_an_estimate():
+    assert len(plot.spread_figure(study(np.empty((0, 2)))).data) == 0
+
+
+def test_torque_figure_shows_measured_predicted_and_residual():
+    held = motion(lambda t: (t < 4) | (t > 5))
+    measured, predicted, residual = plot.torque_figure(validation(held), "joint2").data
+    for trace in (measured, predicted, residual):
+        np.testing.assert_array_equal(np.isnan(trace.y), ~held.mask)
+    np.testing.assert_allclose(measured.y[held.mask], held.tau[held.mask, 1], rtol=1e-6)
+    np.testing.assert_allclose(predicted.y[held.mask] - measured.y[held.mask], 0.25, rtol=1e-5)
+    np.testing.assert_allclose(residual.y[held.mask], -0.25, rtol=1e-5)
+    assert (measured.yaxis, residual.yaxis) == ("y", "y2")
+
+
+def test_torque_figure_keeps_a_spike_of_one_sample():
+    figure = plot.torque_figure(validation(motion(n=60_000, spike=12_345)), "joint1", points=300)
+    assert max(len(trace.y) for trace in figure.data) <= 300
+    assert np.nanmax(figure.data[0].y) == 50.0
+
+
+def test_times_are_not_merged_by_single_precision():
+    long = motion(n=3000)
+    late = Motion(long.t / 1000 + 1.7e9, long.q, long.dq, long.ddq, long.tau, long.joints, long.mask)
+    assert (np.diff(plot.motion_figure(late, "joint1").data[0].x) > 0).all()
+    assert plot.motion_figure(long, "joint1").data[0].x.dtype == np.float32
+
+
+@pytest.mark.parametrize(("unit", "word"), [("N m", "torque, N m"), ("N", "force, N")])
+def test_torque_figure_names_the_unit(unit, word):
+    assert plot.torque_figure(validation(motion()), "joint1", unit).layout.yaxis.title.text == word
+
+
+def test_figures_name_the_joints_to_choose_from():
+    message = "run.csv: no joint 'joint3'; did you mean .* Known: 'joint1', 'joint2'"
+    with pytest.raises(InputError, match=message):
+        plot.motion_figure(motion(), "joint3")
+    with pytest.raises(InputError, match=message):
+        plot.torque_figure(validation(motion()), "joint3")
+
+
+def test_motion_figure_shows_the_three_derivatives():
+    held = motion()
+    figure = plot.motion_figure(held, "joint1", unit="m")
+    for trace, values in zip(figure.data, (held.q, held.dq, held.ddq), strict=True):
+        np.testing.assert_allclose(trace.y, values[:, 0], rtol=1e-6)
+    assert figure.layout.yaxis2.title.text == "velocity, m/s"
+
+
+def test_parameter_figure_has_a_panel_per_unit_and_marks_what_is_not_determined():
+    figure = plot.parameter_figure(estimated([0.1, np.inf, 0.2], ("kg", "kg", "N m"), true=(1.1, None, None)))
+    first, true, second = figure.data
+    assert list(first.y) == ["a", "b"]
+    assert list(first.marker.symbol) == ["circle", "circle-open"]
+    np.testing.assert_allclose(first.error_x.array, [0.196, np.nan])
+    assert (list(true.x), list(true.y)) == ([1.1], ["a"])
+    assert (list(second.y), second.xaxis) == (["c"], "x2")
+    assert [note.text for note in figure.layout.annotations] == ["kg", "N m"]
+
+
+def test_names_cannot_carry_tags_into_a_figure():
+    figure = plot.parameter_figure(estimated([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c")))
+    assert list(figure.data[0].y) == ["&lt;a href='x'&gt;"]
+    assert figure.layout.annotations[0].text == "&lt;b&gt;kg"
+    assert "<b>" not in plot.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
+
+
+def test_figures_are_transparent_small_and_valid_json():
+    figure = plot.torque_figure(validation(motion(n=5000)), "joint1")
+    text = figure.to_json()
+    assert json.loads(text)["layout"]["template"]["layout"]["paper_bgcolor"] == "rgba(0, 0, 0, 0)"
+    assert len(text) < 120_000

@@ -44,6 +44,8 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel: Parallel
     assert (judged.name, judged.role) == ("exact", "train")
     assert judged.relative_error < 0.1
     assert (judged.relative_error_filtered is None) == (parallel is None)
+    step = 1 if parallel is None else parallel.decimate
+    assert found.estimate.samples == -(-judged.motion.mask.sum() // step)
 
 
 def test_recipe_chooses_the_parts(log: Log) -> None:

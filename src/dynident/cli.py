@@ -30,6 +30,10 @@ class _Commands(click.Group):
             return super().invoke(ctx)
         except DynidentError as error:
             raise click.ClickException(str(error)) from error
+        except KeyboardInterrupt:
+            raise click.ClickException(
+                "interrupted; what was finished is kept, run the same command again to go on."
+            ) from None
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -59,8 +59,8 @@ class Parallel:
     def pad(self, sections: Array) -> int:
         """Return the number of samples after which the filter has forgotten all but about 1e-12."""
         poles = np.concatenate([np.roots(row[3:]) for row in sections])
-        slowest = np.abs(poles).max(initial=0.1)  # poles at zero forget within the order
-        return max(3 * self.order, int(np.ceil(np.log(1e-12) / np.log(slowest))))
+        slowest = np.abs(poles).max(initial=0.1)  # a pole at zero has no logarithm
+        return int(np.ceil(np.log(1e-12) / np.log(slowest)))
 
     def apply(self, sections: Array, x: Array) -> Array:
         """Return x (N, ...) filtered at all N samples, not yet decimated."""

@@ -37,6 +37,7 @@ def dependent(*which: str) -> Array:
         "opposite": (4, -1e6 * X[:, 1]),
         "zero": (2, np.zeros(ROWS)),
         "three": (5, X[:, 0] - 0.02 * X[:, 3]),
+        "slight": (5, X[:, 0] - 1e-5 * X[:, 2]),
     }
     for column, content in (made[name] for name in which):
         X[:, column] = content
@@ -48,6 +49,7 @@ DEPENDENT = [
     (("opposite",), ((1, 4),)),
     (("zero",), ((2,),)),
     (("three",), ((0, 3, 5),)),
+    (("slight",), ((0, 2, 5),)),
     (("equal", "three"), ((0, 3, 5), (1, 4))),
     (("equal", "zero"), ((1, 4), (2,))),
     (("opposite", "zero", "three"), ((0, 3, 5), (1, 4), (2,))),

@@ -66,10 +66,8 @@ def _groups(null: Array) -> tuple[tuple[int, ...], ...]:
 
     tied = np.abs(null.T @ null) > 1e-6
     _, label = connected_components(tied, directed=False)
-    involved = np.diag(tied)
-    return tuple(
-        tuple(int(k) for k in np.flatnonzero((label == one) & involved)) for one in sorted(set(label[involved]))
-    )
+    involved = tied.any(axis=1)
+    return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
 
 
 @dataclass(frozen=True)

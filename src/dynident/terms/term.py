@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Joint", "Parameter", "Partials", "Term"]
+__all__ = ["INERTIAL", "Joint", "Parameter", "Partials", "Term"]
 
 Array = NDArray[np.float64]
 
@@ -31,14 +31,25 @@ class Joint:
         return "N m" if self.kind == "revolute" else "N"
 
 
+INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""The 10 standard parameters of a rigid body, in the order of the regressor: about the origin of its joint frame."""
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """One column of the regressor: its name, unit, meaning in words or as a formula, and true value if known."""
+    """One column of the regressor: its name, unit, and meaning in words or as a formula.
+
+    ``value`` is the nominal one where it is known (the true one of a simulated arm, the robot file's of a real one).
+    ``role`` tells estimators what physics demands of it: one of INERTIAL (with the ``body`` it belongs to), "viscous",
+    "coulomb", "rotor" (none of these may be negative), or "" (free).
+    """
 
     name: str
     unit: str
     expression: str = ""
     value: float | None = None
+    role: str = ""
+    body: str = ""
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,7 @@ def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | Non
     if json_file:
         write_json(json_file, found.summary())
     if out:
-        report = write_text(out / "report.html", study_page(found))
-        console.print(f"Report: {report.resolve()}", soft_wrap=True, highlight=False, markup=False)
+        _tell(console, "Report", write_text(out / "report.html", study_page(found)))
 
 
 @main.command()
@@ -86,10 +85,51 @@ def identify(config: Path, out: Path | None) -> None:
     if out:
         from dynident.io.results import write_json, write_text
 
-        result = write_json(out / "result.json", result_dict(found))
-        report = write_text(out / "report.html", identification_page(found))
-        for what, path in (("Result", result), ("Report", report)):
-            console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
+        _tell(console, "Result", write_json(out / "result.json", result_dict(found)))
+        _tell(console, "Report", write_text(out / "report.html", identification_page(found)))
+
+
+@main.command()
+@click.argument("log", type=FILE)
+@click.option("--time", "time_column", required=True, help="Column of the time stamps (s).")
+@click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
+@click.option(
+    "--rule", type=click.Choice(["constraint", "gcv", "reml", "interpolate"]), default="constraint", show_default=True,
+    help="How much to smooth: S = n with the noise, cross-validation, likelihood, or not at all.",
+)  # fmt: skip
+@click.option("--sigma", type=float, help="Standard deviation of the noise; estimated where it is not given.")
+@click.option("--lam", type=float, help="A fixed smoothing parameter instead of a rule.")
+@click.option("--out", type=DIRECTORY, default="smooth-out", show_default=True, help="Folder for the results.")
+def smooth(
+    log: Path, time_column: str, columns: tuple[str, ...], rule: str, sigma: float | None, lam: float | None, out: Path
+) -> None:
+    """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html)."""
+    import numpy as np
+    import polars as pl
+
+    from dynident.io.results import write_table, write_text
+    from dynident.io.tables import read_columns
+    from dynident.report.page import terminal
+    from dynident.report.smoothing import smoothing_page, smoothing_table
+    from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
+    from dynident.splines import smooth as fit_spline
+
+    table = read_columns(log)
+    names = columns or tuple(name for name in table.columns if name != time_column)
+    t, y = table.column(time_column), np.column_stack([table.column(name) for name in names])
+    rules = {"constraint": Constraint, "gcv": GCV, "reml": REML, "interpolate": Interpolation}
+    fit = fit_spline(t, y, rules[rule]() if lam is None else Fixed(lam=lam), sigma=sigma)
+    found = {time_column: t}
+    for order, prefix in enumerate(("", "d_", "dd_")):
+        found |= {f"{prefix}{name}": fit.derivative(order)[:, k] for k, name in enumerate(names)}
+    console = _console()
+    console.print(terminal(smoothing_table(names, fit)))
+    _tell(console, "Table", write_table(out / "smoothed.csv", pl.DataFrame(found)))
+    _tell(console, "Report", write_text(out / "report.html", smoothing_page(log.name, names, y, fit)))
+
+
+def _tell(console: Console, what: str, path: Path) -> None:
+    console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _identify(path: Path, say: Callable[[str], None]) -> Any:

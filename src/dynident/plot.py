@@ -194,6 +194,15 @@ def motion_figure(motion: Motion, joint: str, unit: str = "rad", points: int = 2
     return figure.update_layout(showlegend=False, margin={"t": 15})
 
 
+def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> go.Figure:
+    """Draw measured and smoothed values (N) over time, and below them the derivatives; ``smoothed`` holds all three."""
+    figure = _panels(["value", "first derivative", "second derivative"], 540)
+    figure.add_trace(_curve(t, measured, "measured", {"color": BLUE, "width": 2.4}, points), row=1, col=1)
+    for row, (name, values) in enumerate(zip(("smoothed", "first", "second"), smoothed, strict=True), start=1):
+        figure.add_trace(_curve(t, values, name, {"color": RED, "width": 1.2}, points), row=row, col=1)
+    return figure
+
+
 def parameter_figure(identification: Identification) -> go.Figure:
     """Draw the parameters with 95 % intervals (1.96 standard errors), one panel per unit.
 

@@ -192,6 +192,7 @@ def _torques(identification: Identification) -> Iterator[Section]:
         yield Section(f"{log.name} ({_ROLES.get(log.role, log.role)})", tuple(figures))
 
 
+_HEADS = {"sigma": "sigma, rad or m", "noise": "noise, rad or m", "bandwidth": "bandwidth, s"}
 _SMOOTHING = "How positions were smoothed, per log and joint, and the motion that the regression has seen."
 
 
@@ -205,7 +206,11 @@ def _smoothing(identification: Identification) -> Iterator[Block]:
             for name, motion in motions
             for j, joint in enumerate(motion.joints)
         ]
-        columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, keys))
+        columns = (
+            Column("log", numeric=False),
+            Column("joint", numeric=False),
+            *(Column(_HEADS.get(key, key)) for key in keys),
+        )
         yield Table(columns, tuple(rows), "Smoothing per log and joint")
     words = [
         f"{name}: " + ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))

@@ -1,0 +1,321 @@
+"""What the documentation says is so: its code runs, its commands, links, keys and names exist."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import yaml
+
+from dynident import __version__
+from dynident.cli import main
+from dynident.io import settings
+from dynident.io.config import parse_config
+from dynident.io.fields import UNITS, Section
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "src" / "dynident"
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+BLOCK = re.compile(r"^(?P<mark><!-- not run -->\n)?```(?P<kind>\w*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+SECTIONS: dict[str, type[Section]] = {
+    "Top level": settings.Config,
+    "Time": settings.Time,
+    "Position": settings.PositionChannel,
+    "Torque": settings.Channel,
+    "Logs": settings.LogSpec,
+    "Smoother spline": settings.SplineSettings,
+    "Smoother difference": settings.DifferenceSettings,
+    "Smoother butterworth": settings.ButterworthSettings,
+    "Estimator": settings.LeastSquaresSettings,
+    "Parallel": settings.ParallelSettings,
+}
+
+
+def title(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def blocks(page: Path) -> list[re.Match[str]]:
+    return list(BLOCK.finditer(page.read_text(encoding="utf-8")))
+
+
+def prose(page: Path) -> str:
+    return BLOCK.sub("", page.read_text(encoding="utf-8"))
+
+
+def python_blocks() -> Iterator[Any]:
+    """Each Python block with the text block that may follow it: what it prints."""
+    for page in PAGES:
+        found = blocks(page)
+        for k, block in enumerate(found):
+            if block["kind"] == "python" and not block["mark"]:
+                after = found[k + 1] if k + 1 < len(found) else None
+                shown = after["body"] if after and after["kind"] == "text" and after.start() - block.end() < 3 else None
+                line = block.string.count("\n", 0, block.start()) + 1
+                yield pytest.param(block["body"], shown, id=f"{title(page)}:{line}")
+
+
+def commands() -> list[tuple[str, str]]:
+    """The commands shown in shell blocks and in the text, with the page they are on."""
+    found = []
+    for page in PAGES:
+        lines = [line for block in blocks(page) if block["kind"] == "sh" for line in block["body"].splitlines()]
+        lines += re.findall(r"`((?:dynident|python3 dev\.py) [^`]+)`", prose(page))
+        found += [(title(page), line.split("  #")[0].strip()) for line in lines if "[OPTIONS]" not in line]
+    return found
+
+
+@pytest.mark.parametrize(("code", "shown"), list(python_blocks()))
+def test_python_blocks_run_and_print_what_is_shown(
+    code: str, shown: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "documentation", "exec"), {"__name__": "documentation"})
+    printed = capsys.readouterr().out
+    assert printed
+    if shown is not None:
+        assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
+        numbers = [[float(word) for word in NUMBER.findall(text)] for text in (printed, shown)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=1e-3, abs=2e-5)
+
+
+def test_readme_has_its_examples() -> None:
+    assert len([block for block in blocks(ROOT / "README.md") if block["kind"] == "python"]) >= 2
+
+
+@pytest.mark.parametrize(("page", "line"), commands())
+def test_shell_commands_exist(page: str, line: str) -> None:
+    program, *words = shlex.split(line)
+    if program == "python3":
+        tasks = runpy.run_path(str(ROOT / "dev.py"))["EXTRAS"]
+        assert words[0] == "dev.py"
+        assert words[1] in tasks
+        return
+    assert program == "dynident"
+    command = main.commands.get(words[0])
+    assert command is not None, f"{page}: no command {words[0]!r}"
+    if "--help" not in words and len(words) > 1:
+        parent = click.Context(main, **main.context_settings)
+        command.make_context(words[0], words[1:], parent=parent)  # raises for an unknown option or a missing value
+
+
+def test_the_pages_show_the_main_commands() -> None:
+    shown = {line for page, line in commands() if page == "README.md"}
+    assert {"python3 dev.py demo", "python3 dev.py test"} <= shown
+    assert any(line.startswith("dynident identify") for line in shown)
+
+
+def test_an_unknown_option_would_be_noticed() -> None:
+    with pytest.raises(click.NoSuchOption):
+        test_shell_commands_exist("made", "dynident reproduce --run 3 --nonsense")
+
+
+def anchors(page: Path) -> set[str]:
+    """The targets that a page's headings make."""
+    headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=title)
+def test_links_resolve(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
+        if target.startswith(("http://", "https://")):
+            continue
+        name, _, anchor = target.partition("#")
+        file = page.parent / name if name else page
+        assert file.exists(), f"{title(page)}: {target}"
+        assert not anchor or anchor in anchors(file), f"{title(page)}: {target}"
+
+
+def test_every_page_and_picture_is_linked() -> None:
+    start = [ROOT / "README.md", ROOT / "ARCHITECTURE.md"]
+    linked = {
+        (page.parent / target.partition("#")[0]).resolve()
+        for page in start
+        for target in re.findall(r"\]\(([^)\s]+)\)", prose(page))
+    }
+    wanted = {path for pattern in ("*.md", "*.png") for path in (ROOT / "docs").glob(pattern)}
+    assert wanted <= linked
+    assert (ROOT / "docs" / "report.png").stat().st_size < 200_000
+
+
+@pytest.mark.parametrize("page", PAGES, ids=title)
+def test_files_named_in_the_text_exist(page: Path) -> None:
+    """Paths in backticks start at the root, or in the package."""
+    for name in re.findall(r"`((?:[\w.-]+/)+[\w-]+\.(?:py|md|yaml|toml))`", prose(page)):
+        assert name.startswith("path/to/") or (ROOT / name).exists() or (SOURCE / name).exists(), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=title)
+def test_dotted_names_exist(page: Path) -> None:
+    """`dynident.x.y` is a module or a name in one; `Class.attribute` belongs to a public class."""
+    text = prose(page)
+    for name in re.findall(r"`(dynident(?:\.\w+)+)`", text):
+        module, _, attribute = name.rpartition(".")
+        found = hasattr(import_module(module), attribute) if module else False
+        assert found or import_module(name), name
+    classes = public_classes()
+    for owner, attribute in re.findall(r"`([A-Z]\w+)\.([a-z]\w*)`", text):
+        assert owner in classes, f"{title(page)}: {owner}"
+        assert attribute in classes[owner], f"{title(page)}: {owner}.{attribute}"
+
+
+@cache
+def public_classes() -> dict[str, set[str]]:
+    """Names of all classes of the package, with their methods and annotated fields."""
+    found: dict[str, set[str]] = {}
+    for node in (node for path in SOURCE.rglob("*.py") for node in ast.walk(ast.parse(path.read_text("utf-8")))):
+        if isinstance(node, ast.ClassDef):
+            members = found.setdefault(node.name, set())
+            for child in ast.walk(node):
+                if isinstance(child, ast.FunctionDef):
+                    members.add(child.name)
+                elif isinstance(child, ast.AnnAssign) and isinstance(child.target, ast.Name):
+                    members.add(child.target.id)
+    return found
+
+
+def rows(heading: str) -> list[list[str]]:
+    """The cells of the table below a heading of configuration.md, without its head."""
+    text = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    part = re.split(r"^## ", text.partition(f"## {heading}\n")[2], flags=re.MULTILINE)[0]
+    table = [line for line in part.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
+def default(section: type[Section], key: str) -> Any:
+    """The default of a setting, as YAML would give it."""
+    field = section.model_fields[key]
+    value = "required" if field.is_required() else field.get_default()
+    if isinstance(value, Section):
+        return {"kind": value.model_dump()["kind"]}
+    return list(value) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize("heading", SECTIONS)
+def test_configuration_keys_and_defaults(heading: str) -> None:
+    section = SECTIONS[heading]
+    told = {key.strip("`"): yaml.safe_load(shown.strip("`")) for key, shown, *_ in rows(heading)}
+    if heading == "Estimator":
+        told["tolerance"] = float(told["tolerance"])  # YAML takes 1e-12 for a text
+    assert told == {key: default(section, key) for key in section.model_fields}
+
+
+def test_configuration_has_every_section_and_unit() -> None:
+    sections = {
+        value
+        for value in vars(settings).values()
+        if isinstance(value, type) and issubclass(value, Section) and value is not Section
+    }
+    assert set(SECTIONS.values()) == sections
+    for dimension, units in rows("Units"):
+        assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
+    assert len(rows("Units")) == len(UNITS)
+
+
+def configurations() -> list[Any]:
+    return [
+        pytest.param(block["body"], id=title(page))
+        for page in PAGES
+        for block in blocks(page)
+        if block["kind"] == "yaml"
+    ]
+
+
+@pytest.mark.parametrize("text", configurations())
+def test_configurations_shown_are_valid(text: str) -> None:
+    assert parse_config(text).train
+
+
+def test_the_readme_shows_the_example() -> None:
+    """Up to comments and the folder of the recordings."""
+    (shown,) = (block["body"] for block in blocks(ROOT / "README.md") if block["kind"] == "yaml")
+    real = parse_config((ROOT / "examples" / "emps.yaml").read_text(encoding="utf-8"))
+    told = parse_config(shown)
+    free = {"train", "validation"}
+    assert told.model_dump(exclude=free) == real.model_dump(exclude=free)
+    for role in free:
+        files = [
+            [Path(path).name for spec in getattr(one, role) for path in spec.file.values()] for one in (told, real)
+        ]
+        assert files[0] == files[1]
+
+
+def test_cli_reference_is_fresh() -> None:
+    """Where it is stale: .venv/bin/python docs/generate_cli.py."""
+    made = runpy.run_path(str(ROOT / "docs" / "generate_cli.py"))["reference"]()
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == made
+    for name, command in main.commands.items():
+        assert f"## dynident {name}\n" in made
+        for parameter in command.params:
+            assert all(option in made for option in parameter.opts if option.startswith("--"))
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_public_code_has_docstrings(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), "the module"
+    for node in public(tree):
+        assert ast.get_docstring(node), f"{node.name}, line {node.lineno}"
+
+
+def public(parent: ast.AST) -> Iterator[ast.ClassDef | ast.FunctionDef]:
+    """Public classes, functions and methods, at any depth of public classes."""
+    for node in ast.iter_child_nodes(parent):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+            yield node
+            if isinstance(node, ast.ClassDef):
+                yield from public(node)
+
+
+def test_architecture_names_every_module_and_folder() -> None:
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"[\w]+(?:\.py)?", text))
+    for path in SOURCE.rglob("*.py"):
+        inside = path.parent != SOURCE
+        if path.stem in ("__init__", "__main__"):
+            continue
+        assert f"{path.stem}.py" in words or (not inside and path.stem in words), path.relative_to(SOURCE)
+    for folder in {path.parent for path in SOURCE.rglob("*.py")} - {SOURCE}:
+        assert folder.name in words, folder
+
+
+def test_architecture_shows_the_import_contract() -> None:
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    layers = contract["contracts"][0]["layers"]
+    shown = [block["body"].splitlines() for block in blocks(ROOT / "ARCHITECTURE.md")]
+    assert layers in shown
+
+
+def test_citation_names_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["version"] == __version__
+    assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    for work in (citation, *citation["references"]):
+        assert {"title", "authors", "type"} <= work.keys()
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from click.testing import CliRunner; from dynident.cli import main\n"
+        "done = CliRunner().invoke(main, ['--help']); assert done.exit_code == 0, done.output\n"
+        "print(*sorted(name.partition('.')[0] for name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "dynident" in loaded
+    assert not loaded & {"numpy", "scipy", "sympy", "polars", "plotly", "pydantic", "jinja2"}

@@ -8,6 +8,8 @@ import pytest
 from dynident import plot
 from dynident.errors import InputError
 from dynident.log import Motion
+from dynident.plot import canvas
+from dynident.plot import study as study_figures
 
 QUARTILES = [0, 0.25, 0.5, 0.75, 1]
 
@@ -94,13 +96,13 @@ def test_trace_figure_has_the_colours_of_the_article():
     traces = {"simulated": motion(), "spline": motion(), "filtered": late, "raw": motion(), "kalman": motion()}
     figure = plot.trace_figure(traces, 1, "ddq")
     looks = {trace.name: (trace.line.color, trace.line.dash, trace.visible) for trace in figure.data}
-    assert looks["simulated"] == (plot.BLUE, None, True)
-    assert looks["smoothing splines"] == (plot.RED, None, True)
-    assert looks["filtered differences"] == (plot.INK, "dash", True)
-    assert looks["filtered differences, clipped"] == (plot.GREEN, "dash", None)
+    assert looks["simulated"] == (canvas.BLUE, None, True)
+    assert looks["smoothing splines"] == (canvas.RED, None, True)
+    assert looks["filtered differences"] == (canvas.INK, "dash", True)
+    assert looks["filtered differences, clipped"] == (canvas.GREEN, "dash", None)
     assert looks["raw differences"][2] == "legendonly"
-    assert looks["kalman"][0] in plot.MORE
-    assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == plot.INK for trace in figure.data]
+    assert looks["kalman"][0] in study_figures.MORE
+    assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == canvas.INK for trace in figure.data]
     kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
     np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
     np.testing.assert_array_equal(np.isnan(clipped), late.mask)
@@ -149,7 +151,7 @@ def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
     many = np.random.default_rng(0).normal(size=(5000, 2))
     box = plot.spread_figure(study(many)).data[0]
     values = box.customdata[: len(box.y) // 2, 0]
-    assert len(values) == plot.MOST_RUNS
+    assert len(values) == study_figures.MOST_RUNS
     np.testing.assert_allclose(np.quantile(values, QUARTILES), np.quantile(many[:, 0], QUARTILES), rtol=1e-5)
 
 

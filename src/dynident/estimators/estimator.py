@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,10 @@ from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
-__all__ = ["Estimate", "Estimator", "Problem"]
+__all__ = ["Estimate", "Estimator", "Problem", "Verdict"]
 
 Array = NDArray[np.float64]
+Verdict = Literal["data", "prior", "bound", "unidentifiable"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,11 @@ class Estimate:
     ``value`` (p) in the units ``units``; ``covariance`` (p, p), infinite variance where the data do not determine a
     parameter; ``sigma`` (n) standard deviation of each joint's torque residual; ``rank`` and ``condition`` of the
     column-scaled regressor; ``status`` says in words how it went, "ok" where all is well.
+
+    Where the estimator can tell: ``verdict`` (p) says what each parameter was determined by; ``eigenvalues`` is the
+    smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
+    is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
+    (percentage points of the torque).
     """
 
     value: Array
@@ -44,6 +51,9 @@ class Estimate:
     condition: float
     samples: int
     status: str = "ok"
+    verdict: tuple[Verdict, ...] = ()
+    eigenvalues: Mapping[str, float] = field(default_factory=dict)
+    costs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def std(self) -> Array:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError
+from dynident.errors import ConfigError, choices
 from dynident.estimators.estimator import Estimate, Problem
+from dynident.regression import Compressed
 
-__all__ = ["Fit", "LeastSquares", "solve"]
+__all__ = ["Fit", "LeastSquares", "Weights", "check_weights", "joint_weights", "solve"]
 
 Array = NDArray[np.float64]
+Weights = Literal["equal", "per_joint"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +73,39 @@ def _groups(null: Array) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
 
 
+def joint_weights(compressed: Compressed, weights: Weights, iterations: int, tolerance: float = 1e-12) -> Array:
+    """Return the weight (n) of each joint: one, or with "per_joint" one over the standard deviation of its residual.
+
+    The deviations are those of the fit with the previous weights, from equal ones on, until they change by less than
+    1 % or ``iterations`` are done: feasible generalised least squares, Gautier and Poignet (2001).
+    """
+    n = len(compressed.factors)
+    found = np.ones(n)
+    if weights == "equal":
+        return found
+    size = np.sqrt(np.square(compressed.factors[:, :, -1]).sum(axis=1) / max(compressed.samples, 1))
+    # a joint that the model explains to rounding must not outweigh all others
+    floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
+    for _ in range(iterations):
+        theta = solve(compressed.stacked(found), tolerance).value
+        deviation = np.sqrt(compressed.residual(theta) / max(compressed.samples, 1))
+        previous, found = found, 1.0 / np.maximum(deviation, floor)
+        if np.allclose(found, previous, rtol=0.01, atol=0.0):
+            break
+    return found
+
+
+def check_weights(weights: str, iterations: int) -> None:
+    """Raise ConfigError unless the settings of ``joint_weights`` can be used."""
+    if weights not in get_args(Weights):
+        raise ConfigError(f"weights = {weights!r} of the joints; {choices(weights, get_args(Weights))}")
+    if iterations < 1:
+        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1.")
+
+
 @dataclass(frozen=True)
 class LeastSquares:
-    """theta = (X' X)^-1 X' y, eq. (11), all joints weighing the same.
+    """theta = (X' X)^-1 X' y, eq. (11), all joints weighing the same, or with ``weights`` "per_joint" as their noise.
 
     ``tolerance``: relative to the largest singular value of the column-scaled regressor, below which a direction counts
     as not excited. The covariance is s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors
@@ -80,8 +113,11 @@ class LeastSquares:
     """
 
     tolerance: float = 1e-12
+    weights: Weights = "equal"
+    iterations: int = 3
 
     def __post_init__(self) -> None:
+        check_weights(self.weights, self.iterations)
         if not 0 < self.tolerance < 1:
             raise ConfigError(
                 f"tolerance of the rank is {self.tolerance}; give a number between 0 and 1, such as 1e-12."
@@ -90,7 +126,8 @@ class LeastSquares:
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; where the rank is deficient the status names the parameters that cannot be told apart."""
         compressed, model = problem.regression.compressed, problem.model
-        fit = solve(compressed.stacked(), self.tolerance)
+        weights = joint_weights(compressed, self.weights, self.iterations, self.tolerance)
+        fit = solve(compressed.stacked(weights), self.tolerance)
         rows = compressed.samples * len(compressed.factors)
         covariance = fit.inverse * (fit.rss / max(rows - fit.rank, 1))
         for k in fit.undetermined:

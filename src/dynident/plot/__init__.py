@@ -1,0 +1,22 @@
+"""Figures of a study and of an identification: nouns in, plotly figures out; no file is opened or written.
+
+Backgrounds are transparent and fonts inherited. Lines with ``meta`` "ink" and all text are drawn in a grey that is
+readable on white and on black; a page may repaint them in its own text colour.
+"""
+
+from dynident.plot.canvas import Array, thin
+from dynident.plot.identification import motion_figure, parameter_figure, smoothing_figure, torque_figure
+from dynident.plot.study import method_name, scientific, spread_figure, trace_figure
+
+__all__ = [
+    "Array",
+    "method_name",
+    "motion_figure",
+    "parameter_figure",
+    "scientific",
+    "smoothing_figure",
+    "spread_figure",
+    "thin",
+    "torque_figure",
+    "trace_figure",
+]

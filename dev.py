@@ -38,7 +38,7 @@ def install(extra: str) -> None:
     if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest:
         return
     print(f"Installing dynident into {VENV} (once; later calls start at once) ...", flush=True)
-    if not PYTHON.exists():
+    if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
         venv.create(VENV, with_pip=True, clear=True)
     target = f".[{extra}]" if extra else "."
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]

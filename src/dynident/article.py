@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -233,13 +232,12 @@ def reproduce(
     ``path``, ``executor`` and ``progress`` are ``run_study``'s. Raises ConfigError for an unknown scenario or method,
     InputError for a bad number of runs.
     """
-    began = time.perf_counter()
     chosen = _chosen(scenario, SCENARIOS, "scenario")
     parts = [_chosen(name, METHODS, "method") for name in dict.fromkeys(methods)]
     if not parts:
         raise ConfigError(f"no method is given. {choices('', METHODS)}")
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}; give a whole number >= 0.")
+    if not 0 <= seed < 2**63:
+        raise ConfigError(f"seed is {seed}; give a whole number from 0 to 2^63 - 1.")
     model = two_link_arm()
     table = run_study([chosen], parts, LEVELS, runs, seed, path=path, executor=executor, progress=progress)
     cases = []
@@ -258,7 +256,7 @@ def reproduce(
         names=model.names,
         expressions=tuple(parameter.expression for parameter in model.parameters),
         true=np.asarray(model.values),
-        seconds=time.perf_counter() - began,
+        seconds=float(table["seconds"].sum()),
         cases=tuple(cases),
         traces=_traces(chosen, parts, seed),
         settings=_settings(chosen, parts),

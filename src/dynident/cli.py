@@ -31,9 +31,10 @@ class _Commands(click.Group):
         except DynidentError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            raise click.ClickException(
-                "interrupted; what was finished is kept, run the same command again to go on."
-            ) from None
+            kept = ctx.invoked_subcommand == "reproduce" and "--out" in sys.argv
+            more = " What was finished is kept: run the same command again to go on." if kept else ""
+            click.echo(f"Interrupted.{more}", err=True)
+            raise SystemExit(130) from None
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -42,7 +43,7 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-@main.command()
+@main.command(short_help="Run the article's study again.")
 @click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
 @click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
@@ -68,7 +69,7 @@ def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | Non
         _tell(console, "Report", write_text(out / "report.html", study_page(found)))
 
 
-@main.command()
+@main.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=FILE)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json and report.html.")
 def identify(config: Path, out: Path | None) -> None:
@@ -89,7 +90,7 @@ def identify(config: Path, out: Path | None) -> None:
         _tell(console, "Report", write_text(out / "report.html", identification_page(found)))
 
 
-@main.command()
+@main.command(short_help="Smooth and differentiate columns of a file.")
 @click.argument("log", type=FILE)
 @click.option("--time", "time_column", required=True, help="Column of the time stamps (s).")
 @click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
@@ -107,6 +108,7 @@ def smooth(
     import numpy as np
     import polars as pl
 
+    from dynident.errors import ConfigError, InputError
     from dynident.io.results import write_table, write_text
     from dynident.io.tables import read_columns
     from dynident.report.page import terminal
@@ -114,9 +116,21 @@ def smooth(
     from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
     from dynident.splines import smooth as fit_spline
 
+    if lam is not None and rule != "constraint":
+        raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
     table = read_columns(log)
+    t = table.column(time_column)
     names = columns or tuple(name for name in table.columns if name != time_column)
-    t, y = table.column(time_column), np.column_stack([table.column(name) for name in names])
+    derived = [f"{prefix}{name}" for prefix in ("d_", "dd_") for name in names]
+    clash = [name for name in derived if name in (*names, time_column)]
+    if clash:
+        raise ConfigError(f"{log}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
+    if not names:
+        raise InputError(f"{log}: holds no column besides {time_column!r} to smooth.")
+    wrong = [name for name in names if len(table.column(name)) != len(t)]
+    if wrong:
+        raise InputError(f"{log}: column {wrong[0]!r} and {time_column!r} differ in length.")
+    y = np.column_stack([table.column(name) for name in names])
     rules = {"constraint": Constraint, "gcv": GCV, "reml": REML, "interpolate": Interpolation}
     fit = fit_spline(t, y, rules[rule]() if lam is None else Fixed(lam=lam), sigma=sigma)
     found = {time_column: t}
@@ -135,6 +149,7 @@ def _tell(console: Console, what: str, path: Path) -> None:
 def _identify(path: Path, say: Callable[[str], None]) -> Any:
     from dataclasses import replace
 
+    from dynident.errors import ConfigError
     from dynident.identify import identify as run
     from dynident.io.config import load_model, read_config
     from dynident.io.logs import read_logs
@@ -150,7 +165,10 @@ def _identify(path: Path, say: Callable[[str], None]) -> Any:
         for spec in getattr(config, role):
             say(f"reading {spec.label}")
             reading = read_logs(spec, config, model.joints)
-            logs[role].update({log.source: log for log in reading.logs})
+            for log in reading.logs:
+                if log.source in logs[role]:
+                    raise ConfigError(f"{role}: two logs are called {log.source!r}; give one of them another `name`.")
+                logs[role][log.source] = log
             warnings += reading.warnings
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
     settings = {"configuration": path.read_text(encoding="utf-8"), **found.settings}

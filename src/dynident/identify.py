@@ -13,6 +13,7 @@ from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Parallel, Regression
+from dynident.selection import choose_smoother
 from dynident.smoothers import Smoother, Spline
 from dynident.validation import LogValidation, validate
 
@@ -21,9 +22,12 @@ __all__ = ["Identification", "Recipe", "identify", "versions"]
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to identify: the interchangeable parts, with the article's method as the default."""
+    """How to identify: the interchangeable parts, with the article's method as the default.
 
-    smoother: Smoother = field(default_factory=Spline)
+    Of several smoothers, the one with the least cross-validated torque error on the training logs is taken.
+    """
+
+    smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
     estimator: Estimator = field(default_factory=LeastSquares)
     parallel: Parallel | None = None
 
@@ -59,11 +63,18 @@ def identify(
     roles = {"train": _named(train), "validation": _named(validation)}
     if not roles["train"]:
         raise ConfigError("no training log is given; name at least one.")
+    roles = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
+    settings = {"recipe": repr(recipe)}
+    smoother = recipe.smoother
+    if isinstance(smoother, tuple):
+        trained = tuple(roles["train"].values())
+        choice = choose_smoother(model, trained, smoother, progress=progress)
+        smoother, settings["smoother"] = choice.smoother, choice.words
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
-            motions[role][name] = recipe.smoother(log.select(joints))
+            motions[role][name] = smoother(log)
     progress("estimating")
     fitted = tuple(motions["train"].values())
     estimate = recipe.estimator(Problem(model, fitted, Regression(model, fitted, recipe.parallel)))
@@ -74,7 +85,7 @@ def identify(
         for name, motion in motions[role].items()
     )
     warnings = () if estimate.status == "ok" else (estimate.status,)
-    return Identification(model, estimate, judged, warnings, {"recipe": repr(recipe)}, versions())
+    return Identification(model, estimate, judged, warnings, settings, versions())
 
 
 def versions() -> dict[str, str]:

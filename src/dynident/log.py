@@ -22,9 +22,11 @@ Array = NDArray[np.float64]
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Return a read-only contiguous array; copied only where the caller could still write to it."""
     array = np.ascontiguousarray(value, dtype=dtype)
-    if array.flags.writeable:
-        array = array.copy() if array is value or array.base is not None else array
-        array.flags.writeable = False
+    if array is value or array.base is not None:
+        if array.flags.owndata and not array.flags.writeable:
+            return array
+        array = array.copy()
+    array.flags.writeable = False
     return array
 
 

@@ -183,7 +183,7 @@ class Model:
             return getattr(term, method)(*arguments)
         except DynidentError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ModelError(
                 f"{self.name}: {method} of term {_name(term)} failed with {type(error).__name__}: {error}"
             ) from error

@@ -14,7 +14,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.log import Motion
 from dynident.model import Model
 
-__all__ = ["Block", "Compressed", "Parallel", "Regression", "compress"]
+__all__ = ["BLOCK", "Block", "Compressed", "Parallel", "Regression", "compress", "stretches"]
 
 Array = NDArray[np.float64]
 BLOCK = 4096

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident import __version__
 from dynident.errors import InputError
 from dynident.estimators import Estimate
 from dynident.io.results import read_table, write_table
@@ -26,6 +28,7 @@ __all__ = ["Method", "Scenario", "Statistics", "run_study", "statistics"]
 
 Array = NDArray[np.float64]
 KEY = ("scenario", "method", "level", "run", "seed", "version")
+FAILED = "failed: "
 SAVE_EVERY = 2.0  # seconds between writes of the table
 
 
@@ -73,10 +76,19 @@ class _Unit:
             estimate = method.estimate(record)
             value, std, status = estimate.value.tolist(), estimate.std.tolist(), estimate.status
         except Exception as error:  # a failed fit is a row, whatever broke it
-            status = f"failed: {type(error).__name__}: {error}"
+            status = f"{FAILED}{type(error).__name__}: {error}"
         seconds = time.perf_counter() - began
-        key = (self.scenario.name, method.name, self.level, self.run, self.seed, __version__)
+        key = (self.scenario.name, method.name, self.level, self.run, self.seed, fingerprint())
         return {**dict(zip(KEY, key, strict=True)), "status": status, "seconds": seconds, "value": value, "std": std}
+
+
+@cache
+def fingerprint() -> str:
+    """Return the version of the code: that of the package, and a digest of its sources."""
+    root = Path(__file__).parent
+    sources = sorted(root.rglob("*.py"))
+    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    return f"{version('dynident')}+{digest[:12]}"
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:
@@ -100,9 +112,9 @@ def run_study(
 
     Returns a table with one row per fit: scenario, method, level, run, seed, version, status ("ok", a warning, or
     "failed: ..."), seconds, value and std (lists, empty where it failed), sorted by these. With ``path`` the table is
-    kept there (Parquet) as it grows: an interrupted study goes on where it stopped, and rows of another version of
-    dynident are computed again. With ``executor`` the recordings are spread over its workers; the numbers do not
-    depend on it. ``progress`` is called with the fits done and their total.
+    kept there (Parquet) as it grows: an interrupted study goes on where it stopped; failed rows and those of another
+    version of dynident's code are computed again. With ``executor`` the recordings are spread over its workers; the
+    numbers do not depend on it. ``progress`` is called with the fits done and their total.
     """
     import polars as pl
 
@@ -110,12 +122,13 @@ def run_study(
         raise InputError(f"runs is {runs}; a study needs at least 1.")
     rows = _known(path)
     wanted = {
-        (scenario.name, method.name, float(level), run, seed, __version__): (scenario, method)
+        (scenario.name, method.name, float(level), run, seed, fingerprint()): (scenario, method)
         for scenario in scenarios
         for level in levels
         for run in range(runs)
         for method in methods
     }
+    rows = [row for row in rows if not row["status"].startswith(FAILED)]  # another try may succeed
     done = {tuple(row[name] for name in KEY) for row in rows}
     units = _units(wanted, done)
     count, saved = len(wanted.keys() & done), time.monotonic()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import InputError
 from dynident.log import Motion
 from dynident.model import Model
-from dynident.regression import Parallel, stretches
+from dynident.regression import BLOCK, Parallel, stretches
 
 __all__ = ["LogValidation", "relative_error", "validate"]
 
@@ -60,7 +60,9 @@ def validate(
     """
     if not motion.mask.any():
         raise InputError(f"{motion.source}: no sample is left to judge the model on; widen the window, or smooth less.")
-    predicted = model.torque(motion.q, motion.dq, motion.ddq, np.asarray(theta, dtype=float))
+    parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
+    torques = [model.torque(motion.q[s], motion.dq[s], motion.ddq[s], np.asarray(theta, dtype=float)) for s in parts]
+    predicted = np.concatenate(torques)
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
     error = np.sqrt(np.mean((measured - guess) ** 2, axis=0))
     return LogValidation(

@@ -14,7 +14,8 @@ from scipy.integrate import cumulative_simpson
 from dynident.gallery import two_link_arm
 from dynident.model import Model
 from dynident.simulation import simulate
-from dynident.terms import Coulomb, Joint, Lagrangian, Offset, Unknown, Viscous
+from dynident.terms import Bodies, Coulomb, Coupling, Joint, Lagrangian, Offset, RotorInertia, Unknown, Viscous
+from tests.robots import ARM, ARM_MJCF
 
 GRAVITY = sp.Symbol("g")
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
@@ -79,6 +80,11 @@ TERMS = {
     "coulomb smooth": lambda: Coulomb(JOINTS, on=("wrist", "base"), width=0.2),
     "coulomb dead band": lambda: Coulomb(JOINTS, dead_band=0.3),
     "offset": lambda: Offset(JOINTS, on=("rail",)),
+    "rotor inertia": lambda: RotorInertia(JOINTS, on=("wrist", "base")),
+    "coupling": lambda: Coupling(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", offset=True, width=0.4),
+    "coupling of slides": lambda: Coupling(JOINTS, {"rail": 2.0}, "motor", coulomb=False),
+    "bodies of a urdf": lambda: Bodies(ARM, joints_used=("twist", "shoulder", "rail")),
+    "bodies of an mjcf": lambda: Bodies(ARM_MJCF, locked={"rail": 0.2}),
 }
 every_term = pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
 every_arm = pytest.mark.parametrize("arm", LAGRANGIANS.values(), ids=LAGRANGIANS)

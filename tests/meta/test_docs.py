@@ -40,6 +40,9 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother difference": settings.DifferenceSettings,
     "Smoother butterworth": settings.ButterworthSettings,
     "Estimator": settings.LeastSquaresSettings,
+    "Estimator consistent": settings.ConsistentSettings,
+    "Robot": settings.RobotSettings,
+    "Coupling": settings.CouplingSettings,
     "Parallel": settings.ParallelSettings,
 }
 

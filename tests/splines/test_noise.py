@@ -42,7 +42,7 @@ def test_weights() -> None:
 def test_quantised_standstill_reads_as_silence() -> None:
     """The stated limit: a quantised encoder at rest shows no noise at all."""
     t = np.arange(1000) * 1e-3
-    assert noise_sigma(t, np.round(0.3 * np.ones(1000) / 1e-3) * 1e-3)[0] < 1e-16
+    assert noise_sigma(t, np.round(0.3 * np.ones(1000) / 1e-3) * 1e-3)[0] < 1e-15
 
 
 def test_too_few() -> None:

@@ -20,14 +20,15 @@ from pydantic_core import ErrorDetails
 
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.io.fields import interval_words
-from dynident.io.settings import Config
+from dynident.io.settings import Config, RobotSettings
 
 if TYPE_CHECKING:
     from dynident.model import Model
 
 __all__ = ["load_model", "parse_config", "read_config"]
 
-_KINDS = ("spline", "difference", "butterworth")
+_KINDS = {"smoother": ("spline", "difference", "butterworth"), "estimator": ("least_squares", "consistent")}
+_TAGS = {"[key]", "RobotSettings", *(kind for kinds in _KINDS.values() for kind in kinds)}
 
 
 def read_config(path: str | Path) -> Config:
@@ -104,7 +105,7 @@ def _path(loc: Sequence[int | str], data: Any) -> str:
             words, data = f"{words}[{part}]", data[part] if part < len(data) else None
         elif str(part) in keys:
             words, data = f"{words}.{part}", data[keys[str(part)]]
-        elif part not in ("[key]", *_KINDS):
+        elif part not in _TAGS and not str(part).startswith("function-"):
             words, data = f"{words}.{part}", None
     return words.removeprefix(".")
 
@@ -124,7 +125,7 @@ def _words(details: ErrorDetails) -> str:
         wrong = str(context.get("tag", details["input"]))
         return f"{wrong!r} is not a choice; {choices(wrong, known)}"
     if kind == "union_tag_not_found":
-        return f"needs a `kind`: {', '.join(_KINDS)}"
+        return f"needs a `kind`: {', '.join(_KINDS.get(str(details['loc'][-1]), ()))}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
         return f"a mapping (`key: value` lines) is expected{got}"
     if kind == "tuple_type":
@@ -148,17 +149,24 @@ def _named(config: Config, source: str) -> Config:
     return config.model_copy(update={"train": tuple(named[:split]), "validation": tuple(named[split:])})
 
 
-def load_model(spec: str, folder: str | Path = ".") -> Model:
-    """Build the model that ``gallery:NAME``, or ``path/to/file.py:function`` (from ``folder``), names.
+def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
+    """Build the model of a robot file, ``gallery:NAME`` or ``path/to/file.py:function`` (relative to ``folder``).
 
     Raises ModelError where there is no such name, file or function, where the function raises, or where it
     returns something else than a Model.
     """
+    from dynident.io.robot import SUFFIXES, load_robot
     from dynident.model import Model
 
+    if isinstance(spec, str) and Path(spec).suffix.lower() in SUFFIXES:
+        spec = RobotSettings.model_validate({"file": spec}, context={"folder": folder})
+    if isinstance(spec, RobotSettings):
+        return load_robot(spec)
     place, colon, name = spec.rpartition(":")
     if not (place and colon and name):
-        raise ModelError(f"model: {spec!r} is neither `gallery:NAME` nor `path/to/file.py:function`.")
+        raise ModelError(
+            f"model: {spec!r} is neither a robot file (.urdf, .xml) nor `gallery:NAME` nor `path/to/file.py:function`."
+        )
     path = (Path(folder) / place).resolve()
     build = _from_gallery(name) if place == "gallery" else _from_file(path, name)
     model = _guarded(build, spec, path)

@@ -25,6 +25,7 @@ __all__ = [
     "Interval",
     "Name",
     "NonNegative",
+    "Number",
     "Positive",
     "PositiveOrEach",
     "Section",
@@ -151,8 +152,6 @@ def _windows(value: object) -> tuple[Interval, ...]:
         if not isinstance(pair, list | tuple) or len(pair) != 2:
             raise ValueError("a window is [start, stop] in s, where null leaves an end open")
         start, stop = (None if end is None else _number(end) for end in pair)
-        if min(start or 0.0, stop or 0.0) < 0:
-            raise ValueError("a window cannot start or stop before 0 s: it counts in time stamps of the file")
         if start is not None and stop is not None and start >= stop:
             raise ValueError(f"a window must stop after it starts, but {start:g} >= {stop:g} s")
         read.append((start, stop))
@@ -176,6 +175,7 @@ def _files(value: object, info: ValidationInfo) -> dict[str, Path]:
     return {key: folder / str(path) for key, path in named.items()}
 
 
+Number = Annotated[float, BeforeValidator(_number)]
 Positive = Annotated[float, BeforeValidator(_positive)]
 NonNegative = Annotated[float, BeforeValidator(_non_negative)]
 Count = Annotated[int, BeforeValidator(_count)]

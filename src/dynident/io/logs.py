@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnostics import Finding, check, require, split_gaps
-from dynident.errors import InputError
+from dynident.errors import ConfigError, InputError
 from dynident.io.fields import Interval, interval_words, unit_factor
 from dynident.io.settings import POSITIONS, TORQUES, Channel, Config, LogSpec, check_joints
 from dynident.io.tables import Table, read_columns
@@ -83,14 +83,31 @@ def _table(spec: LogSpec) -> Table:
 def _signals(table: Table, config: Config, joints: Sequence[Joint]) -> _Signals:
     used = _used(table, config, joints)
     rows = len(next(iter(used.values())))
+    q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
     tau = _matrix(table, config.torque, joints, "torque", TORQUES)
-    return _Signals(
-        table=table,
-        used=used,
-        t=_times(table, config, rows),
-        q=_matrix(table, config.position, joints, "position", POSITIONS),
-        tau=tau,
-    )
+    if config.transmission:
+        gears = _transmission(config, joints)
+        with np.errstate(over="ignore", invalid="ignore"):
+            q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
+    q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
+    return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau)
+
+
+def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
+    """Return A (n, n) with motor positions A q; by virtual work the joint torques are A' times the motors'.
+
+    A motor that the configuration does not list turns as its joint. Raises ConfigError where A is singular.
+    """
+    names = [joint.name for joint in joints]
+    gears = np.eye(len(names))
+    for motor, row in config.transmission.items():
+        gears[names.index(motor)] = [row.get(name, 0.0) for name in names]
+    if np.linalg.matrix_rank(gears) < len(names):
+        raise ConfigError(
+            "transmission: these coefficients are singular, so that joint positions do not follow from the motors'; "
+            "each motor needs a coefficient of its own joint."
+        )
+    return gears
 
 
 def _used(table: Table, config: Config, joints: Sequence[Joint]) -> dict[str, Array]:

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from dynident.estimators import LeastSquares
+from dynident.estimators import Consistent, Estimator, LeastSquares
 from dynident.identify import Recipe
-from dynident.io.settings import ButterworthSettings, Config, DifferenceSettings, SplineSettings
+from dynident.io.settings import (
+    ButterworthSettings,
+    Config,
+    ConsistentSettings,
+    DifferenceSettings,
+    LeastSquaresSettings,
+    SplineSettings,
+)
 from dynident.regression import Parallel
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule
@@ -18,11 +25,29 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    return Recipe(_smoother(config.smoother), LeastSquares(config.estimator.tolerance), parallel)
+    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel)
 
 
-def _smoother(settings: SplineSettings | DifferenceSettings | ButterworthSettings) -> Smoother:
+def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:
     match settings:
+        case LeastSquaresSettings():
+            return LeastSquares(settings.tolerance, settings.weights)
+        case ConsistentSettings():
+            given = {name: getattr(settings, name) for name in type(settings).model_fields if name != "kind"}
+            return Consistent(**given)
+        case _:
+            assert_never(settings)
+
+
+FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # multiples of the noise estimate to choose from by the torque
+
+
+def _smoother(
+    settings: SplineSettings | DifferenceSettings | ButterworthSettings,
+) -> Smoother | tuple[Smoother, ...]:
+    match settings:
+        case SplineSettings(rule="torque"):
+            return tuple(Spline(Constraint(), settings.sigma, settings.ends, factor) for factor in FACTORS)
         case SplineSettings():
             return Spline(_rule(settings), settings.sigma, settings.ends)
         case DifferenceSettings():
@@ -35,7 +60,7 @@ def _smoother(settings: SplineSettings | DifferenceSettings | ButterworthSetting
 
 def _rule(settings: SplineSettings) -> Rule:
     match settings.rule:
-        case "constraint":
+        case "constraint" | "torque":
             return Constraint(settings.S)
         case "fixed":
             return Fixed(settings.p, settings.lam)

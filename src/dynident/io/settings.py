@@ -16,6 +16,7 @@ from dynident.io.fields import (
     Gain,
     Name,
     NonNegative,
+    Number,
     Positive,
     PositiveOrEach,
     Section,
@@ -28,11 +29,14 @@ __all__ = [
     "ButterworthSettings",
     "Channel",
     "Config",
+    "ConsistentSettings",
+    "CouplingSettings",
     "DifferenceSettings",
     "LeastSquaresSettings",
     "LogSpec",
     "ParallelSettings",
     "PositionChannel",
+    "RobotSettings",
     "SplineSettings",
     "Time",
     "check_joints",
@@ -109,6 +113,29 @@ class LogSpec(Section):
         return self.name or next(iter(self.file.values())).stem
 
 
+class CouplingSettings(Section):
+    """A motor whose coordinate is a sum of joint coordinates times ``joints``, with its own rotor and friction."""
+
+    joints: Mapping[Name, Number] = Field(min_length=1)
+    terms: tuple[Literal["rotor", "viscous", "coulomb"], ...] = ("rotor", "viscous", "coulomb")
+
+
+class RobotSettings(Section):
+    """A model built from a robot file (URDF or MJCF): its rigid bodies, and per joint what else is identified.
+
+    ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
+    (rad, m) of the others; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb friction.
+    """
+
+    file: Files
+    joints: tuple[Name, ...] | None = None
+    lock: Mapping[Name, Number] = {}
+    gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
+    terms: tuple[Literal["rotor", "viscous", "coulomb", "offset"], ...] = ("rotor", "viscous", "coulomb", "offset")
+    coulomb_width: NonNegative = 0.0
+    couplings: Mapping[Name, CouplingSettings] = {}
+
+
 class SplineSettings(Section):
     """Smoothing spline: the rule that chooses how smooth, and what the rule needs.
 
@@ -117,7 +144,7 @@ class SplineSettings(Section):
     """
 
     kind: Literal["spline"] = "spline"
-    rule: Literal["constraint", "gcv", "reml", "interpolate", "fixed"] = "constraint"
+    rule: Literal["constraint", "torque", "gcv", "reml", "interpolate", "fixed"] = "constraint"
     S: NonNegative | None = None
     p: Positive | None = None
     lam: Positive | None = None
@@ -160,6 +187,24 @@ class LeastSquaresSettings(Section):
 
     kind: Literal["least_squares"] = "least_squares"
     tolerance: Annotated[Positive, Field(lt=1)] = 1e-12
+    weights: Literal["equal", "per_joint"] = "equal"
+
+
+class ConsistentSettings(Section):
+    """Least squares over what physics allows; the keys are those of ``dynident.estimators.Consistent``."""
+
+    kind: Literal["consistent"]
+    inertia: StrictBool = True
+    viscous: StrictBool = True
+    coulomb: StrictBool = True
+    rotor: StrictBool = True
+    total_mass: Positive | tuple[Positive | None, Positive | None] | None = None
+    bounds: Mapping[Name, tuple[Number | None, Number | None]] = {}
+    centre_of_mass: Mapping[Name, tuple[tuple[Number, Number, Number], tuple[Number, Number, Number]]] = {}
+    prior: Literal["nominal", "none"] | Mapping[Name, Number] = "nominal"
+    distance: Literal["entropic", "euclidean"] = "entropic"
+    threshold: Annotated[Positive, Field(lt=1)] = 1e-6
+    weights: Literal["equal", "per_joint"] = "per_joint"
 
 
 class ParallelSettings(Section):
@@ -170,21 +215,28 @@ class ParallelSettings(Section):
     order: Count = 4
 
 
+Estimator = Annotated[LeastSquaresSettings | ConsistentSettings, Field(discriminator="kind")]
 Smoother = Annotated[SplineSettings | DifferenceSettings | ButterworthSettings, Field(discriminator="kind")]
 
 
 class Config(Section):
-    """All settings of one identification; channels by the names of the model's joints."""
+    """All settings of one identification; channels by the names of the model's joints.
 
-    model: Name
+    With ``transmission`` the channels are those of the motors: it gives for each motor, named like its joint, the
+    coefficients of the joints in its position (gear ratios and couplings). ``zero`` (rad, m) is added to positions.
+    """
+
+    model: Name | RobotSettings
     time: Time
     position: Mapping[Name, PositionChannel]
     torque: Mapping[Name, Channel]
+    transmission: Mapping[Name, Mapping[Name, Number]] = {}
+    zero: Mapping[Name, Number] = {}
     train: tuple[LogSpec, ...] = Field(min_length=1)
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
     smoother: Smoother = SplineSettings()
-    estimator: LeastSquaresSettings = LeastSquaresSettings()
+    estimator: Estimator = LeastSquaresSettings()
     parallel: ParallelSettings | None = None
 
 
@@ -204,17 +256,25 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
         unit_factor(config.time.unit, "time", "time.unit")
     if isinstance(config.smoother, SplineSettings) and isinstance(config.smoother.sigma, Mapping):
         _same_names("smoother.sigma", config.smoother.sigma, joints)
+    _known_names("zero", config.zero, joints)
+    _known_names("transmission", config.transmission, joints)
+    for name, row in config.transmission.items():
+        _known_names(f"transmission.{name}", row, joints)
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")
 
 
-def _same_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:
+def _known_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:
     names = [joint.name for joint in joints]
     for name in given:
         if name not in names:
             raise ConfigError(f"{section}.{name}: the model has no joint {name!r}; {choices(name, names)}")
-    for name in names:
+
+
+def _same_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:
+    _known_names(section, given, joints)
+    for name in (joint.name for joint in joints):
         if name not in given:
             raise ConfigError(
                 f"{section}: joint {name!r} of the model is missing; add a line `{name}: ...` like that of the others."

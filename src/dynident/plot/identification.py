@@ -28,7 +28,7 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
     Samples outside the motion's mask are gaps; each curve is thinned to about ``points`` with its extremes kept.
     Raises InputError where the log has no such joint.
     """
-    j = column(log.motion, joint)
+    j = _column(log.motion, joint)
     measured = only(log.motion.tau[:, j], log.motion.mask)
     predicted = only(log.predicted[:, j], log.motion.mask)
     figure = panels([f"{'force' if unit == 'N' else 'torque'}, {unit}", "residual"], 430, heights=[0.68, 0.32])
@@ -44,7 +44,7 @@ def motion_figure(motion: Motion, joint: str, unit: str = "rad", points: int = 2
 
     Samples outside the mask are gaps. Raises InputError where the motion has no such joint.
     """
-    j = column(motion, joint)
+    j = _column(motion, joint)
     titles = [f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     curves = {name: only(getattr(motion, name)[:, j], motion.mask) for name in ("q", "dq", "ddq")}
     return _stack(motion.t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
@@ -116,7 +116,7 @@ def _forest(identification: Identification, row: list[int], legend: bool) -> Ite
         )
 
 
-def column(motion: Motion, joint: str) -> int:
+def _column(motion: Motion, joint: str) -> int:
     if joint not in motion.joints:
         raise InputError(f"{motion.source}: no joint {joint!r}; {choices(joint, motion.joints)}")
     return motion.joints.index(joint)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dynident.errors import ConfigError, choices
+from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import ends_mask
 from dynident.splines import Constraint, Rule, noise_sigma, smooth
@@ -19,23 +19,29 @@ __all__ = ["Spline"]
 class Spline:
     """Smooth each joint's position by a natural cubic spline and take dq and ddq from it, eqs. (34)-(36).
 
-    ``rule`` chooses how much (the default: S = n); ``sigma`` is the standard deviation of the position noise (rad, m),
-    one number or one per joint name, estimated from the data where None. Not vouched for at both ends: ``ends`` times
-    the widest kernel's bandwidth plus one step. There the natural spline's vanishing acceleration reaches in; what is
-    left of it after k bandwidths is exp(-k / sqrt 2), 1.4 % at 6.
+    ``rule`` chooses how much (the default: S = n). The position noise is ``factor`` times ``sigma`` (rad, m): one
+    number, or one per joint name; None is estimated from the data. Not vouched for at both ends: ``ends`` times the
+    widest kernel's bandwidth plus one step. There the natural spline's vanishing acceleration reaches in; what is left
+    of it after k bandwidths is exp(-k / sqrt 2), 1.4 % at 6.
     """
 
     rule: Rule = field(default_factory=Constraint)
     sigma: float | Mapping[str, float] | None = None
     ends: float = 6.0
+    factor: float = 1.0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ends) and self.ends >= 0):
             raise ConfigError(f"ends is {self.ends}: give a number of bandwidths >= 0.")
+        if not (np.isfinite(self.factor) and self.factor > 0):
+            raise ConfigError(f"factor is {self.factor}: give a positive multiple of sigma.")
 
     def __call__(self, log: Log) -> Motion:
         """Smooth; the motion's ``smoothing`` holds per joint sigma, S, lam, effective degrees of freedom, bandwidth."""
-        fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log))
+        try:
+            fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log))
+        except InputError as error:
+            raise InputError(f"{log.source} (columns are the joints {', '.join(log.joints)}): {error}") from error
         widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         told = ("sigma", "S", "lam", "edf", "noise", "bandwidth")
@@ -47,9 +53,12 @@ class Spline:
 
     def _sigma(self, log: Log) -> list[float] | float | None:
         if not isinstance(self.sigma, Mapping):
-            return self.sigma
+            if self.factor == 1.0:
+                return self.sigma
+            known = noise_sigma(log.t, log.q) if self.sigma is None else np.full(len(log.joints), self.sigma)
+            return [self.factor * float(value) for value in known]
         for name in self.sigma:
             if name not in log.joints:
                 raise ConfigError(f"sigma names the joint {name!r}; the log has others. {choices(name, log.joints)}")
         estimate = noise_sigma(log.t, log.q)
-        return [float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
+        return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]

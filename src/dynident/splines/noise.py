@@ -22,6 +22,7 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
     Limits: the noise must be white. A quantised encoder's error is neither white nor gaussian: it stands still with
     the joint and follows the motion at low speed, so that the estimate is too small there; coloured noise (a filter in
     the drive) is under-estimated too. Too slow a sampling adds the signal's own differences: it is then too large.
+    It is never less than the rounding of the data, 4 eps max |y|.
     Raises InputError for fewer than order + 2 samples.
     """
     time = np.asarray(t, dtype=float)
@@ -40,4 +41,6 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
     for i in range(order + 1):
         difference += coefficients[i][:, None] * data[i : i + count]
         variance += coefficients[i][:, None] ** 2 / weight[i : i + count]
-    return np.asarray(np.sqrt(np.mean(difference**2 / variance, axis=0)))
+    found = np.sqrt(np.mean(difference**2 / variance, axis=0))
+    rounding = 4 * np.finfo(float).eps * np.abs(data).max(axis=0)
+    return np.asarray(np.maximum(found, np.maximum(rounding, 1e-100)))

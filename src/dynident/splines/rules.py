@@ -22,15 +22,17 @@ __all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Serie
 
 Array = NDArray[np.float64]
 CHUNK = 4096
+EPS = float(np.finfo(np.float64).eps)
+STAGNATION = 1e-6  # largest relative error of S that rounding may leave
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
     """One column of data in scaled units, with the way back.
 
-    ``y`` (N) is the data divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the root mean square of delta
-    divided by ``size``, ``step`` the mean step in the user's unit of time; p of eq. (15) is ``p_scale`` times the
-    scaled one.
+    ``y`` (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the
+    root mean square of delta and ``rounding`` the last digit of the data, both divided by ``size``; ``step`` is the
+    mean step in the user's unit of time; p of eq. (15) is ``p_scale`` times the scaled one.
     """
 
     system: System
@@ -39,14 +41,17 @@ class Series:
     noise: float
     size: float
     step: float
+    rounding: float
 
     @classmethod
     def of(cls, system: System, y: Array, noise: float, step: float) -> Series:
         """Scale one column; ``noise`` is the root mean square of delta in the unit of y."""
-        reach = float(np.abs(y - y[0]).max())
+        rounding = EPS * float(np.abs(y).max())
+        y = y - y[0]
+        reach = float(np.abs(y).max())
         size = 2.0 ** round(np.log2(reach)) if reach > 0 else 1.0
-        y = y / size
-        return cls(system, y, second_difference(y, system.step), noise / size, size, step)
+        y /= size
+        return cls(system, y, second_difference(y, system.step), noise / size, size, step, rounding / size)
 
     @property
     def p_scale(self) -> float:
@@ -74,6 +79,11 @@ class Series:
         mean = float(w @ self.y) / total
         wx = x if self.system.variance is None else w * x
         return np.asarray(mean + x * (float(wx @ (self.y - mean)) / float(wx @ x)))
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the data are a straight line but for their rounding: there is then nothing to smooth."""
+        return float(np.abs(self.y - self.line()).max()) <= 4 * self.rounding + EPS * (64 + len(self.y))
 
     def straight(self) -> Solution:
         """Return the straight line as a solution with p = 0 and no curvature."""
@@ -114,7 +124,7 @@ class Constraint(Rule):
             return _interpolation(series)
         target = S * series.noise**2
         straight = series.straight()
-        if straight.rss <= target:
+        if straight.rss <= target or series.is_straight:
             return straight
         if start is None:
             start = self._start(series, target)
@@ -220,10 +230,14 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
     for _ in range(200):
         now = series.system.solve(float(np.exp(x)), series.z, refine=refine, slope=True)
         error = float(np.log(max(now.rss, np.finfo(float).tiny) / target))
+        if not np.isfinite(now.rss):
+            raise IllConditionedError("the search for p left the range of numbers")
         if refine:
             if abs(error) <= tolerance:
                 return now
             if best is not None and abs(error) >= abs(best[0]):  # rounding lets it improve no more
+                if abs(best[0]) > STAGNATION:
+                    raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
                 return best[1]
             best = (error, now)
         refine = refine or abs(error) < 1e-4
@@ -242,7 +256,7 @@ def _next(
     if slope < 0:
         new = x - float(np.clip(error / slope, -7.0, 7.0))
         if before is not None and before[2] < 0 and abs(before[1]) < 1.0 and before[1] != error:
-            new = _hermite(here, before)
+            new = float(np.clip(_hermite(here, before), x - 7.0, x + 7.0))
         if low < new < high:
             return new
     return 0.5 * (low + high) if np.isfinite(low + high) else x + float(np.copysign(3.0, error))
@@ -275,10 +289,11 @@ def _reml(series: Series, x: float) -> float:
 
 def _search(series: Series, criterion: Callable[[Series, float], float]) -> Solution:
     """Minimise a criterion over x = log p: a grid (on the middle of long data), then Brent's method from there."""
-    straight = series.straight()
-    if float(np.abs(straight.v).max()) <= 1e-13 * float(np.abs(series.y).max()):
-        return straight
-    chunk = series.central() or series
+    if series.is_straight:
+        return series.straight()
+    chunk = series.central()
+    if chunk is None or chunk.is_straight:  # a middle that stands still says nothing of the rest
+        chunk = series
     widest = min(float(len(chunk.y)), 2000.0)
     grid = np.log(_p_of_bandwidth(1.0)) - 4 * np.linspace(np.log(0.3), np.log(widest), 28)
     x = float(grid[int(np.argmin([_guarded(criterion, chunk, s) for s in grid]))])

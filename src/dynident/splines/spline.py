@@ -16,6 +16,7 @@ from dynident.splines.rules import Constraint, Rule, Series
 __all__ = ["SmoothingSpline", "smooth"]
 
 Array = NDArray[np.float64]
+LARGEST = 1e100  # squares and fourth powers of what is allowed must not overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,7 @@ def smooth(
 
 
 def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    time, data = np.ascontiguousarray(t, dtype=float), np.asarray(y, dtype=float)
+    time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
         raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
     if len(time) < 3:
@@ -175,6 +176,9 @@ def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         if not np.isfinite(value).all():
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
             raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
+        size = float(np.ptp(value))
+        if size > LARGEST or 0 < size < 1 / LARGEST or np.abs(value).max() > LARGEST:
+            raise InputError(f"{name} spans {size:g}: that is out of range (1e-100 to 1e100); choose another unit.")
     wrong = np.flatnonzero(np.diff(time) <= 0)
     if len(wrong):
         i = int(wrong[0])
@@ -197,17 +201,18 @@ def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:
 def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | None, *, needed: bool) -> Array:
     k = columns.shape[1]
     if sigma is not None:
-        value = np.broadcast_to(np.asarray(sigma, dtype=float), (k,)).copy()
-        if not (np.isfinite(value).all() and (value > 0).all()):
+        value = np.asarray(sigma, dtype=float)
+        if value.shape not in ((), (k,)):
+            raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
+        value = np.broadcast_to(value, (k,)).copy()
+        if not ((value > 1 / LARGEST) & (value < LARGEST)).all():
             raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
         return value
     if not needed:
         return np.ones(k)
     if len(t) < 6:
         raise InputError(f"{len(t)} samples are too few to estimate sigma from; give sigma.")
-    value = noise_sigma(t, columns, weight)
-    floor = 4 * np.finfo(float).eps * np.abs(columns).max(axis=0)
-    return np.asarray(np.maximum(value, np.maximum(floor, np.finfo(float).tiny)))
+    return noise_sigma(t, columns, weight)
 
 
 def _system(t: Array, weights: Array | None, column: int) -> tuple[System, float, float]:
@@ -227,8 +232,9 @@ def _solve(rule: Rule, series: Series, column: int, start: float | None) -> Solu
         return rule.choose(series, column, start)
     except IllConditionedError as error:
         raise InputError(
-            f"column {column} cannot be smoothed so much: {error}. The smoothing would reach over thousands of "
-            "samples, more than double precision resolves; average neighbouring samples first, or smooth less."
+            f"column {column} cannot be smoothed like this: {error}. The smoothing would reach over thousands of "
+            "samples, or the time steps differ too much, for double precision: average neighbouring samples first, "
+            "smooth less, or leave out stamps that nearly coincide."
         ) from error
 
 
@@ -238,7 +244,7 @@ def _collect(
     shape = (len(time), len(solved))
     values, c = np.empty(shape), np.zeros(shape)
     for k, (series, one) in enumerate(solved):
-        np.multiply(series.y - one.v, series.size, out=values[:, k])
+        np.subtract(data.reshape(shape)[:, k], series.size * one.v, out=values[:, k])
         bend = 1.0 if one.p == np.inf else one.p
         np.multiply(one.u, bend * series.size / series.step**2, out=c[1:-1, k])
     p = np.array([one.p * series.p_scale for series, one in solved])

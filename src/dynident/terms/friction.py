@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, choices
 from dynident.terms.term import Joint, Parameter, Partials
 
-__all__ = ["Coulomb", "Offset", "Viscous"]
+__all__ = ["Coulomb", "Offset", "PerJoint", "Viscous"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _PerJoint(ABC):
-    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j)."""
+class PerJoint(ABC):
+    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j."""
 
     _symbol: ClassVar[str]
+    _role: ClassVar[str] = ""
+    _of: ClassVar[Literal["dq", "ddq"]] = "dq"
     joints: tuple[Joint, ...]
     on: tuple[str, ...] | None = None
     names: tuple[str, ...] | None = None
@@ -58,21 +60,22 @@ class _PerJoint(ABC):
         expressions = self.expressions or (self._meaning(),) * len(joints)
         values = self.values or (None,) * len(joints)
         units = [self._unit(joint) for joint in joints]
-        return tuple(map(Parameter, names, units, expressions, values))
+        return tuple(map(Parameter, names, units, expressions, values, (self._role,) * len(joints)))
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:  # noqa: ARG002
-        """Return Y, shape (N, n, p), for dq (N, n) in rad/s or m/s; q and ddq have no effect."""
+        """Return Y, shape (N, n, p), for dq and ddq (N, n) in rad or m and seconds; q has no effect."""
         joints = self._columns
-        out = np.zeros((*dq.shape, len(joints)))
-        out[:, joints, range(len(joints))] = self._shape(dq[:, joints])
+        rate = dq if self._of == "dq" else ddq
+        out = np.zeros((*rate.shape, len(joints)))
+        out[:, joints, range(len(joints))] = self._shape(rate[:, joints])
         return out
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002
-        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only the one by dq is not zero."""
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only one of the last two is not zero."""
         joints, zero = self._columns, np.zeros((*dq.shape, dq.shape[1]))
-        by_dq = zero.copy()
-        by_dq[:, joints, joints] = self._slope(dq[:, joints]) * theta
-        return Partials(zero, by_dq, zero)
+        rate, slope = dq if self._of == "dq" else ddq, zero.copy()
+        slope[:, joints, joints] = self._slope(rate[:, joints]) * theta
+        return Partials(zero, slope, zero) if self._of == "dq" else Partials(zero, zero, slope)
 
     def _unit(self, joint: Joint) -> str:
         return joint.effort
@@ -82,16 +85,16 @@ class _PerJoint(ABC):
         """Say what the parameter multiplies."""
 
     @abstractmethod
-    def _shape(self, dq: Array) -> Array:
+    def _shape(self, dq: Array, /) -> Array:
         """Return the torque per unit of the parameter."""
 
     @abstractmethod
-    def _slope(self, dq: Array) -> Array:
-        """Return the derivative of ``_shape`` by dq."""
+    def _slope(self, dq: Array, /) -> Array:
+        """Return the derivative of ``_shape``."""
 
 
 @dataclass(frozen=True)
-class Viscous(_PerJoint):
+class Viscous(PerJoint):
     """Viscous friction, tau_j = Fv_j dq_j, in N m s/rad or N s/m (mu of the article's eqs. 39 and 40).
 
     It acts on the joints named in ``on`` (default all of ``joints``). Per joint in ``on``, ``names`` replace
@@ -100,6 +103,7 @@ class Viscous(_PerJoint):
     """
 
     _symbol = "Fv"
+    _role = "viscous"
 
     def _meaning(self) -> str:
         return "viscous friction: torque per dq"
@@ -115,7 +119,7 @@ class Viscous(_PerJoint):
 
 
 @dataclass(frozen=True)
-class Coulomb(_PerJoint):
+class Coulomb(PerJoint):
     """Coulomb friction, tau_j = Fc_j sign(dq_j), in N m or N; ``on``, ``names``, ... as in ``Viscous``.
 
     The sign may be softened in one of two ways, both in rad/s or m/s: ``width`` > 0 makes it tanh(dq / width), which
@@ -127,6 +131,7 @@ class Coulomb(_PerJoint):
     width: float = 0.0
     dead_band: float = 0.0
     _symbol = "Fc"
+    _role = "coulomb"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -158,7 +163,7 @@ class Coulomb(_PerJoint):
 
 
 @dataclass(frozen=True)
-class Offset(_PerJoint):
+class Offset(PerJoint):
     """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``."""
 
     _symbol = "offset"

@@ -1,0 +1,113 @@
+"""The physically consistent fit of a 7-joint arm, after compression: python3 benchmarks/consistent.py.
+
+The arm is made here, as a robot file: seven links with offsets as on common arms, friction at each joint. Times are the
+best of several repetitions with one BLAS thread. What decides the time is not the length of the log, but how much noise
+drives the unconstrained fit out of what is possible.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import numpy as np
+
+from dynident.basis import structural_basis
+from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import Regression
+from dynident.terms import Bodies, Coulomb, Offset, Viscous
+
+LINKS = (  # mass, height of the next joint, its offset, its axis turned about x by so many right angles
+    (4.0, 0.33, 0.0, -1),
+    (3.5, 0.0, 0.0, 1),
+    (3.0, 0.32, 0.08, 1),
+    (2.7, 0.0, -0.08, -1),
+    (1.7, 0.38, 0.0, 1),
+    (1.6, 0.0, 0.09, 1),
+    (0.5, 0.10, 0.0, 0),
+)
+
+
+def robot() -> str:
+    """Write the arm as URDF text."""
+    parts, rise, shift, turn = ['<robot name="arm"><link name="base"/>'], 0.3, 0.0, 0
+    for k, (mass, height, offset, quarter) in enumerate(LINKS, start=1):
+        parent = "base" if k == 1 else f"link{k - 1}"
+        size = 0.02 * mass
+        parts.append(
+            f'<link name="link{k}"><inertial><origin xyz="0.01 0.02 {0.05 + height / 2:.3f}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{size:.4f}" iyy="{0.9 * size:.4f}" izz="{0.3 * size:.4f}" ixy="0" ixz="0" iyz="0"/>'
+            f'</inertial></link><joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
+            f'<origin xyz="{shift} 0 {rise}" rpy="{turn * np.pi / 2:.15f} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="80" velocity="3"/></joint>'
+        )
+        rise, shift, turn = height, offset, quarter
+    return "".join([*parts, "</robot>"])
+
+
+def model() -> Model:
+    bodies = Bodies(robot())
+    friction = [term(bodies.joints, values=(0.5,) * len(bodies.joints)) for term in (Viscous, Coulomb, Offset)]
+    return Model((bodies, *friction))
+
+
+def problem(arm: Model, noise: float, samples: int = 5000) -> Problem:
+    """A multisine of each joint, with noise on the torque in N m, already compressed."""
+    rng, n = np.random.default_rng(0), len(arm.joints)
+    t = np.linspace(0, 25, samples)
+    rate, phase = 2 * np.pi * rng.uniform(0.05, 0.5, (5, n)), rng.uniform(0, 2 * np.pi, (5, n))
+    size, angle = rng.uniform(0.1, 0.4, (5, n)), t[:, None, None] * rate + phase
+    q, dq = (size * np.sin(angle)).sum(axis=1), (size * rate * np.cos(angle)).sum(axis=1)
+    ddq = -(size * rate**2 * np.sin(angle)).sum(axis=1)
+    truth = arm.values
+    assert truth is not None
+    tau = arm.torque(q, dq, ddq, truth) + noise * rng.standard_normal(q.shape)
+    names = tuple(joint.name for joint in arm.joints)
+    motion = Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
+    posed = Problem(arm, (motion,), Regression(arm, (motion,)))
+    _ = posed.regression.compressed
+    return posed
+
+
+def seconds(call: Callable[[], object], repeat: int = 7) -> float:
+    best = np.inf
+    for _ in range(repeat):
+        began = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - began)
+    return best
+
+
+def main() -> None:
+    arm = model()
+    basis = structural_basis(arm)
+    took = seconds(lambda: structural_basis(arm), 3)
+    print(f"structural rank {basis.rank} of {len(basis.names)}, gap {basis.gap:.0e}: {1e3 * took:.1f} ms", flush=True)
+    fit = Consistent(costs=False)
+    estimators: dict[str, Estimator] = {
+        "least squares, per joint": LeastSquares(weights="per_joint"),
+        "consistent, entropic": fit,
+        "consistent, Euclidean": replace(fit, distance="euclidean"),
+        "consistent, no prior": replace(fit, prior="none"),
+        "consistent, with costs": replace(fit, costs=True),
+    }
+    for noise in (0.02, 0.5, 5.0):
+        posed = problem(arm, noise)
+        for name, estimator in estimators.items():
+            found = estimator(posed)
+            least = min(found.eigenvalues.values(), default=np.nan)
+            print(
+                f"noise {noise:4.2f} N m  {name:<26} {1e3 * seconds(lambda e=estimator, p=posed: e(p)):6.1f} ms  "  # type: ignore[misc]
+                f"smallest eigenvalue {least:.1e}  costs {found.costs.get('all', np.nan):.4f} %",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

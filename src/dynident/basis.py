@@ -1,0 +1,287 @@
+"""Base parameters: which combinations of the standard parameters act on the torque, and what data leave undetermined.
+
+A rank-revealing reading of one triangular factor, after Gautier and Khalil (1990), "Direct calculation of minimum set
+of inertial parameters of serial robots", and Gautier (1991), "Numerical calculation of the base inertial parameters".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ConfigError, ModelError
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import Block, compress
+from dynident.terms.term import INERTIAL, Parameter
+
+__all__ = ["Basis", "Missing", "basis_of", "compare", "structural_basis"]
+
+Array = NDArray[np.float64]
+ROUNDING = 1e-13  # a column this small beside the largest is rounding error
+SMALL = 1e-8  # a share this small in a base parameter is rounding error
+CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """The base parameters beta = B theta = theta_b + K theta_d (r) of the standard parameters theta (p), in SI units.
+
+    ``independent``: the indices b of the standard parameters that lead a base parameter; ``combination`` (r, p): the
+    matrix B, the identity in the columns b; ``singular_values`` (p) of the column-scaled factor, falling; ``scale``
+    (p): the norms of its columns (1 for a column of no effect).
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    independent: tuple[int, ...]
+    combination: Array
+    scale: Array
+
+    @property
+    def gap(self) -> float:
+        """Ratio of the last kept to the first dropped singular value: the larger, the clearer the rank."""
+        kept, dropped = self.singular_values[: self.rank], self.singular_values[self.rank :]
+        with np.errstate(over="ignore"):
+            return float(kept[-1] / dropped[0]) if len(kept) and len(dropped) and dropped[0] > 0 else float("inf")
+
+    @property
+    def dependent(self) -> tuple[int, ...]:
+        """Indices d of the standard parameters that lead no base parameter."""
+        return tuple(k for k in range(len(self.names)) if k not in self.independent)
+
+    @cached_property
+    def groupings(self) -> tuple[str, ...]:
+        """Each base parameter as a formula of standard ones, such as ``Izz1 + Ia1 + 0.05185*m3``."""
+        leads = zip(self.combination, self.independent, strict=True)
+        return tuple(_formula(row, lead, self.names) for row, lead in leads)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of the standard parameters that no torque depends on."""
+        return tuple(self.names[k] for k in np.flatnonzero(~self.combination.any(axis=0)))
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Names of the standard parameters that are base parameters by themselves."""
+        alone = (self.combination != 0).sum(axis=1) == 1
+        return tuple(self.names[k] for k, single in zip(self.independent, alone, strict=True) if single)
+
+    @property
+    def null(self) -> Array:
+        """Directions (p, p - r) of theta that change no torque, one for each dependent parameter."""
+        d = list(self.dependent)
+        out = np.zeros((len(self.names), len(d)))
+        out[d, range(len(d))] = 1.0
+        out[list(self.independent)] = -self.combination[:, d]
+        return out
+
+    @property
+    def words(self) -> str:
+        """The finding in words: rank, gap, and which standard parameters cannot be told apart."""
+        p = len(self.names)
+        if self.rank == p:
+            return f"rank {p} of {p}: every parameter acts on the torque in its own way."
+        said = [f"rank {self.rank} of {p} (the singular values fall by a factor {self.gap:.1e} there)"]
+        none, alone = self.without_effect, self.determined
+        if none:
+            said.append(f"no effect on the torque: {', '.join(none)}")
+        tied = [name for name in self.names if name not in none and name not in alone]
+        if tied:
+            said.append(f"only combinations act on the torque of: {', '.join(tied)}")
+        return "; ".join(said) + "."
+
+    def to_base(self, theta: ArrayLike) -> Array:
+        """Return beta (r) = B theta for theta (p); ModelError where the shape does not fit."""
+        return self.combination @ _vector(theta, len(self.names), "theta")
+
+    def to_standard(self, beta: ArrayLike, near: ArrayLike | None = None) -> Array:
+        """Return the theta (p) with B theta = beta (r) that is closest to ``near`` (p, default zero) in scaled columns.
+
+        Raises ModelError where a shape does not fit.
+        """
+        start = np.zeros(len(self.names)) if near is None else _vector(near, len(self.names), "near")
+        rest = _vector(beta, self.rank, "beta") - self.combination @ start
+        if not self.rank:
+            return start
+        return start + np.linalg.lstsq(self.combination / self.scale, rest)[0] / self.scale
+
+
+def basis_of(factor: Array, parameters: Sequence[Parameter], tolerance: float = 1e-9) -> Basis:
+    """Read the base parameters off the triangular factor (p, p) or (p + 1, p + 1, the torque last) of a regressor.
+
+    The columns are scaled to norm one; singular values below ``tolerance`` times the largest are dropped. Kept are,
+    where there is a choice, friction and other effects first, then inertia of later bodies, then masses, rotors last.
+    Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape does not fit the parameters.
+    """
+    p = len(parameters)
+    if not 0 < tolerance < 1:
+        raise ConfigError(f"tolerance of the rank is {tolerance}; give a number between 0 and 1, such as 1e-9.")
+    if factor.shape not in ((p, p), (p + 1, p + 1)):
+        raise ModelError(f"factor has shape {factor.shape}, expected ({p}, {p}) or ({p + 1}, {p + 1}).")
+    R = factor[:p, :p]
+    scale = np.linalg.norm(R, axis=0)
+    empty = scale <= ROUNDING * scale.max(initial=0.0)
+    scale = np.where(empty, 1.0, scale)
+    R = np.where(empty, 0.0, R / scale)
+    s = np.asarray(np.linalg.svd(R, compute_uv=False), dtype=np.float64)
+    rank = int((s > tolerance * s[0]).sum()) if p and s[0] > 0 else 0
+    kept = sorted(_choose(R, rank, _preference(parameters)))
+    return Basis(tuple(x.name for x in parameters), rank, s, tuple(kept), _combine(R, kept, scale, tolerance), scale)
+
+
+def structural_basis(
+    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float = 1e-9
+) -> Basis:
+    """Return the base parameters that any motion could show: from ``samples`` random states of the whole arm.
+
+    ``rng`` draws the states, by default the same ones each time. Raises the errors of ``basis_of`` and of the model.
+    """
+    rng = rng or np.random.default_rng(0)
+    return basis_of(_factor(model, *_states(model, rng, samples)), model.parameters, tolerance)
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Base parameters that the arm could show but the data do not, and the joints whose motion would show them."""
+
+    groupings: tuple[str, ...]
+    joints: tuple[str, ...]
+    words: str
+
+
+def compare(structural: Basis, on_data: Basis, model: Model, motions: Sequence[Motion] = ()) -> tuple[Missing, ...]:
+    """Name the excitation that is missing where the rank on the data falls short of the structural rank.
+
+    Joints help that show the parameters when they move alone, or, where none does, all together; with ``motions``
+    those that stand still in them are named. Raises ModelError where the three are not about the same parameters.
+    """
+    if not structural.names == on_data.names == model.names:
+        raise ModelError("the two bases and the model must be about the same parameters, in the same order.")
+    hidden = on_data.null
+    seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
+    U, s, Vt = np.linalg.svd(seen, full_matrices=False)
+    k = int((s > 1e-6 * s.max(initial=1.0)).sum())
+    U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
+    still = _still(motions)
+    return tuple(_missing(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))
+
+
+def _missing(structural: Basis, model: Model, group: list[int], directions: Array, still: Sequence[str]) -> Missing:
+    groupings = tuple(structural.groupings[k] for k in group)
+    names = [joint.name for joint in model.joints]
+    alone = [name for j, name in enumerate(names) if _shows(model, j, directions)]
+    asked = [name for name in alone if name in still] or alone or names
+    how = "" if len(asked) == 1 else " each by itself" if alone else " at the same time"
+    resting = [name for name in asked if name in still]
+    note = f" (standing still in these data: {', '.join(resting)})" if resting else ""
+    words = f"{'; '.join(groupings)}: not excited by these data; move {', '.join(asked)}{how}{note}."
+    return Missing(groupings, tuple(asked), words)
+
+
+def _shows(model: Model, joint: int, directions: Array) -> bool:
+    """Tell whether moving one joint alone, in a few postures of the others, makes a torque along these directions."""
+    rng = np.random.default_rng(1)
+    q, dq, ddq = _states(model, rng, 60)
+    others = [j for j in range(len(model.joints)) if j != joint]
+    whole = np.linalg.norm(model.regressor(q, dq, ddq) @ directions)
+    q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
+    dq[:, others] = ddq[:, others] = 0.0
+    effect = model.regressor(q, dq, ddq) @ directions
+    # what a posture shows at rest does not count as shown by the joint
+    moved = effect.reshape(3, 20, *effect.shape[1:])
+    return bool(np.linalg.norm(moved - moved.mean(axis=1, keepdims=True)) > 1e-3 * whole)
+
+
+def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
+    """Return the joints whose velocity never reaches a thousandth of a unit per second in any motion."""
+    fastest: dict[str, float] = {}
+    for motion in motions:
+        for name, peak in zip(motion.joints, np.abs(motion.dq[motion.mask]).max(axis=0, initial=0.0), strict=True):
+            fastest[name] = max(fastest.get(name, 0.0), float(peak))
+    return tuple(name for name, peak in fastest.items() if peak < 1e-3)
+
+
+def _states(model: Model, rng: np.random.Generator, samples: int) -> tuple[Array, Array, Array]:
+    """Draw random positions, velocities and accelerations, each (samples, n), as large as those of common arms."""
+    reach = [np.pi if joint.kind == "revolute" else 1.0 for joint in model.joints]
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, len(reach)))
+    return q * reach, dq * reach, 3.0 * ddq * reach
+
+
+def _factor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    block = Block(model.regressor(q, dq, ddq), np.zeros_like(q))
+    return compress(iter([block]), len(model.joints), len(model.parameters)).stacked()
+
+
+def _preference(parameters: Sequence[Parameter]) -> list[int]:
+    """Return the columns in the order in which they are kept as leaders of a base parameter."""
+    bodies = list(dict.fromkeys(x.body for x in parameters))
+
+    def key(k: int) -> tuple[int, int, int]:
+        role, body = parameters[k].role, parameters[k].body
+        kind = {"mass": 2, "rotor": 3}.get(role, 1 if role in INERTIAL else 0)
+        return kind, -bodies.index(body), k
+
+    return sorted(range(len(parameters)), key=key)
+
+
+def _choose(R: Array, rank: int, order: list[int]) -> list[int]:
+    """Choose ``rank`` independent columns: the clearly independent ones in the given order, then the largest left."""
+    rest, chosen = R.copy(), list[int]()
+
+    def keep(k: int) -> None:
+        nonlocal rest
+        unit = rest[:, k] / np.linalg.norm(rest[:, k])
+        rest = rest - np.outer(unit, unit @ rest)
+        rest[:, k] = 0.0
+        chosen.append(k)
+
+    for k in order:
+        if len(chosen) < rank and np.linalg.norm(rest[:, k]) > CLEAR:
+            keep(k)
+    while len(chosen) < rank:
+        keep(int(np.argmax(np.linalg.norm(rest, axis=0))))
+    return chosen
+
+
+def _combine(R: Array, kept: list[int], scale: Array, tolerance: float) -> Array:
+    """Return B with R theta = R_b B theta in unscaled columns, free of rounding error."""
+    p = R.shape[1]
+    B = np.linalg.lstsq(R[:, kept], R)[0] if kept else np.zeros((0, p))
+    B = np.where(np.abs(B) < max(SMALL, tolerance), 0.0, B) * scale / scale[kept, None]
+    whole = np.round(B)
+    B = np.where((whole != 0) & (np.abs(B - whole) < SMALL), whole, B)
+    B[:, kept] = np.eye(len(kept))
+    return np.asarray(B, dtype=np.float64)
+
+
+def _formula(row: Array, lead: int, names: tuple[str, ...]) -> str:
+    text = names[lead]
+    for k in np.flatnonzero(row):
+        if k != lead:
+            size = f"{abs(row[k]):.4g}"
+            text += f" {'-' if row[k] < 0 else '+'} {'' if size == '1' else size + '*'}{names[k]}"
+    return text
+
+
+def _ties(projector: Array) -> list[list[int]]:
+    """Return the sets of rows that a projector ties together."""
+    from scipy.sparse.csgraph import connected_components
+
+    tied = np.abs(projector) > 1e-3
+    _, label = connected_components(tied, directed=False)
+    involved = tied.any(axis=1)
+    return [np.flatnonzero(label == one).tolist() for one in sorted(set(label[involved]))]
+
+
+def _vector(value: ArrayLike, size: int, name: str) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (size,):
+        raise ModelError(f"{name} has shape {array.shape}, expected ({size},).")
+    return array

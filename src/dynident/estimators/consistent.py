@@ -1,0 +1,241 @@
+"""The physically consistent fit: least squares under what physics and the user demand, with a prior for the rest.
+
+Settings become constraints and a prior here. Two convex programs, small whatever the length of the logs, do the rest:
+``staged`` fits the data, ``prior`` decides what they leave free, and no more, so that no prior can touch the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, choices
+from dynident.estimators.constraints import (
+    Body,
+    Constraints,
+    Corners,
+    Interval,
+    bodies_of,
+    box,
+    interval,
+    scales,
+    total,
+)
+from dynident.estimators.estimator import Estimate, Problem, Verdict
+from dynident.estimators.least_squares import Weights, check_weights, joint_weights
+from dynident.estimators.prior import nearest, settle
+from dynident.estimators.staged import Information, fit, read
+from dynident.model import Model
+
+__all__ = ["Consistent"]
+
+Array = NDArray[np.float64]
+Distance = Literal["entropic", "euclidean"]
+SIGNED = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
+FREE = 1e-6  # share of a parameter in the free directions from which on it is not the data's
+CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
+
+
+@dataclass(frozen=True)
+class Consistent:
+    """Least squares with a positive definite pseudo-inertia for each body that has all ten inertial parameters.
+
+    ``inertia``, ``viscous``, ``coulomb``, ``rotor`` switch the demands on the bodies and on the signs of friction and
+    rotor inertia. ``total_mass`` is a value or (lower, upper) in kg, ``bounds`` are (lower, upper) by parameter name,
+    ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
+
+    ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It decides only what the data
+    leave free: directions whose singular value in the column-scaled, noise-weighted regressor is below ``threshold``
+    times the largest. ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on no
+    frame or unit; Euclidean for all other parameters) or "euclidean" (in units of each parameter's usual size). What no
+    prior covers is made as small as the constraints allow.
+
+    ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
+    values, else 1 kg and 0.1 m), of which the prior may use up half. ``weights`` and ``iterations`` are those of
+    ``joint_weights``. ``costs`` = False saves the fits that tell what constraints cost. Bodies that would fit
+    ever better by growing without end are held back, at a cost far below the noise, whatever the prior.
+    """
+
+    inertia: bool = True
+    viscous: bool = True
+    coulomb: bool = True
+    rotor: bool = True
+    total_mass: float | Interval | None = None
+    bounds: Mapping[str, Interval] | tuple[tuple[str, Interval], ...] = ()
+    centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
+    prior: str | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
+    distance: Distance = "entropic"
+    threshold: float = 1e-6
+    margin: float = 1e-5
+    weights: Weights = "per_joint"
+    iterations: int = 3
+    costs: bool = True
+
+    def __post_init__(self) -> None:
+        check_weights(self.weights, self.iterations)
+        object.__setattr__(self, "total_mass", _tupled(self.total_mass))
+        for name in ("bounds", "centre_of_mass", "prior"):
+            given = getattr(self, name)
+            if isinstance(given, Mapping):
+                object.__setattr__(self, name, tuple((key, _tupled(value)) for key, value in given.items()))
+        if self.distance not in get_args(Distance):
+            raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
+        if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):
+            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, ('nominal', 'none'))}")
+        for name in ("threshold", "margin"):
+            if not 0 < getattr(self, name) < 1:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-6.")
+        for name, sides in self._intervals().items():
+            _check_sides(name, *sides)
+        for name, (lower, upper) in dict(self.centre_of_mass).items():
+            for sides in zip(lower, upper, strict=True):
+                _check_sides(f"centre of mass of {name}", *sides)
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; the status says what the data did not determine.
+
+        Raises ConfigError where settings name what the model has not, or the constraints contradict each other, and
+        ModelError where the program cannot be solved.
+        """
+        model, compressed = problem.model, problem.regression.compressed
+        weights = joint_weights(compressed, self.weights, self.iterations)
+        factor = compressed.stacked(weights)
+        bodies = bodies_of(model.parameters)
+        effect = np.linalg.norm(factor, axis=0)
+        scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
+        known = read(factor, scale, self.threshold, compressed.samples * len(compressed.factors))
+        constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
+        aim = np.where(np.isnan(prior), 0.0, prior)
+        start = nearest(known, known.base, aim)
+        theta, excess = fit(known, constraints, start)
+        value, trouble = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        value = _snapped(value, constraints)
+        verdict = _verdict(value, known, constraints, ~np.isnan(prior))
+        costs = _costs(known, constraints, start, excess) if self.costs else {}
+        return Estimate(
+            value=value,
+            covariance=_covariance(known),
+            names=model.names,
+            units=tuple(parameter.unit for parameter in model.parameters),
+            sigma=np.sqrt(compressed.residual(value) / max(compressed.samples - 1, 1)),
+            rank=known.rank,
+            condition=known.condition,
+            samples=compressed.samples,
+            status=_status(known, verdict, trouble),
+            verdict=verdict,
+            eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
+            costs=costs,
+        )
+
+    def _intervals(self) -> dict[str, Interval]:
+        mass = self.total_mass
+        if mass is None:
+            return dict(self.bounds)
+        return {**dict(self.bounds), "total mass": mass if isinstance(mass, tuple) else (mass, mass)}
+
+    def _constraints(self, model: Model, bodies: tuple[Body, ...], scale: Array) -> Constraints:
+        parameters = model.parameters
+        limits = []
+        for role, family in SIGNED.items():
+            columns = {k: (0.0, None) for k, x in enumerate(parameters) if x.role == role and getattr(self, role)}
+            limits.append(interval(family, parameters, columns))
+        bounds = {_index(name, model, "bounds"): sides for name, sides in dict(self.bounds).items()}
+        limits.append(interval("bounds", parameters, bounds))
+        sides = self._intervals().get("total mass")
+        if sides is not None:
+            if not bodies:
+                raise ConfigError(f"total mass {sides}: the model has no body with ten inertial parameters.")
+            limits.append(total("total mass", bodies, len(parameters), sides))
+        limits.append(box("centre of mass", bodies, len(parameters), dict(self.centre_of_mass)))
+        used = tuple(limit.scaled(scale) for limit in limits if len(limit.rows))
+        return Constraints(used, bodies if self.inertia else (), self.margin)
+
+    def _prior(self, model: Model) -> Array:
+        """Return the prior (p), nan where there is none."""
+        if self.prior == "none":
+            return np.full(len(model.names), np.nan)
+        if isinstance(self.prior, str):
+            return np.array([np.nan if x.value is None else x.value for x in model.parameters])
+        given = {_index(name, model, "prior"): value for name, value in dict(self.prior).items()}
+        return np.array([given.get(k, np.nan) for k in range(len(model.names))])
+
+    def _entropic(self, known: Information, constraints: Constraints, prior: Array) -> list[Body]:
+        """Return the bodies to keep close in the log-det sense: free ones whose prior is itself a possible body."""
+        if self.distance == "euclidean":
+            return []
+        free = [body for body in constraints.bodies if (known.share[body.columns] > FREE).any()]
+        known_bodies = [body for body in free if not np.isnan(prior[body.columns]).any()]
+        return [body for body in known_bodies if np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin]
+
+
+def _tupled(value: Any) -> Any:
+    """Make settings hashable."""
+    return tuple(map(_tupled, value)) if isinstance(value, (list, tuple, np.ndarray)) else value
+
+
+def _check_sides(name: str, lower: float | None, upper: float | None) -> None:
+    if any(side is not None and np.isnan(side) for side in (lower, upper)):
+        raise ConfigError(f"{name}: the limits {lower} and {upper} must be numbers; leave a side open with None.")
+    if lower is not None and upper is not None and lower > upper:
+        raise ConfigError(f"{name}: the lower limit {lower} lies above the upper limit {upper}; exchange them.")
+
+
+def _index(name: str, model: Model, where: str) -> int:
+    if name not in model.names:
+        raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
+    return model.names.index(name)
+
+
+def _snapped(theta: Array, constraints: Constraints) -> Array:
+    """Return theta with what the solver's rounding leaves between a parameter and its limit taken off."""
+    theta = theta.copy()
+    for limit in constraints.limits:
+        for i in np.flatnonzero((limit.rows != 0).sum(axis=1) == 1):
+            k = int(np.flatnonzero(limit.rows[i])[0])
+            for side in (limit.lower[i], limit.upper[i]):
+                if abs(limit.rows[i, k] * theta[k] - side) < CLOSE:
+                    theta[k] = side / limit.rows[i, k]
+    return theta
+
+
+def _verdict(
+    theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
+) -> tuple[Verdict, ...]:
+    free = known.share > FREE
+    words = np.where(~free, "data", np.where(prior, "prior", "unidentifiable")).astype(object)
+    for body in constraints.bodies:
+        if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
+            words[body.columns[~free[body.columns]]] = "bound"
+    for limit in constraints.limits:
+        value = limit.rows @ theta
+        at = np.minimum(np.abs(value - limit.lower), np.abs(limit.upper - value)) < CLOSE
+        single = (limit.rows != 0).sum(axis=1) == 1
+        words[(limit.rows[at & single] != 0).any(axis=0)] = "bound"
+    return tuple(words)
+
+
+def _covariance(known: Information) -> Array:
+    """Return the covariance of the informed part, with infinite variance where the data do not decide."""
+    out = known.covariance.copy()
+    free = known.share > FREE
+    out[free, :] = out[:, free] = 0.0
+    out[free, free] = np.inf
+    return out
+
+
+def _costs(known: Information, constraints: Constraints, start: Array, excess: float) -> dict[str, float]:
+    """Return what each family of constraints alone, and "all" of them, add to the error, in percentage points."""
+    alone = {family: fit(known, constraints.only(family), start)[1] for family in constraints.families}
+    return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
+
+
+def _status(known: Information, verdict: tuple[Verdict, ...], trouble: str) -> str:
+    words = [f"rank {known.rank} of {len(verdict)}"] if known.rank < len(verdict) else []
+    for which, said in (("prior", "decided by the prior"), ("unidentifiable", "decided by neither data nor prior")):
+        if which in verdict:
+            words.append(f"{verdict.count(which)} parameters are {said} where the data leave them free")
+    return "; ".join([*words, *([trouble] if trouble else [])]) or "ok"

@@ -1,0 +1,172 @@
+"""What physics and the user demand of parameters: linear limits, and a positive definite pseudo-inertia of each body.
+
+Wensing, Kim and Slotine (2018), "Linear matrix inequalities for physically consistent inertial parameter
+identification: a statistical perspective on the mass distribution".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, choices
+from dynident.inertia import to_pseudo
+from dynident.terms.term import INERTIAL, Parameter
+
+__all__ = ["Body", "Constraints", "Limit", "bodies_of", "box", "interval", "scales", "total"]
+
+Array = NDArray[np.float64]
+Interval = tuple[float | None, float | None]
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+INERTIA = "pseudo-inertia"
+MASS, LENGTH = 1.0, 0.1  # the size (kg, m) of a body whose nominal mass and inertia are not known
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """A family of linear limits lower <= rows theta <= upper: ``rows`` (k, p), ``lower`` and ``upper`` (k)."""
+
+    family: str
+    labels: tuple[str, ...]
+    rows: Array
+    lower: Array
+    upper: Array
+
+    def violation(self, theta: Array) -> float:
+        """Return by how much theta (p) breaks the worst of the limits, in their units (negative: the room left)."""
+        value = self.rows @ theta
+        return float(np.maximum(self.lower - value, value - self.upper).max(initial=-np.inf))
+
+    def scaled(self, scale: Array) -> Limit:
+        """Return the same limits with each row divided by the size (p) that its largest entry usually has."""
+        size = np.abs(self.rows * scale).max(axis=1)
+        return replace(self, rows=self.rows / size[:, None], lower=self.lower / size, upper=self.upper / size)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body: the ``columns`` (10) of its parameters, and ``size`` (4) to judge its pseudo-inertia by.
+
+    ``size`` is sqrt(mass) (l, l, l, 1) with the usual mass (kg) and length l (m) of the body.
+    """
+
+    name: str
+    columns: NDArray[np.intp]
+    size: Array
+
+    def scaled(self, theta: Array) -> Array:
+        """Return the pseudo-inertia (4, 4) at theta (p), or its changes (v, 4, 4) along directions (p, v).
+
+        It has no units, and is of about one for a body of the usual size.
+        """
+        return np.asarray(to_pseudo(theta[self.columns].T) / np.outer(self.size, self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Linear limits, and scaled pseudo-inertias whose smallest eigenvalue is at least ``margin``."""
+
+    limits: tuple[Limit, ...]
+    bodies: tuple[Body, ...]
+    margin: float
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Names of the families of constraints."""
+        return (*([INERTIA] if self.bodies else []), *(limit.family for limit in self.limits))
+
+    def only(self, family: str) -> Constraints:
+        """Return one family alone."""
+        limits = tuple(limit for limit in self.limits if limit.family == family)
+        return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else ())
+
+    def eased(self, share: float) -> Constraints:
+        """Return the same with ``share`` of the margin, so that what meets this one lies inside of that."""
+        return replace(self, margin=share * self.margin)
+
+    def violation(self, theta: Array) -> float:
+        """Return by how much theta (p) breaks the worst of the constraints; not positive where it meets all."""
+        lines = [limit.violation(theta) for limit in self.limits]
+        cones = [self.margin - float(np.linalg.eigvalsh(body.scaled(theta))[0]) for body in self.bodies]
+        return max(lines + cones, default=-np.inf)
+
+
+def bodies_of(parameters: Sequence[Parameter]) -> tuple[Body, ...]:
+    """Return the bodies that have all ten inertial parameters; the others are no bodies but lumped parameters."""
+    place = {(x.body, x.role): k for k, x in enumerate(parameters)}
+    names = dict.fromkeys(x.body for x in parameters if x.role in INERTIAL)
+    whole = [name for name in names if all((name, role) in place for role in INERTIAL)]
+    return tuple(_body(name, [place[name, role] for role in INERTIAL], parameters) for name in whole)
+
+
+def _body(name: str, columns: list[int], parameters: Sequence[Parameter]) -> Body:
+    values = [parameters[k].value for k in columns]
+    nominal = np.array([np.nan if value is None else value for value in values])
+    mass, moment = nominal[0], 0.5 * nominal[[4, 6, 9]].sum()
+    known = bool(mass > 0) and bool(moment > 0)
+    mass, length = (mass, np.sqrt(moment / mass)) if known else (MASS, LENGTH)
+    return Body(name, np.array(columns), np.sqrt(mass) * np.array([length, length, length, 1.0]))
+
+
+def scales(parameters: Sequence[Parameter], bodies: Iterable[Body], effect: Array, torque: float) -> Array:
+    """Return the usual size (p) of each parameter, in its unit.
+
+    That of a body's parameters follows from its mass and length; else it is the nominal value, or, where that is not
+    known or zero, the value at which the parameter's ``effect`` (p, torque per unit) makes the whole ``torque``.
+    """
+    rest = np.where(effect > 0, torque / np.where(effect > 0, effect, 1.0), 1.0)
+    nominal = np.array([abs(x.value or 0.0) for x in parameters])
+    out = np.where(nominal > 0, nominal, np.where(rest > 0, rest, 1.0))
+    for body in bodies:
+        mass, length = body.size[3] ** 2, body.size[0] / body.size[3]
+        out[body.columns] = mass * length ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
+    return np.asarray(out)
+
+
+def interval(family: str, parameters: Sequence[Parameter], limits: Mapping[int, Interval]) -> Limit:
+    """Return limits (lower, upper) on single parameters by index; None leaves a side open."""
+    rows = np.eye(len(parameters))[list(limits)]
+    labels = tuple(f"{_worded(parameters[k].name, *limits[k])}" for k in limits)
+    return Limit(family, labels, rows, *_sides(limits.values()))
+
+
+def total(family: str, bodies: Sequence[Body], p: int, limit: Interval) -> Limit:
+    """Return the limit (lower, upper) on the sum of all bodies' masses, in kg."""
+    row = np.zeros((1, p))
+    row[0, [body.columns[0] for body in bodies]] = 1.0
+    return Limit(family, (_worded("the total mass", *limit),), row, *_sides([limit]))
+
+
+def box(family: str, bodies: Sequence[Body], p: int, boxes: Mapping[str, Corners]) -> Limit:
+    """Return lower m <= (mx, my, mz) <= upper m for bodies by name, with corners (3) in m in the joint frame."""
+    known = {body.name: body for body in bodies}
+    rows, labels = [], []
+    for name, corners in boxes.items():
+        if name not in known:
+            raise ConfigError(f"centre of mass: no body {name!r} with ten inertial parameters; {choices(name, known)}")
+        columns = known[name].columns
+        for sign, side, corner in zip((1.0, -1.0), ("from", "to"), corners, strict=True):
+            for axis, edge in enumerate(corner):
+                row = np.zeros(p)
+                row[columns[1 + axis]], row[columns[0]] = sign, -sign * edge
+                rows.append(row)
+                labels.append(f"centre of mass of {name} {side} {edge:g} m along {'xyz'[axis]}")
+    zero = np.zeros(len(rows))
+    return Limit(family, tuple(labels), np.array(rows).reshape(-1, p), zero, zero + np.inf)
+
+
+def _sides(limits: Iterable[Interval]) -> tuple[Array, Array]:
+    pairs = list(limits)
+    lower = np.array([-np.inf if low is None else low for low, _ in pairs], dtype=float)
+    upper = np.array([np.inf if high is None else high for _, high in pairs], dtype=float)
+    return lower, upper
+
+
+def _worded(name: str, lower: float | None, upper: float | None) -> str:
+    if lower is not None and lower == upper:
+        return f"{name} = {lower:g}"
+    sides = ([] if lower is None else [f"{name} >= {lower:g}"]) + ([] if upper is None else [f"{name} <= {upper:g}"])
+    return " and ".join(sides)

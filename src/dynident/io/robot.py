@@ -1,0 +1,64 @@
+"""Robot files: their text, and the model that a configuration makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from dynident.errors import ModelError
+from dynident.io.settings import RobotSettings
+from dynident.model import Model
+from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
+from dynident.terms.term import Term
+
+__all__ = ["SUFFIXES", "load_robot", "read_robot"]
+
+SUFFIXES = (".urdf", ".xml", ".mjcf")
+MOST_BYTES = 50_000_000
+
+
+def read_robot(path: Path) -> str:
+    """Return the text of a robot file; ModelError where it cannot be read or is no text."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise ModelError(f"{path}: {path.stat().st_size} bytes are too many for a robot file.")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        known = sorted(p.name for p in path.parent.glob("*") if p.suffix in SUFFIXES) if path.parent.is_dir() else []
+        beside = f" Robot files there: {', '.join(known)}." if known else ""
+        raise ModelError(f"{path}: cannot be read: {error.strerror}.{beside}") from error
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: is not a UTF-8 text ({error}).") from error
+
+
+def load_robot(settings: RobotSettings) -> Model:
+    """Build the model of a robot file: rigid bodies, rotor inertias, friction, offsets, couplings as configured.
+
+    Raises ModelError where the file cannot be read or used, or a joint is unknown.
+    """
+    if len(settings.file) != 1:
+        raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
+    (path,) = settings.file.values()
+    bodies = Bodies(read_robot(path), settings.joints, settings.lock, settings.gravity, path.name)
+    joints, width = bodies.joints, settings.coulomb_width
+    makers: dict[str, Callable[[], Term]] = {
+        "rotor": lambda: RotorInertia(joints),
+        "viscous": lambda: Viscous(joints),
+        "coulomb": lambda: Coulomb(joints, width=width),
+        "offset": lambda: Offset(joints),
+    }
+    terms: list[Term] = [bodies, *(makers[name]() for name in settings.terms)]
+    for name, coupling in settings.couplings.items():
+        terms.append(
+            Coupling(
+                joints,
+                coupling.joints,
+                inertia="rotor" in coupling.terms,
+                viscous="viscous" in coupling.terms,
+                coulomb="coulomb" in coupling.terms,
+                offset=False,
+                width=width,
+                name=name,
+            )
+        )
+    return Model(tuple(terms), name=path.stem)

@@ -1,0 +1,98 @@
+"""Chooses among smoothers by what they are for: the cross-validated torque error on the training logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators.least_squares import solve
+from dynident.log import Log, Motion
+from dynident.model import Model
+from dynident.regression import Compressed, Regression
+from dynident.smoothers import Smoother
+
+__all__ = ["Choice", "choose_smoother", "cross_validated_error"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The smoother with the least cross-validated torque error, and the ``errors`` (%) of all candidates in turn.
+
+    The error of a candidate that cannot smooth these logs is infinite.
+    """
+
+    smoother: Smoother
+    candidates: tuple[Smoother, ...]
+    errors: tuple[float, ...]
+
+    @property
+    def words(self) -> str:
+        """The choice in words, for a report."""
+        listed = ", ".join(f"{error:.3g} % {one}" for one, error in zip(self.candidates, self.errors, strict=True))
+        return f"{self.smoother}, by the cross-validated torque error on the training logs: {listed}"
+
+
+def choose_smoother(
+    model: Model,
+    logs: Sequence[Log],
+    candidates: Sequence[Smoother],
+    *,
+    folds: int = 5,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Choice:
+    """Return the candidate whose motion lets least squares predict the torque of left-out stretches of time best.
+
+    Position noise says how much smoothing g wants, not how much its derivatives do, and where it is not white it
+    does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
+    others, over the samples that every candidate vouches for, against the unfiltered torque. Raises the first error
+    where no candidate can smooth the logs, ConfigError where there is none.
+    """
+    if not candidates:
+        raise ConfigError("no smoother is given to choose from.")
+    tried: list[tuple[Motion, ...] | InputError] = []
+    for k, smoother in enumerate(candidates, start=1):
+        progress(f"trying smoother {k} of {len(candidates)}")
+        try:
+            tried.append(tuple(smoother(log) for log in logs))
+        except InputError as error:
+            tried.append(error)
+    made = [motions for motions in tried if isinstance(motions, tuple)]
+    if not made:
+        raise next(error for error in tried if isinstance(error, InputError))
+    masks = [np.logical_and.reduce([motions[k].mask for motions in made]) for k in range(len(logs))]
+    if not all(mask.sum() >= 10 * folds for mask in masks):  # the widest kernels leave too little in common
+        masks = [np.ones(len(log), dtype=bool) for log in logs]
+    errors = []
+    for motions in tried:
+        if isinstance(motions, InputError):
+            errors.append(np.inf)
+            continue
+        common = tuple(replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True))
+        errors.append(cross_validated_error(model, common, folds))
+    return Choice(candidates[int(np.argmin(errors))], tuple(candidates), tuple(errors))
+
+
+def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
+    """Return the relative torque error (%) of stretches of time predicted from the others, from triangular factors."""
+    parts = [Regression(model, tuple(_part(motion, k, folds) for motion in motions)).compressed for k in range(folds)]
+    wrong = total = 0.0
+    for k, part in enumerate(parts):
+        others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
+        theta = solve(Compressed(others, part.samples).stacked(), tolerance=1e-8).value
+        wrong += float(part.residual(theta).sum())
+        total += float(np.square(part.factors[:, :, -1]).sum())
+    return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")
+
+
+def _part(motion: Motion, k: int, folds: int) -> Motion:
+    """Return the motion with only the k-th of ``folds`` equal shares of its usable samples left in the mask."""
+    used = np.array_split(np.flatnonzero(motion.mask), folds)[k]
+    mask = np.zeros(len(motion), dtype=bool)
+    mask[used] = True
+    return replace(motion, mask=mask)

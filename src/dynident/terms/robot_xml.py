@@ -1,0 +1,205 @@
+"""What a robot file says, whichever its format: links with inertias, joints that connect them, and their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError, choices
+
+__all__ = [
+    "HUGE",
+    "Coupled",
+    "Limits",
+    "RobotFile",
+    "RobotJoint",
+    "Tied",
+    "known",
+    "motion",
+    "numbers",
+    "parse",
+    "placement",
+    "rotation",
+    "unique",
+    "unit",
+]
+
+Array = NDArray[np.float64]
+HUGE = 1e30  # no length, mass or angle of a robot is as large, and squares of larger ones overflow
+DEEPEST = 300  # levels of nesting: no arm needs more, and readers that recurse would fail
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a joint may do, None where the file does not say: N m or N, rad/s or m/s, and rad or m."""
+
+    effort: float | None = None
+    velocity: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RobotJoint:
+    """A joint between two links: at position q the child's frame in the parent's is ``placement`` @ motion(q).
+
+    ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` tells why the joint
+    cannot be one of the moving ones. ``follows`` is (joint, multiplier, offset) of a mimic joint. ``nominal`` holds
+    what the file says of damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or kg).
+    """
+
+    name: str
+    kind: Literal["fixed", "revolute", "prismatic"]
+    parent: str
+    child: str
+    placement: Array
+    axis: Array
+    limits: Limits = Limits()
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    follows: tuple[str, float, float] | None = None
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """Joints that an equation of the file, worded in ``what``, makes depend on each other."""
+
+    what: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Two links that a constraint of the file, worded in ``what``, ties together; None is one that is not known."""
+
+    what: str
+    links: tuple[str | None, str | None]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotFile:
+    """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
+    where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
+    m/s^2 is None where it does not say; ``notes`` tell what it says and is not read.
+    """
+
+    format: Literal["urdf", "mjcf"]
+    source: str
+    root: str
+    links: Mapping[str, Array | None]
+    joints: tuple[RobotJoint, ...]
+    constraints: tuple[Coupled | Tied, ...] = ()
+    gravity: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def parse(xml: str, source: str) -> Element:
+    """Return the root element of the text of a robot file; no entity is expanded and no other file is read.
+
+    Raises ModelError for malformed XML, with its line, and for a document type or entity declaration.
+    """
+    builder, parser, depth = TreeBuilder(), expat.ParserCreate(), 0
+
+    def refuse(*_: object) -> NoReturn:
+        raise ModelError(
+            f"{source}, line {parser.CurrentLineNumber}: a DOCTYPE with its entities is not read, because it can reach "
+            "other files or grow without bound; delete it and write out what its entities stand for."
+        )
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise ModelError(
+                f"{source}, line {parser.CurrentLineNumber}: elements are nested deeper than {DEEPEST} levels."
+            )
+        if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):
+            raise ModelError(
+                f"{source}, line {parser.CurrentLineNumber}: <{tag}> needs xacro; expand the file first with "
+                "`xacro robot.urdf.xacro > robot.urdf`."
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(xml, True)
+    except expat.ExpatError as error:
+        raise ModelError(f"{source} is not well-formed XML: {error}; correct the file there.") from error
+    except UnicodeEncodeError as error:
+        raise ModelError(f"{source} is not text: {error}; read it with its own encoding.") from error
+    return builder.close()
+
+
+def numbers(element: Element | Mapping[str, str] | None, key: str, default: str, where: str, count: int = 1) -> Array:
+    """Return ``count`` numbers of an attribute, or of ``default`` where element or attribute is missing.
+
+    Raises ModelError, with the place worded in ``where``, where they are not as many, not finite, or huge.
+    """
+    text = default if element is None else (element.get(key) or default)
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([])
+    if len(values) != count or not (np.abs(values) < HUGE).all():
+        wanted = f"a number below {HUGE:g}" if count == 1 else f"{count} numbers below {HUGE:g}"
+        raise ModelError(f"{where}: {key} = {text!r}, expected {wanted}, such as {default or '0'!r}.")
+    return values
+
+
+def unit(vector: Array, where: str) -> Array:
+    """Return the vector (3) at length 1; ModelError where it has none."""
+    length = float(np.linalg.norm(vector))
+    if length == 0:
+        raise ModelError(f"{where}: the axis is {vector.tolist()}, which has no direction; write such as '0 0 1'.")
+    return vector / length
+
+
+def unique(names: Iterable[str], what: str, source: str) -> None:
+    """Raise ModelError where one of the names is given twice or empty."""
+    seen: set[str] = set()
+    for name in names:
+        if not name:
+            raise ModelError(f"{source}: a {what} has no name; give it one, because data are matched by name.")
+        if name in seen:
+            raise ModelError(f"{source}: the name {name!r} is given to more than one {what}; rename the others.")
+        seen.add(name)
+
+
+def known(name: str, names: Iterable[str], where: str, what: str = "joint") -> None:
+    """Raise ModelError with the choices where ``name`` is none of ``names``."""
+    names = list(names)
+    if name not in names:
+        raise ModelError(f"{where}: no {what} {name!r}; {choices(name, names)}")
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """Return the matrix (3, 3) that turns by ``angle`` rad about the unit vector ``axis`` (Rodrigues)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+def placement(turn: Array, shift: Array) -> Array:
+    """Return the homogeneous matrix (4, 4) of a rotation (3, 3) and a translation (3) in m."""
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn, shift
+    return out
+
+
+def motion(joint: RobotJoint, q: float) -> Array:
+    """Return the homogeneous matrix (4, 4) of a joint's motion by q, in rad or m."""
+    if joint.kind == "prismatic":
+        return placement(np.eye(3), joint.axis * q)
+    return placement(rotation(joint.axis, q), np.zeros(3)) if joint.kind == "revolute" else np.eye(4)

@@ -1,0 +1,233 @@
+"""Base parameters: rank, groupings in words, the maps between base and standard, and what excitation is missing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dynident.basis import Basis, basis_of, compare, structural_basis
+from dynident.errors import ConfigError, ModelError
+from dynident.gallery import two_link_arm
+from dynident.inertia import moved
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import Block, Regression, compress
+from dynident.terms import Bodies, Coulomb, Joint, Offset, RotorInertia, Viscous
+from dynident.terms.term import Parameter
+from tests.estimators.welded import Drag, Welded, single, turned
+
+Array = NDArray[np.float64]
+PANDA = Path(__file__).parents[2] / "shared" / "data" / "panda" / "panda.urdf"
+
+
+def columns(*names: str, **roles: tuple[str, str]) -> list[Parameter]:
+    """Parameters by name; ``roles`` gives role and body of some."""
+    return [Parameter(name, "", "", None, *roles.get(name, ("", ""))) for name in names]
+
+
+def read(X: Array, parameters: list[Parameter], **settings: float) -> Basis:
+    block = Block(X[:, None], np.zeros((len(X), 1)))
+    return basis_of(compress(iter([block]), 1, X.shape[1]).stacked(), parameters, **settings)
+
+
+def noise(p: int, rows: int = 50, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).normal(size=(rows, p))
+
+
+def test_groupings_read_as_in_the_literature() -> None:
+    """Preference: friction, then inertia of the later body, then masses, then rotors."""
+    roles = {
+        "Izz1": ("Izz", "one"),
+        "m2": ("mass", "two"),
+        "Iyy2": ("Iyy", "two"),
+        "Ia1": ("rotor", ""),
+        "Fv1": ("viscous", ""),
+    }
+    X = noise(5)
+    X[:, 1] = X[:, 0]  # Ia1 = Izz1
+    X[:, 3] = 0.05185 * X[:, 0] - 2 * X[:, 2]
+    found = read(X, columns("Izz1", "Ia1", "Iyy2", "m2", "Fv1", **roles))
+    assert found.rank == 3
+    assert found.groupings == ("Izz1 + Ia1 + 0.05185*m2", "Iyy2 - 2*m2", "Fv1")
+    assert found.independent == (0, 2, 4)
+    assert found.dependent == (1, 3)
+    assert found.determined == ("Fv1",)
+    assert found.gap > 1e12
+    assert "rank 3 of 5" in found.words
+    assert "only combinations act on the torque of: Izz1, Ia1, Iyy2, m2" in found.words
+
+
+def test_later_bodies_lead() -> None:
+    X = noise(3)
+    X[:, 0] = X[:, 2]
+    roles = {"I1": ("Izz", "one"), "I2": ("Izz", "two")}
+    assert read(X, columns("I1", "x", "I2", **roles)).groupings == ("x", "I2 + I1")
+
+
+def test_column_without_effect_is_named() -> None:
+    X = noise(3) * np.array([1.0, 0.0, 1e-6])
+    found = read(X, columns("a", "b", "c"))
+    assert (found.rank, found.without_effect, found.determined) == (2, ("b",), ("a", "c"))
+    assert "no effect on the torque: b" in found.words
+    assert "only combinations" not in found.words
+
+
+def test_full_rank_and_no_rank() -> None:
+    full, none = read(noise(3), columns("a", "b", "c")), read(np.zeros((9, 2)), columns("a", "b"))
+    np.testing.assert_array_equal(full.combination, np.eye(3))
+    assert full.words == "rank 3 of 3: every parameter acts on the torque in its own way."
+    assert full.gap == np.inf
+    assert (none.rank, none.groupings, none.without_effect) == (0, (), ("a", "b"))
+    np.testing.assert_array_equal(none.to_standard([], near=[1.0, 2.0]), [1.0, 2.0])
+
+
+@given(st.integers(0, 10**6), st.integers(1, 8), st.integers(0, 4))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: int) -> None:
+    """X theta = X_b beta whatever theta; the maps are inverse to each other; null directions change nothing."""
+    rng = np.random.default_rng(seed)
+    p = rank + extra
+    units = 10.0 ** rng.uniform(-4, 4, p)
+    X = rng.normal(size=(40, rank)) @ rng.normal(size=(rank, p)) * units
+    found = read(X, columns(*map(str, range(p))))
+    theta, near = rng.normal(size=(2, p)) / units
+    beta = found.to_base(theta)
+    assert found.rank == rank
+    size = np.linalg.norm(X, axis=0) @ np.abs(theta)
+    np.testing.assert_allclose(X[:, list(found.independent)] @ beta, X @ theta, atol=1e-9 * size)
+    for back in (found.to_standard(beta), found.to_standard(beta, near)):
+        np.testing.assert_allclose(X @ back, X @ theta, atol=1e-9 * size)
+    np.testing.assert_allclose(found.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
+    assert np.abs(X @ found.null).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(found.null).max(initial=1.0)
+    assert found.null.shape == (p, extra)
+
+
+def test_tolerance_decides_on_nearly_dependent_columns() -> None:
+    X = noise(3)
+    X[:, 2] = X[:, 1] + 1e-6 * X[:, 2]
+    strict, loose = (read(X, columns("a", "b", "c"), tolerance=t) for t in (1e-9, 1e-4))
+    assert (strict.rank, loose.rank) == (3, 2)
+    assert 1e4 < loose.gap < 1e8
+    assert loose.groupings == ("a", "b + c")
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, float("nan")])
+def test_wrong_tolerance(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match=f"rank is {tolerance}"):
+        read(noise(2), columns("a", "b"), tolerance=tolerance)
+
+
+def test_wrong_shapes() -> None:
+    found = read(noise(2), columns("a", "b"))
+    with pytest.raises(ModelError, match=r"factor has shape \(2, 2\), expected \(3, 3\) or \(4, 4\)"):
+        basis_of(np.eye(2), columns("a", "b", "c"))
+    with pytest.raises(ModelError, match=r"theta has shape \(3,\), expected \(2,\)"):
+        found.to_base([1, 2, 3])
+    with pytest.raises(ModelError, match=r"beta has shape \(1,\)"):
+        found.to_standard([1])
+
+
+def test_structural_rank_of_known_models() -> None:
+    """All of the article's parameters; all ten of a free body; those but the mass where moments alone are felt."""
+    assert structural_basis(two_link_arm()).rank == len(two_link_arm().names)
+    assert structural_basis(single()).rank == 10
+    felt = structural_basis(single(moments_only=True))
+    assert (felt.rank, felt.without_effect) == (9, ("b1.mass",))
+
+
+@pytest.mark.skipif(not PANDA.exists(), reason="the Panda's robot file is not part of the project")
+def test_published_rank_of_the_panda() -> None:
+    """43 rigid-body base parameters and 21 of friction; rotors 1 and 2 turn with links that the joints turn alike."""
+    bodies = Bodies(PANDA.read_text(), tuple(f"panda_joint{k}" for k in range(1, 8)))
+    joints = bodies.joints
+    rigid = structural_basis(Model((bodies,)))
+    whole = structural_basis(Model((bodies, Viscous(joints), Coulomb(joints), Offset(joints))))
+    geared = structural_basis(Model((bodies, RotorInertia(joints))))
+    assert (rigid.rank, whole.rank, geared.rank) == (43, 64, 48)
+    assert min(basis.gap for basis in (rigid, whole, geared)) > 1e6
+    assert set(rigid.groupings) <= set(whole.groupings)
+    masses = "".join(f" + 0.0825*panda_link{k}.mass" for k in range(4, 8))
+    assert f"panda_link3.mx{masses}" in rigid.groupings
+
+
+def test_welded_bodies_group_as_one_body() -> None:
+    """The later body leads, so its base parameters are the first body's, moved to its frame."""
+    X = turned(np.random.default_rng(0))
+    found = structural_basis(Model((Welded((np.eye(4), X), (None, None)),)))
+    first, second = np.random.default_rng(1).normal(size=(2, 10))
+    assert found.rank == 10
+    total = moved(first, np.linalg.inv(X)) + second
+    lone = [k - 10 for k in found.independent if k >= 10]
+    assert set(range(1, 10)) <= set(lone)
+    beta = found.to_base(np.concatenate((first, second)))
+    if len(lone) == 10:
+        np.testing.assert_allclose(beta, total, rtol=1e-7)
+
+
+def test_is_the_same_each_time_and_for_other_states() -> None:
+    model = Model((Welded((np.eye(4), turned(np.random.default_rng(0))), (None, None)),))
+    first, again = structural_basis(model), structural_basis(model)
+    other = structural_basis(model, np.random.default_rng(9), samples=100)
+    np.testing.assert_array_equal(first.combination, again.combination)
+    assert first.groupings == other.groupings
+
+
+def motion(model: Model, still: tuple[int, ...] = ()) -> Motion:
+    """Random states, some joints at rest."""
+    n = len(model.joints)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, n))
+    q[:, still], dq[:, still], ddq[:, still] = 0.1, 0.0, 0.0
+    names = tuple(joint.name for joint in model.joints)
+    return Motion(np.linspace(0, 1, 200), q, dq, ddq, np.zeros_like(q), names, np.ones(200, dtype=bool))
+
+
+def on_data(model: Model, *motions: Motion) -> Basis:
+    return basis_of(Regression(model, motions).compressed.stacked(), model.parameters)
+
+
+def test_missing_excitation_is_named() -> None:
+    """Joint b stands still: its friction cannot be seen, that of a can."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Viscous(joints), Coulomb(joints), Offset(joints)))
+    made = motion(model, still=(1,))
+    missing = compare(structural_basis(model), on_data(model, made), model, [made])
+    assert {m.groupings for m in missing} == {("Fv_b",), ("Fc_b",)}
+    assert {m.joints for m in missing} == {("b",)}
+    assert missing[0].words.endswith("not excited by these data; move b (standing still in these data: b).")
+    assert compare(structural_basis(model), on_data(model, motion(model)), model) == ()
+
+
+def test_joints_that_help_only_together() -> None:
+    """Two columns that differ only where both joints move: neither alone shows the difference."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Drag(joints, "viscous"), Product(joints)))
+    made = motion(model, still=(1,))
+    (missing,) = compare(structural_basis(model), on_data(model, made), model)
+    assert missing.groupings == ("product",)
+    assert missing.joints == ("a", "b")
+    assert "move a, b at the same time" in missing.words
+
+
+class Product(Drag):
+    """A torque dq_a dq_b on the first joint."""
+
+    def __init__(self, joints: tuple[Joint, ...]) -> None:
+        super().__init__(joints, "viscous")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("product", ""),)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        out = np.zeros((*q.shape, 1))
+        out[:, 0, 0] = dq[:, 0] * dq[:, 1]
+        return out
+
+
+def test_what_is_compared_must_belong_together() -> None:
+    free, arm = single(), two_link_arm()
+    with pytest.raises(ModelError, match="about the same parameters"):
+        compare(structural_basis(free), structural_basis(arm), free)

@@ -1,7 +1,7 @@
 """Speed and memory beside the peers, in one run and with one BLAS thread: python3 dev.py bench [PART ...].
 
-Parts: spline, memory, batch, reproduce. Every figure is the best of several repetitions, so that a busy machine
-disturbs as little as possible; ratios compare figures taken within the same seconds.
+Parts: spline, memory, batch, reproduce, consistent. Every figure is the best of several repetitions, so that a busy
+machine disturbs as little as possible; ratios compare figures taken within the same seconds.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
@@ -133,7 +134,11 @@ def reproduce() -> None:
     print(f"dynident --help: {time.perf_counter() - began:.2f} s", flush=True)
 
 
-PARTS = {"spline": spline, "batch": batch, "memory": memory, "reproduce": reproduce}
+def consistent() -> None:
+    subprocess.run([sys.executable, Path(__file__).with_name("consistent.py")], check=True)
+
+
+PARTS = {"spline": spline, "batch": batch, "memory": memory, "reproduce": reproduce, "consistent": consistent}
 
 if __name__ == "__main__":
     wrong = [name for name in sys.argv[1:] if name not in PARTS]

@@ -327,6 +327,7 @@ class TestSmooth:
             (("--time", "time", "--column", "poss"), "did you mean 'pos'"),
             (("--time", "time", "--sigma", "-1"), "sigma is -1"),
             (("--time", "pos"), "does not exceed"),
+            (("--time", "time", "--lam", "1", "--rule", "gcv"), "--lam and --rule gcv"),
         ],
     )
     def test_bad_options(self, tmp_path: Path, options: tuple[str, ...], words: str) -> None:

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from dynident.errors import InputError
 from dynident.log import Motion
 from dynident.plot import canvas
 from dynident.plot import study as study_figures
+from dynident.terms.term import Parameter
 
 QUARTILES = [0, 0.25, 0.5, 0.75, 1]
 
@@ -29,7 +31,7 @@ def validation(held):
 
 
 def estimated(std, units, true=None, names=("a", "b", "c")):
-    parameters = tuple(SimpleNamespace(name=n, value=v) for n, v in zip(names, true or (None,) * 3, strict=True))
+    parameters = tuple(Parameter(n, u, value=v) for n, u, v in zip(names, units, true or (None,) * 3, strict=True))
     estimate = SimpleNamespace(names=names, value=np.array([1.0, -2.0, 3.0]), std=np.array(std), units=units)
     return SimpleNamespace(estimate=estimate, model=SimpleNamespace(parameters=parameters))
 
@@ -204,21 +206,41 @@ def test_motion_figure_shows_the_three_derivatives():
     assert figure.layout.yaxis2.title.text == "velocity, m/s"
 
 
-def test_parameter_figure_has_a_panel_per_unit_and_marks_what_is_not_determined():
-    figure = plot.parameter_figure(estimated([0.1, np.inf, 0.2], ("kg", "kg", "N m"), true=(1.1, None, None)))
-    first, true, second = figure.data
-    assert list(first.y) == ["a", "b"]
-    assert list(first.marker.symbol) == ["circle", "circle-open"]
-    np.testing.assert_allclose(first.error_x.array, [0.196, np.nan])
-    assert (list(true.x), list(true.y)) == ([1.1], ["a"])
-    assert (list(second.y), second.xaxis) == (["c"], "x2")
-    assert [note.text for note in figure.layout.annotations] == ["kg", "N m"]
+def test_parameter_figure_shows_errors_in_per_cent_and_marks_what_is_not_determined():
+    figure = plot.parameter_figure(estimated([0.1, np.inf, 0.0], ("kg", "kg", "N m"), true=(1.05, -2.0, 3.0)))
+    errors, true = figure.data
+    assert figure.layout.xaxis.type == "log"
+    assert list(errors.y) == ["a", "b", "c"]
+    assert list(errors.marker.symbol) == ["circle", "circle-open", "circle"]
+    assert errors.x[0] == pytest.approx(10.0)
+    assert errors.x[1] > errors.x[0] > errors.x[2] > 0
+    assert errors.text[0] == "1 ± 0.2 kg"
+    assert list(true.y) == ["a", "c"]
+    assert true.x[0] == pytest.approx(5.0)
+
+
+def test_parameter_figure_holds_a_hundred_parameters_and_only_undetermined_ones():
+    names = tuple(f"p{k}" for k in range(100))
+    estimate = SimpleNamespace(names=names, value=np.zeros(100), std=np.full(100, np.inf), units=("kg",) * 100)
+    model = SimpleNamespace(parameters=tuple(Parameter(name, "kg", body="link") for name in names))
+    figure = plot.parameter_figure(SimpleNamespace(estimate=estimate, model=model))
+    assert figure.layout.height > 1500
+    assert set(figure.data[0].marker.symbol) == {"circle-open"}
+    assert list(figure.layout.yaxis.range) == [99.5, -0.5]
+
+
+def test_a_nominal_value_is_not_drawn_as_the_true_one():
+    found = estimated([0.1, 0.1, 0.1], ("kg",) * 3, true=(1.0, 2.0, 3.0))
+    assert plot.reference_word(found.model) == "true"
+    found.model.parameters = tuple(replace(parameter, body="link") for parameter in found.model.parameters)
+    assert plot.reference_word(found.model) == "nominal"
+    assert len(plot.parameter_figure(found).data) == 1
 
 
 def test_names_cannot_carry_tags_into_a_figure():
     figure = plot.parameter_figure(estimated([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c")))
-    assert list(figure.data[0].y) == ["&lt;a href='x'&gt;"]
-    assert figure.layout.annotations[0].text == "&lt;b&gt;kg"
+    assert figure.data[0].y[0] == "&lt;a href='x'&gt;"
+    assert "&lt;b&gt;kg" in figure.data[0].text[0]
     assert "<b>" not in plot.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
 
 

@@ -123,7 +123,7 @@ def test_stacked_joints_with_weights(weights: tuple[float, float] | None) -> Non
 
 def test_stacked_weights_of_a_single_joint() -> None:
     factors = np.triu(np.random.default_rng(0).normal(size=(1, 3, 3)))
-    np.testing.assert_array_equal(Compressed(factors, 9).stacked(np.array([2.0])), 2 * factors[0])
+    np.testing.assert_array_equal(Compressed(factors, np.array([9])).stacked(np.array([2.0])), 2 * factors[0])
 
 
 @pytest.mark.parametrize("off", [0.0, 0.3])

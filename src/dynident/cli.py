@@ -53,9 +53,11 @@ def main() -> None:
 def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | None, json_file: Path | None) -> None:
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the printed numbers."""
     from dynident import article
-    from dynident.io.results import write_json, write_text
+    from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report.study import study_page, study_text
 
+    for folder in filter(None, (out, json_file and json_file.parent)):
+        probe_folder(folder)
     names = [name.strip() for name in methods.split(",") if name.strip()]
     with _bar(f"{scenario}, {runs} runs") as progress:
         found = article.reproduce(
@@ -63,10 +65,11 @@ def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | Non
         )
     console = _console()
     console.print(study_text(found))
+    page = study_page(found) if out else ""
     if json_file:
         write_json(json_file, found.summary())
     if out:
-        _tell(console, "Report", write_text(out / "report.html", study_page(found)))
+        _tell(console, "Report", write_text(out / "report.html", page))
 
 
 @main.command(short_help="Identify parameters from recordings.")
@@ -74,20 +77,23 @@ def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | Non
 @click.option("--out", type=DIRECTORY, help="Folder for result.json and report.html.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
-    from dynident.report.identification import identification_page, identification_tables, result_dict
+    from dynident.io.results import probe_folder, write_json, write_text
+    from dynident.report import identification_notes, identification_page, identification_tables, result_dict
 
+    if out:
+        probe_folder(out)
     with _status() as say:
         found = _identify(config, say)
     console = _console()
     for table in identification_tables(found):
         console.print(table)
-    for warning in found.warnings:
-        console.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
+    for note in identification_notes(found):
+        style = "yellow" if note.startswith("Warning") else None
+        console.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
     if out:
-        from dynident.io.results import write_json, write_text
-
-        _tell(console, "Result", write_json(out / "result.json", result_dict(found)))
-        _tell(console, "Report", write_text(out / "report.html", identification_page(found)))
+        result, page = result_dict(found), identification_page(found)
+        _tell(console, "Result", write_json(out / "result.json", result))
+        _tell(console, "Report", write_text(out / "report.html", page))
 
 
 @main.command(short_help="Smooth and differentiate columns of a file.")
@@ -105,41 +111,22 @@ def smooth(
     log: Path, time_column: str, columns: tuple[str, ...], rule: str, sigma: float | None, lam: float | None, out: Path
 ) -> None:
     """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html)."""
-    import numpy as np
-    import polars as pl
-
-    from dynident.errors import ConfigError, InputError
+    from dynident.errors import ConfigError
     from dynident.io.results import write_table, write_text
     from dynident.io.tables import read_columns
     from dynident.report.page import terminal
-    from dynident.report.smoothing import smoothing_page, smoothing_table
-    from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
-    from dynident.splines import smooth as fit_spline
+    from dynident.report.smoothing import smoothed_columns, smoothing_page, smoothing_table
+    from dynident.splines import Fixed, rule_named
 
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
-    table = read_columns(log)
-    t = table.column(time_column)
-    names = columns or tuple(name for name in table.columns if name != time_column)
-    derived = [f"{prefix}{name}" for prefix in ("d_", "dd_") for name in names]
-    clash = [name for name in derived if name in (*names, time_column)]
-    if clash:
-        raise ConfigError(f"{log}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
-    if not names:
-        raise InputError(f"{log}: holds no column besides {time_column!r} to smooth.")
-    wrong = [name for name in names if len(table.column(name)) != len(t)]
-    if wrong:
-        raise InputError(f"{log}: column {wrong[0]!r} and {time_column!r} differ in length.")
-    y = np.column_stack([table.column(name) for name in names])
-    rules = {"constraint": Constraint, "gcv": GCV, "reml": REML, "interpolate": Interpolation}
-    fit = fit_spline(t, y, rules[rule]() if lam is None else Fixed(lam=lam), sigma=sigma)
-    found = {time_column: t}
-    for order, prefix in enumerate(("", "d_", "dd_")):
-        found |= {f"{prefix}{name}": fit.derivative(order)[:, k] for k, name in enumerate(names)}
+    chosen = rule_named(rule) if lam is None else Fixed(lam=lam)
+    found = smoothed_columns(read_columns(log), time_column, columns, chosen, sigma)
+    page = smoothing_page(log.name, found.names, found.measured, found.fit)
     console = _console()
-    console.print(terminal(smoothing_table(names, fit)))
-    _tell(console, "Table", write_table(out / "smoothed.csv", pl.DataFrame(found)))
-    _tell(console, "Report", write_text(out / "report.html", smoothing_page(log.name, names, y, fit)))
+    console.print(terminal(smoothing_table(found.names, found.fit)))
+    _tell(console, "Table", write_table(out / "smoothed.csv", found.frame()))
+    _tell(console, "Report", write_text(out / "report.html", page))
 
 
 def _tell(console: Console, what: str, path: Path) -> None:
@@ -151,7 +138,7 @@ def _identify(path: Path, say: Callable[[str], None]) -> Any:
 
     from dynident.errors import ConfigError
     from dynident.identify import identify as run
-    from dynident.io.config import load_model, read_config
+    from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_logs
     from dynident.io.recipe import build_recipe
 
@@ -160,7 +147,7 @@ def _identify(path: Path, say: Callable[[str], None]) -> Any:
     model = load_model(config.model, path.parent)
     recipe = build_recipe(config)
     logs: dict[str, dict[str, Any]] = {"train": {}, "validation": {}}
-    warnings: list[str] = []
+    warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
     for role in logs:
         for spec in getattr(config, role):
             say(f"reading {spec.label}")

@@ -78,19 +78,7 @@ def split_gaps(log: Log) -> tuple[Log, ...]:
     if len(edges) == 2:
         return (log,)
     pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= MINIMUM_SAMPLES]
-    return tuple(_cut(log, rows, f"{log.source} part {k}") for k, rows in enumerate(pieces, 1))
-
-
-def _cut(log: Log, rows: slice, source: str) -> Log:
-    return replace(
-        log,
-        t=log.t[rows],
-        q=log.q[rows],
-        tau=log.tau[rows],
-        dq=None if log.dq is None else log.dq[rows],
-        command=None if log.command is None else log.command[rows],
-        source=source,
-    )
+    return tuple(log.rows(rows, f"{log.source} part {k}") for k, rows in enumerate(pieces, 1))
 
 
 def _long_steps(log: Log) -> NDArray[np.intp]:

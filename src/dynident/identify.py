@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 
 from dynident import __version__
-from dynident.errors import ConfigError
+from dynident.basis import Basis, Missing, basis_of, compare, structural_basis
+from dynident.errors import ConfigError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
@@ -24,17 +25,32 @@ __all__ = ["Identification", "Recipe", "identify", "versions"]
 class Recipe:
     """How to identify: the interchangeable parts, with the article's method as the default.
 
-    Of several smoothers, the one with the least cross-validated torque error on the training logs is taken.
+    Of several smoothers, the one with the least cross-validated torque error on the training logs is taken. ``slow``,
+    a speed (rad/s, m/s) or one by joint name, leaves the slower samples out of that joint's equation in the fit.
     """
 
     smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
     estimator: Estimator = field(default_factory=LeastSquares)
     parallel: Parallel | None = None
+    slow: Mapping[str, float] | float | None = None
+
+    def slowest(self, joints: Sequence[str]) -> tuple[float, ...] | None:
+        """Return ``slow`` for each joint; ConfigError where it names another."""
+        if self.slow is None or not isinstance(self.slow, Mapping):
+            return None if self.slow is None else (float(self.slow),) * len(joints)
+        for name in self.slow:
+            if name not in joints:
+                raise ConfigError(f"slow: there is no joint {name!r}. {choices(name, joints)}")
+        return tuple(float(self.slow.get(name, 0.0)) for name in joints)
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Everything that one run found: what reports and exports read."""
+    """Everything that one run found: what reports and exports read.
+
+    ``basis`` are the base parameters that the training data show, ``structural`` those that any motion could show, and
+    ``missing`` the motion that would show the rest; all are given where the data do not determine every parameter.
+    """
 
     model: Model
     estimate: Estimate
@@ -42,6 +58,9 @@ class Identification:
     warnings: tuple[str, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    basis: Basis | None = None
+    structural: Basis | None = None
+    missing: tuple[Missing, ...] = ()
 
 
 def identify(
@@ -77,15 +96,26 @@ def identify(
             motions[role][name] = smoother(log)
     progress("estimating")
     fitted = tuple(motions["train"].values())
-    estimate = recipe.estimator(Problem(model, fitted, Regression(model, fitted, recipe.parallel)))
+    slow = recipe.slowest(joints)
+    regression = Regression(model, fitted, recipe.parallel, slow)
+    estimate = recipe.estimator(Problem(model, fitted, regression))
     progress("validating")
     judged = tuple(
-        validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel)
+        validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)
         for role in ("train", "validation")
         for name, motion in motions[role].items()
     )
-    warnings = () if estimate.status == "ok" else (estimate.status,)
-    return Identification(model, estimate, judged, warnings, settings, versions())
+    warnings: tuple[str, ...] = () if estimate.status == "ok" else (estimate.status,)
+    found = Identification(model, estimate, judged, warnings, settings, versions())
+    if estimate.rank == len(model.parameters):
+        return found
+    progress("finding base parameters")
+    on_data = basis_of(regression.compressed.stacked(), model.parameters)
+    structural = structural_basis(model)
+    missing = compare(structural, on_data, model, fitted)
+    if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
+        warnings = tuple(one.words for one in missing)
+    return replace(found, basis=on_data, structural=structural, missing=missing, warnings=warnings)
 
 
 def versions() -> dict[str, str]:

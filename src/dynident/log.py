@@ -106,11 +106,19 @@ class Log:
                 f"{self.source}: the window {start} to {stop} s holds {keep.sum()} samples; "
                 f"the log runs from {self.t[0]} to {self.t[-1]} s."
             )
-        cut: dict[str, Any] = {
-            name: None if (value := getattr(self, name)) is None else value[keep]
-            for name in ("t", "q", "tau", "dq", "command")
-        }
-        return replace(self, **cut)
+        return self.rows(keep, self.source)
+
+    def rows(self, keep: slice | NDArray[np.bool_], source: str) -> Log:
+        """Return the samples that ``keep`` picks, a slice or a mask (N), as a log called ``source``.
+
+        Raises InputError where fewer than two samples remain.
+        """
+        return replace(self, t=self.t[keep], source=source, **self._cut((keep,)))
+
+    def _cut(self, index: tuple[Any, ...]) -> dict[str, Any]:
+        """Return the part of every channel that the index picks."""
+        channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command")}
+        return {name: None if value is None else value[index] for name, value in channels.items()}
 
     def select(self, joints: tuple[str, ...]) -> Log:
         """Return the log with its joints in the given order, matched by name; InputError where one is missing."""
@@ -120,11 +128,7 @@ class Log:
         if joints == self.joints:
             return self
         order = [self.joints.index(name) for name in joints]
-        cut: dict[str, Any] = {
-            name: None if (value := getattr(self, name)) is None else value[:, order]
-            for name in ("q", "tau", "dq", "command")
-        }
-        return replace(self, joints=joints, **cut)
+        return replace(self, joints=joints, **self._cut((slice(None), order)))
 
 
 @dataclass(frozen=True, eq=False)

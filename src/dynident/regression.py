@@ -14,7 +14,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.log import Motion
 from dynident.model import Model
 
-__all__ = ["BLOCK", "Block", "Compressed", "Parallel", "Regression", "compress", "stretches"]
+__all__ = ["BLOCK", "Block", "Compressed", "Parallel", "Regression", "compress", "moving", "stretches"]
 
 Array = NDArray[np.float64]
 BLOCK = 4096
@@ -71,21 +71,32 @@ class Parallel:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some rows of the problem: ``Y`` (B, n, p) and ``tau`` (B, n)."""
+    """Some rows of the problem: ``Y`` (B, n, p), ``tau`` (B, n), and which of them to use, ``keep`` (B, n) or all."""
 
     Y: Array
     tau: Array
+    keep: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Compressed:
     """What least squares needs of any number of rows: per joint the R factor of [Y_j | tau_j].
 
-    ``factors`` (n, p + 1, p + 1), upper triangular; ``samples`` is the number of rows behind each of them.
+    ``factors`` (n, p + 1, p + 1), upper triangular; ``rows`` (n) is the number of rows behind each of them.
     """
 
     factors: Array
-    samples: int
+    rows: NDArray[np.int_]
+
+    @property
+    def samples(self) -> int:
+        """The largest number of rows of a joint."""
+        return int(self.rows.max())
+
+    @property
+    def total(self) -> int:
+        """The number of rows of all joints."""
+        return int(self.rows.sum())
 
     def stacked(self, weights: Array | None = None) -> Array:
         """Return one factor (p + 1, p + 1) of all joints, each multiplied by its weight (n) (one over its noise)."""
@@ -105,18 +116,22 @@ class Regression:
     """The torque equation of a model over any number of motions; only the masked-in samples enter.
 
     The matrix is never formed: ``blocks`` makes it again, a few thousand samples at a time, as often as it is asked;
-    ``compressed`` keeps its triangular factors.
+    ``compressed`` keeps its triangular factors. ``slow`` (n), in rad/s or m/s, leaves out of each joint's equation the
+    samples at which that joint is slower, where friction is not what the model says; None leaves none out.
     """
 
     model: Model
     motions: tuple[Motion, ...]
     parallel: Parallel | None = None
+    slow: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         names = tuple(joint.name for joint in self.model.joints)
         for motion in self.motions:
             if motion.joints != names:
                 raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
+        if self.slow is not None and (len(self.slow) != len(names) or not all(v >= 0 for v in self.slow)):
+            raise ConfigError(f"slow = {self.slow}: give a speed >= 0 for each of the joints {', '.join(names)}.")
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows block by block, filtered and decimated where ``parallel`` says so."""
@@ -128,8 +143,10 @@ class Regression:
     def compressed(self) -> Compressed:
         """The triangular factors; InputError where no more rows than parameters are left."""
         found = compress(self.blocks(), len(self.model.joints), len(self.model.parameters))
-        rows, unknowns = found.samples * len(self.model.joints), len(self.model.parameters)
-        if rows <= unknowns:
+        unknowns = len(self.model.parameters)
+        if not unknowns:
+            raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
+        if found.total <= unknowns:
             raise InputError(
                 f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
                 f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
@@ -153,11 +170,19 @@ class Regression:
             if last - first < 2:
                 continue
             rows = self._rows(motion, slice(first, last))
-            keep = slice(start - first, stop - first, step)
-            yield Block(*(self.parallel.apply(sections, x)[keep] for x in (rows.Y, rows.tau)))
+            kept = slice(start - first, stop - first, step)
+            Y, tau = (self.parallel.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
+            yield Block(Y, tau, None if rows.keep is None else rows.keep[kept])
 
     def _rows(self, motion: Motion, rows: slice) -> Block:
-        return Block(self.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]), motion.tau[rows])
+        keep = moving(motion, self.slow)
+        Y = self.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows])
+        return Block(Y, motion.tau[rows], None if keep is None else keep[rows])
+
+
+def moving(motion: Motion, slow: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
+    """Return where each joint (N, n) is at least as fast as ``slow`` (n) says; None for everywhere."""
+    return None if slow is None else np.abs(motion.dq) >= np.array(slow)
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[slice]:
@@ -169,14 +194,15 @@ def stretches(mask: NDArray[np.bool_]) -> list[slice]:
 def compress(blocks: Iterator[Block], joints: int, parameters: int) -> Compressed:
     """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
     factors = np.zeros((joints, parameters + 1, parameters + 1))
-    samples = 0
+    count = np.zeros(joints, dtype=int)
     with _one_thread():
         for block in blocks:
-            samples += len(block.tau)
             for j in range(joints):
                 rows = np.column_stack((block.Y[:, j], block.tau[:, j]))
+                rows = rows if block.keep is None else rows[block.keep[:, j]]
                 factors[j] = _triangle(np.concatenate((factors[j], rows)))
-    return Compressed(factors, samples)
+                count[j] += len(rows)
+    return Compressed(factors, count)
 
 
 def _triangle(rows: Array) -> Array:

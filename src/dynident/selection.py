@@ -15,6 +15,8 @@ from dynident.model import Model
 from dynident.regression import Compressed, Regression
 from dynident.smoothers import Smoother
 
+TIE = 0.02  # errors that differ by less say nothing; the candidate listed first is then taken
+
 __all__ = ["Choice", "choose_smoother", "cross_validated_error"]
 
 Array = NDArray[np.float64]
@@ -22,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Choice:
-    """The smoother with the least cross-validated torque error, and the ``errors`` (%) of all candidates in turn.
+    """The first smoother with about the least cross-validated torque error, and the ``errors`` (%) of all candidates.
 
     The error of a candidate that cannot smooth these logs is infinite.
     """
@@ -50,8 +52,9 @@ def choose_smoother(
 
     Position noise says how much smoothing g wants, not how much its derivatives do, and where it is not white it
     does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
-    others, over the samples that every candidate vouches for, against the unfiltered torque. Raises the first error
-    where no candidate can smooth the logs, ConfigError where there is none.
+    others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 2 %
+    of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
+    no candidate can smooth the logs, ConfigError where there is none.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
@@ -75,7 +78,8 @@ def choose_smoother(
             continue
         common = tuple(replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True))
         errors.append(cross_validated_error(model, common, folds))
-    return Choice(candidates[int(np.argmin(errors))], tuple(candidates), tuple(errors))
+    good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
+    return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
 
 
 def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
@@ -84,7 +88,8 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     wrong = total = 0.0
     for k, part in enumerate(parts):
         others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
-        theta = solve(Compressed(others, part.samples).stacked(), tolerance=1e-8).value
+        rows = np.concatenate([other.rows for j, other in enumerate(parts) if j != k])
+        theta = solve(Compressed(others, rows).stacked(), tolerance=1e-8).value
         wrong += float(part.residual(theta).sum())
         total += float(np.square(part.factors[:, :, -1]).sum())
     return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")

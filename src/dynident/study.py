@@ -63,6 +63,7 @@ class _Unit:
     level: float
     run: int
     seed: int
+    version: str
 
     def rows(self) -> list[dict[str, Any]]:
         record = self.scenario.record(self.level, generator(self.seed, self.level, self.run))
@@ -78,7 +79,7 @@ class _Unit:
         except Exception as error:  # a failed fit is a row, whatever broke it
             status = f"{FAILED}{type(error).__name__}: {error}"
         seconds = time.perf_counter() - began
-        key = (self.scenario.name, method.name, self.level, self.run, self.seed, fingerprint())
+        key = (self.scenario.name, method.name, self.level, self.run, self.seed, self.version)
         return {**dict(zip(KEY, key, strict=True)), "status": status, "seconds": seconds, "value": value, "std": std}
 
 
@@ -162,7 +163,7 @@ def _units(wanted: dict[tuple[Any, ...], tuple[Any, Any]], done: set[tuple[Any, 
     groups: dict[tuple[Any, ...], tuple[Any, list[Any]]] = {}
     for key, (scenario, method) in wanted.items():
         if key not in done:
-            groups.setdefault((key[0], *key[2:5]), (scenario, []))[1].append(method)
+            groups.setdefault((key[0], *key[2:]), (scenario, []))[1].append(method)
     return [_Unit(scenario, tuple(found), *key[1:]) for key, (scenario, found) in groups.items()]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import InputError
 from dynident.log import Motion
 from dynident.model import Model
-from dynident.regression import BLOCK, Parallel, stretches
+from dynident.regression import BLOCK, Parallel, moving, stretches
 
 __all__ = ["LogValidation", "relative_error", "validate"]
 
@@ -26,7 +26,8 @@ class LogValidation:
 
     ``predicted`` (N, n) torque; ``relative_error`` (%) = 100 |tau - predicted| / |tau| over all joints, against the
     unfiltered measured torque at the log's own rate; ``relative_error_filtered`` the same after the parallel filter and
-    decimation (None where none is configured); ``rmse`` (N m or N) and ``per_joint`` (%) by joint name, unfiltered.
+    decimation, over the rows that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and
+    ``per_joint`` (%) by joint name, unfiltered.
     """
 
     name: str
@@ -53,9 +54,11 @@ def validate(
     name: str | None = None,
     role: Role = "validation",
     parallel: Parallel | None = None,
+    slow: tuple[float, ...] | None = None,
 ) -> LogValidation:
     """Predict the torque of a motion with the parameters theta (p) and compare it with the measured one.
 
+    ``parallel`` and ``slow`` are those of the fit: they make ``relative_error_filtered`` and touch nothing else.
     Raises InputError where the motion's mask leaves no sample, and ModelError where a shape does not fit.
     """
     if not motion.mask.any():
@@ -71,19 +74,22 @@ def validate(
         motion=motion,
         predicted=predicted,
         relative_error=relative_error(measured, guess),
-        relative_error_filtered=None if parallel is None else _filtered_error(motion, predicted, parallel),
+        relative_error_filtered=None if parallel is None else _filtered_error(motion, predicted, parallel, slow),
         rmse=dict(zip(motion.joints, map(float, error), strict=True)),
         per_joint={joint: relative_error(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
     )
 
 
-def _filtered_error(motion: Motion, predicted: Array, parallel: Parallel) -> float:
+def _filtered_error(motion: Motion, predicted: Array, parallel: Parallel, slow: tuple[float, ...] | None) -> float:
     """Filtering Y and multiplying by theta is filtering Y theta: the filter is linear."""
     sections = parallel.sections(motion)
-    pairs = []
+    pairs, keep = [], moving(motion, slow)
     for part in stretches(motion.mask):
         if part.stop - part.start > 1:
             both = np.stack((motion.tau[part], predicted[part]))
-            pairs.append(parallel.apply(sections, both.swapaxes(0, 1))[:: parallel.decimate])
-    kept = np.concatenate(pairs) if pairs else np.zeros((0, 2, predicted.shape[1]))
-    return relative_error(kept[:, 0], kept[:, 1])
+            kept = parallel.apply(sections, both.swapaxes(0, 1))[:: parallel.decimate]
+            if keep is not None:  # rows that the fit leaves out count as zero on both sides
+                kept = kept * keep[part][:: parallel.decimate, None, :]
+            pairs.append(kept)
+    both = np.concatenate(pairs) if pairs else np.zeros((0, 2, predicted.shape[1]))
+    return relative_error(both[:, 0], both[:, 1])

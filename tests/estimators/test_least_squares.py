@@ -116,7 +116,7 @@ def test_condition_too_large_for_a_float_is_infinite() -> None:
 @pytest.mark.parametrize("which", [(), ("equal",), ("three", "zero")])
 def test_units_of_the_columns_do_not_matter(which: tuple[str, ...]) -> None:
     X, y = dependent(*which), data()[1]
-    units = 10.0 ** np.array([-8, 3, 8, -2, 5, 0])
+    units = 10.0 ** np.array([-6, 3, 6, -2, 5, 0])
     fit, other = fitted(X, y), fitted(X * units, y)
     assert (other.rank, other.groups) == (fit.rank, fit.groups)
     np.testing.assert_allclose(other.value * units, fit.value, rtol=1e-10)

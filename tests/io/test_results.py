@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 from dynident.errors import InputError
-from dynident.io.results import read_table, write_json, write_table, write_text
+from dynident.io.results import probe_folder, read_table, write_json, write_table, write_text
 
 
 def test_text_is_written_with_its_folders(tmp_path):
@@ -92,3 +92,11 @@ def test_a_damaged_table_is_an_input_error(tmp_path, name, data):
 def test_a_missing_table_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         read_table(tmp_path / "t.csv")
+
+
+def test_a_folder_is_probed_without_a_trace(tmp_path):
+    probe_folder(tmp_path / "deep" / "out")
+    assert list((tmp_path / "deep" / "out").iterdir()) == []
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match=r"taken.*nothing can be written here"):
+        probe_folder(tmp_path / "taken")

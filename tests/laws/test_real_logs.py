@@ -57,20 +57,20 @@ def test_lwr4_consistent(folder: Path) -> None:
 
 def test_panda(folder: Path) -> None:
     """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
-    assert max(errors(identify(folder, "panda"), "validation")) <= 2.7
+    assert max(errors(identify(folder, "panda"), "validation")) <= 2.9
 
 
 def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
     (joints,) = (one["per_joint"] for one in result["validation"].values())
     assert joints["Joint1"] <= 8.0
-    assert joints["Joint2"] <= 22.0
-    assert max(errors(result, "validation", "relative_error_filtered")) <= 7.8
+    assert joints["Joint2"] <= 21.0
+    assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
 
 
 def test_tx40(folder: Path) -> None:
     result = identify(folder, "tx40")
-    assert max(errors(result, "validation", "relative_error_filtered")) <= 9.0
+    assert max(errors(result, "validation", "relative_error_filtered")) <= 7.9
     found = {one["name"]: one["value"] for one in result["parameters"]}
     for joint, published in zip(range(1, 7), (8.05, 5.53, 1.97, 1.11, 1.86, 0.65), strict=True):
         wrist = found["Fv_m6"] if joint > 4 else 0.0  # published is the diagonal, which the wrist's motor adds to

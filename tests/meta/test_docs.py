@@ -28,6 +28,7 @@ from dynident.io.fields import UNITS, Section
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "dynident"
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+EXAMPLES = sorted((ROOT / "examples").glob("*.yaml"))
 BLOCK = re.compile(r"^(?P<mark><!-- not run -->\n)?```(?P<kind>\w*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 SECTIONS: dict[str, type[Section]] = {
@@ -235,7 +236,7 @@ def configurations() -> list[Any]:
         for page in PAGES
         for block in blocks(page)
         if block["kind"] == "yaml"
-    ]
+    ] + [pytest.param(path.read_text(encoding="utf-8"), id=title(path)) for path in EXAMPLES]
 
 
 @pytest.mark.parametrize("text", configurations())
@@ -243,18 +244,13 @@ def test_configurations_shown_are_valid(text: str) -> None:
     assert parse_config(text).train
 
 
-def test_the_readme_shows_the_example() -> None:
-    """Up to comments and the folder of the recordings."""
-    (shown,) = (block["body"] for block in blocks(ROOT / "README.md") if block["kind"] == "yaml")
-    real = parse_config((ROOT / "examples" / "emps.yaml").read_text(encoding="utf-8"))
-    told = parse_config(shown)
-    free = {"train", "validation"}
-    assert told.model_dump(exclude=free) == real.model_dump(exclude=free)
-    for role in free:
-        files = [
-            [Path(path).name for spec in getattr(one, role) for path in spec.file.values()] for one in (told, real)
-        ]
-        assert files[0] == files[1]
+def test_every_example_has_its_measured_figures() -> None:
+    """Each is linked from the page that says how it does, and says itself how it is run."""
+    text = (ROOT / "docs" / "choosing.md").read_text(encoding="utf-8")
+    assert EXAMPLES
+    for path in EXAMPLES:
+        assert f"(../examples/{path.name})" in text
+        assert f"dynident identify examples/{path.name} --out" in path.read_text(encoding="utf-8")
 
 
 def test_cli_reference_is_fresh() -> None:

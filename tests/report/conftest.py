@@ -109,6 +109,9 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         rank=6,
         condition=143.7,
         sigma=np.full(len(joints), 0.0101),
+        verdict=(),
+        eigenvalues={},
+        costs={},
     )
     model = SimpleNamespace(name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS)
     return SimpleNamespace(
@@ -119,6 +122,9 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
             for i, name in enumerate(logs)
         ),
         warnings=warnings,
+        basis=None,
+        structural=None,
+        missing=(),
         settings={"smoother": "spline", "estimator": "least squares"},
         versions={"dynident": "0.1.0", "numpy": "2.0"},
     )

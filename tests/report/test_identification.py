@@ -1,12 +1,20 @@
 import io
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import rich.console
 from plotly.offline import get_plotlyjs
 
-from dynident.report.identification import identification_page, identification_tables, result_dict
+from dynident.basis import Basis
+from dynident.report.identification import (
+    identification_notes,
+    identification_page,
+    identification_tables,
+    result_dict,
+)
+from dynident.terms.term import INERTIAL, Parameter
 
 from .conftest import identification_of
 from .test_page import EVIL, Outline
@@ -111,3 +119,77 @@ def test_terminal_tables_hold_parameters_and_errors(identification):
     assert rows["theta1"][:6] == ["theta1", "0.03400", "0.00040", "1.2", "0.03400", "kg"]
     assert rows["theta3"][2:4] == ["inf", "inf"]
     assert (parameters.row_count, logs.row_count, joints.row_count) == (7, 2, 4)
+
+
+def robot(bodies=5, basis=True):
+    """An arm of two joints with ten inertial parameters per body; the last body shows nothing in the data."""
+    inertial = [Parameter(f"{role}{k}", "kg", role=role, body=f"link{k}") for k in range(bodies) for role in INERTIAL]
+    parameters = (*inertial, Parameter("Fv1", "N m s/rad", role="viscous"), Parameter("Fv2", "N m s/rad"))
+    p = len(parameters)
+    found = identification_of()
+    found.model.parameters = parameters
+    found.warnings = ("rank 42 of 52; " + "cannot be told apart: mass1, mass2; " * 30,)
+    vars(found.estimate).update(
+        value=np.arange(1.0, p + 1),
+        std=np.full(p, 0.1),
+        names=tuple(parameter.name for parameter in parameters),
+        units=tuple(parameter.unit for parameter in parameters),
+        status=found.warnings[0],
+        rank=42,
+        verdict=("data",) * (p - 1) + ("bound",),
+        eigenvalues={"link0": 0.0123, "link1": 0.0},
+        costs={"inertia": 0.25, "all": 0.5},
+    )
+    if basis:
+        independent = tuple(range(42))
+        combination = np.eye(p)[:42]
+        combination[3, 50] = 2.0
+        values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
+        found.basis = Basis(found.estimate.names, 42, values, independent, combination, np.ones(p))
+        found.structural = SimpleNamespace(rank=44)
+        found.missing = (SimpleNamespace(words="Izz4: not excited by these data; move elbow."),)
+    return found
+
+
+def printed(found):
+    console = rich.console.Console(width=120, file=io.StringIO(), color_system=None)
+    console.print(*identification_tables(found))
+    return console.file.getvalue()
+
+
+def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
+    page = body(robot())
+    for words in ("Base parameters", "42 of 52", "mz0 + 2*Fv1", "move elbow", "determined by", "bound", "Consistency"):
+        assert words in page, words
+    assert '<td class="words">mz0 + 2*Fv1</td><td class="number">106.0</td>' in page
+    assert '<td class="words">link0</td><td class="number">0.0123</td>' in page
+    assert '<td class="words">inertia</td><td class="number">0.250</td>' in page
+    result = result_dict(robot())
+    assert result["base_parameters"][3] == {"name": "mz0 + 2*Fv1", "value": 106.0}
+    assert result["parameters"][-1]["verdict"] == "bound"
+    assert result["eigenvalues"]["link1"] == 0.0
+    assert json.loads(json.dumps(result)) == result
+
+
+def test_a_model_without_base_parameters_has_no_such_section(identification):
+    page = body(identification)
+    assert "Base parameters" not in page
+    assert "Consistency" not in page
+    assert "<th>determined by" not in page
+    assert not {"base_parameters", "eigenvalues", "costs"} & set(result_dict(identification))
+
+
+def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
+    shown, notes = printed(robot()), identification_notes(robot())
+    assert "Fv1" in shown
+    assert "mass0" not in shown
+    assert notes[0] == "50 inertial parameters are in the report."
+    assert notes[1].startswith("42 of 52 parameters act on the torque on their own in these data; the report lists")
+    assert notes[2].startswith("Warning: rank 42 of 52;")
+    assert notes[2].endswith("... (in full in the report)")
+    assert max(map(len, notes)) < 350
+    assert "mass0" in printed(robot(bodies=3, basis=False))
+
+
+def test_notes_leave_a_short_warning_whole(identification):
+    assert identification_notes(identification) == ["Warning: elbow hardly moves"]

@@ -107,7 +107,7 @@ class Consistent:
         bodies = bodies_of(model.parameters)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        known = read(factor, scale, self.threshold, compressed.samples * len(compressed.factors))
+        known = read(factor, scale, self.threshold, compressed.total)
         constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
@@ -121,7 +121,7 @@ class Consistent:
             covariance=_covariance(known),
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(compressed.residual(value) / max(compressed.samples - 1, 1)),
+            sigma=np.sqrt(compressed.residual(value) / np.maximum(compressed.rows - 1, 1)),
             rank=known.rank,
             condition=known.condition,
             samples=compressed.samples,

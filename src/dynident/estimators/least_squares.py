@@ -16,6 +16,7 @@ __all__ = ["Fit", "LeastSquares", "Weights", "check_weights", "joint_weights", "
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
+ROUNDING = 1e-15  # a column this small beside the largest is rounding error
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +43,15 @@ class Fit:
 def solve(factor: Array, tolerance: float = 1e-12) -> Fit:
     """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y].
 
-    The columns are scaled to norm one; singular values below ``tolerance`` times the largest count as zero.
+    The columns are scaled to norm one, but for those below 1e-15 of the largest, which are rounding error and count as
+    zero; singular values below ``tolerance`` times the largest count as zero.
     ``condition`` is the ratio of the largest to the smallest of all singular values (inf where one is zero).
     """
     p = len(factor) - 1
     scale = np.linalg.norm(factor[:, :p], axis=0)
-    empty = scale == 0
+    empty = scale <= ROUNDING * scale.max()
     scale[empty] = 1.0
-    R, y = factor[:p, :p] / scale, factor[:p, p]
+    R, y = np.where(empty, 0.0, factor[:p, :p]) / scale, factor[:p, p]
     U, s, Vt = np.linalg.svd(R)
     rank = int((s > tolerance * s[0]).sum()) if s[0] > 0 else 0
     V, kept = np.where(empty, 0.0, Vt[:rank]).T, s[:rank]  # a zero column has no share in any direction
@@ -83,12 +85,12 @@ def joint_weights(compressed: Compressed, weights: Weights, iterations: int, tol
     found = np.ones(n)
     if weights == "equal":
         return found
-    size = np.sqrt(np.square(compressed.factors[:, :, -1]).sum(axis=1) / max(compressed.samples, 1))
+    size = np.sqrt(np.square(compressed.factors[:, :, -1]).sum(axis=1) / np.maximum(compressed.rows, 1))
     # a joint that the model explains to rounding must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     for _ in range(iterations):
         theta = solve(compressed.stacked(found), tolerance).value
-        deviation = np.sqrt(compressed.residual(theta) / max(compressed.samples, 1))
+        deviation = np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1))
         previous, found = found, 1.0 / np.maximum(deviation, floor)
         if np.allclose(found, previous, rtol=0.01, atol=0.0):
             break
@@ -128,8 +130,7 @@ class LeastSquares:
         compressed, model = problem.regression.compressed, problem.model
         weights = joint_weights(compressed, self.weights, self.iterations, self.tolerance)
         fit = solve(compressed.stacked(weights), self.tolerance)
-        rows = compressed.samples * len(compressed.factors)
-        covariance = fit.inverse * (fit.rss / max(rows - fit.rank, 1))
+        covariance = fit.inverse * (fit.rss / max(compressed.total - fit.rank, 1))
         for k in fit.undetermined:
             covariance[k, :] = covariance[:, k] = 0.0
             covariance[k, k] = np.inf
@@ -138,7 +139,7 @@ class LeastSquares:
             covariance=covariance,
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(compressed.residual(fit.value) / max(compressed.samples - 1, 1)),
+            sigma=np.sqrt(compressed.residual(fit.value) / np.maximum(compressed.rows - 1, 1)),
             rank=fit.rank,
             condition=fit.condition,
             samples=compressed.samples,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import math
 import re
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import combinations, product
 from pathlib import Path
 from reprlib import repr as short
 from types import ModuleType
@@ -19,13 +21,13 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from dynident.errors import ConfigError, ModelError, choices
-from dynident.io.fields import interval_words
-from dynident.io.settings import Config, RobotSettings
+from dynident.io.fields import Interval, interval_words
+from dynident.io.settings import Channel, Config, RobotSettings
 
 if TYPE_CHECKING:
     from dynident.model import Model
 
-__all__ = ["load_model", "parse_config", "read_config"]
+__all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
 
 _KINDS = {"smoother": ("spline", "difference", "butterworth"), "estimator": ("least_squares", "consistent")}
 _TAGS = {"[key]", "RobotSettings", *(kind for kinds in _KINDS.values() for kind in kinds)}
@@ -53,10 +55,68 @@ def parse_config(text: str, folder: str | Path = ".", source: str = "configurati
         return _named(Config.model_validate(data, context={"folder": folder}), source)
     except ValidationError as error:
         lines: dict[str, list[str]] = {}
-        for details in error.errors():
+        for details in _causes(error.errors()):
             lines.setdefault(_path(details["loc"], data), []).append(_words(details))
         words = [f"{path}: {' or '.join(parts)}" if path else " or ".join(parts) for path, parts in lines.items()]
         raise ConfigError(f"{source}: " + "\n  ".join(words)) from None
+
+
+def config_warnings(config: Config) -> tuple[str, ...]:
+    """Return in words what is seldom meant: channels that read the same, and logs that were fitted as well as held out.
+
+    Raises nothing: a configuration that cannot be used is refused by ``read_config``.
+    """
+    twice = [*_same_channels("position", config.position), *_same_channels("torque", config.torque)]
+    return (*twice, *_torques_of_positions(config), *_overlaps(config))
+
+
+def _same_channels(section: str, channels: Mapping[str, Channel]) -> Iterator[str]:
+    for (a, one), (b, other) in combinations(channels.items(), 2):
+        if (one.terms, one.gain, one.offset, one.unit) == (other.terms, other.gain, other.offset, other.unit):
+            columns = ", ".join(map(repr, one.terms))
+            yield (
+                f"{section}.{a} and {section}.{b} read the same column {columns} with the same gain and offset; "
+                "look whether one of them should name another column."
+            )
+
+
+def _torques_of_positions(config: Config) -> Iterator[str]:
+    for (a, torque), (b, position) in product(config.torque.items(), config.position.items()):
+        for column in (name for name in torque.terms if name in position.terms):
+            yield (
+                f"torque.{a} reads the column {column!r}, which is also read by position.{b}; "
+                "that is right only where the torque is measured as a deflection."
+            )
+
+
+def _overlaps(config: Config) -> Iterator[str]:
+    """Say which validation logs share time and a file with a training log; windows that only touch do not."""
+    for held, fitted in product(config.validation, config.train):
+        if {path.resolve() for path in held.file.values()} & {path.resolve() for path in fitted.file.values()}:
+            pairs = product(held.window or ((None, None),), fitted.window or ((None, None),))
+            if any(_overlap(one, other) for one, other in pairs):
+                yield (
+                    f"validation {held.label!r} overlaps in time with train {fitted.label!r} of the same file: "
+                    "its errors are no test of samples that the fit has not seen; choose windows that do not overlap."
+                )
+
+
+def _overlap(one: Interval, other: Interval) -> bool:
+    start = max(-math.inf if window[0] is None else window[0] for window in (one, other))
+    return start < min(math.inf if window[1] is None else window[1] for window in (one, other))
+
+
+def _causes(found: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out the lists that are too short only because an item of theirs is wrong."""
+    places = [details["loc"] for details in found]
+
+    def follows(details: ErrorDetails) -> bool:
+        depth = len(details["loc"])
+        return details["type"] == "too_short" and any(
+            len(place) > depth and place[:depth] == details["loc"] for place in places
+        )
+
+    return [details for details in found if not follows(details)]
 
 
 def _neighbours(path: Path) -> str:
@@ -128,6 +188,8 @@ def _words(details: ErrorDetails) -> str:
         return f"needs a `kind`: {', '.join(_KINDS.get(str(details['loc'][-1]), ()))}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
         return f"a mapping (`key: value` lines) is expected{got}"
+    if kind == "too_short":
+        return f"needs at least {context['min_length']} entry{got}"
     if kind == "tuple_type":
         return f"a list is expected{got}"
     return details["msg"].replace("Input should", "should") + got
@@ -190,7 +252,8 @@ def _from_file(path: Path, name: str) -> Callable[[], object]:
     module = _import(path)
     functions = {key: value for key, value in vars(module).items() if callable(value) and not key.startswith("_")}
     if name not in functions:
-        raise ModelError(f"model: {path} has no function {name!r}; {choices(name, functions)}")
+        own = (key for key, value in functions.items() if getattr(value, "__module__", None) == module.__name__)
+        raise ModelError(f"model: {path} has no function {name!r}; {choices(name, own)}")
     build: Callable[[], object] = functions[name]
     return build
 

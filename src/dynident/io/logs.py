@@ -214,7 +214,9 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
 def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
     kinds = {joint.name: joint.kind for joint in joints}
-    turning = frozenset(name for name, channel in config.position.items() if channel.multi_turn)
+    turning = frozenset(
+        name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad"
+    )
     findings = check(log, kinds, turning)
     require(findings, f"{source} ({log.source})")
     return findings

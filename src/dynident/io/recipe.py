@@ -25,7 +25,7 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel)
+    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel, config.slow)
 
 
 def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:

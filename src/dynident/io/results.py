@@ -18,9 +18,24 @@ from dynident.errors import InputError, choices
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["read_table", "write_json", "write_table", "write_text"]
+__all__ = ["probe_folder", "read_table", "write_json", "write_table", "write_text"]
 
 _TABLES = (".parquet", ".csv")
+
+
+def probe_folder(folder: str | Path) -> None:
+    """Make a folder and a file in it, and remove the file: InputError, before long work, where that is impossible."""
+    folder = Path(folder)
+    probe = folder / f".{uuid4().hex}.tmp"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            probe.touch(exist_ok=False)
+        finally:
+            probe.unlink(missing_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{folder}: nothing can be written here: {reason}. Choose another folder.") from error
 
 
 def write_text(path: str | Path, text: str) -> Path:

@@ -238,6 +238,7 @@ class Config(Section):
     smoother: Smoother = SplineSettings()
     estimator: Estimator = LeastSquaresSettings()
     parallel: ParallelSettings | None = None
+    slow: PositiveOrEach = None
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:
@@ -257,6 +258,8 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     if isinstance(config.smoother, SplineSettings) and isinstance(config.smoother.sigma, Mapping):
         _same_names("smoother.sigma", config.smoother.sigma, joints)
     _known_names("zero", config.zero, joints)
+    if isinstance(config.slow, Mapping):
+        _known_names("slow", config.slow, joints)
     _known_names("transmission", config.transmission, joints)
     for name, row in config.transmission.items():
         _known_names(f"transmission.{name}", row, joints)

@@ -5,7 +5,14 @@ readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.plot.canvas import Array, thin
-from dynident.plot.identification import motion_figure, parameter_figure, smoothing_figure, torque_figure
+from dynident.plot.identification import (
+    motion_figure,
+    parameter_figure,
+    reference_word,
+    relative_std,
+    smoothing_figure,
+    torque_figure,
+)
 from dynident.plot.study import method_name, scientific, spread_figure, trace_figure
 
 __all__ = [
@@ -13,6 +20,8 @@ __all__ = [
     "method_name",
     "motion_figure",
     "parameter_figure",
+    "reference_word",
+    "relative_std",
     "scientific",
     "smoothing_figure",
     "spread_figure",

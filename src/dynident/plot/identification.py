@@ -14,11 +14,21 @@ from dynident.plot.canvas import BLUE, GREEN, INK, RED, Array, curve, only, pane
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
+    from dynident.estimators import Estimate
     from dynident.identify import Identification
+    from dynident.model import Model
     from dynident.validation import LogValidation
 
-__all__ = ["motion_figure", "parameter_figure", "smoothing_figure", "torque_figure"]
+__all__ = [
+    "motion_figure",
+    "parameter_figure",
+    "reference_word",
+    "relative_std",
+    "smoothing_figure",
+    "torque_figure",
+]
 
+SMALLEST = 1e-6  # %: smaller errors are drawn here, a logarithmic axis has no zero
 NORMAL_95 = 1.96  # two-sided 95 % quantile of the normal distribution
 
 
@@ -66,53 +76,64 @@ def _stack(t: Array, titles: Sequence[str], curves: Mapping[str, Array], points:
 
 
 def parameter_figure(identification: Identification) -> go.Figure:
-    """Draw the parameters with 95 % intervals (1.96 standard errors), one panel per unit.
+    """Draw the standard error of each parameter in % of its value, on a logarithmic axis, one row per parameter.
 
-    Parameters that the data do not determine (infinite standard error) are hollow and without a bar; a blue cross
-    marks the true value where the model knows it.
+    Parameters that the data do not determine (infinite standard error, or a value of zero) are hollow at the right
+    edge; a blue cross is the distance from the true value where the model knows it, in % of the estimate.
     """
-    estimate = identification.estimate
-    units = list(dict.fromkeys(estimate.units))
-    rows = [[i for i, of in enumerate(estimate.units) if of == unit] for unit in units]
-    heights = [len(row) + 1.5 for row in rows]
-    figure = panels([""] * len(units), int(90 + 26 * sum(heights)), [plain(u) for u in units], heights, shared=False)
-    for number, row in enumerate(rows, start=1):
-        for trace in _forest(identification, row, legend=number == 1):
-            figure.add_trace(trace, row=number, col=1)
-    figure.update_yaxes(type="category", autorange="reversed", showgrid=False)
-    figure.update_xaxes(title="")
+    figure = panels([""], 110 + 20 * len(identification.estimate.names), shared=False)
+    for trace in _errors(identification):
+        figure.add_trace(trace, row=1, col=1)
+    last = len(identification.estimate.names) - 0.5
+    figure.update_yaxes(type="category", range=[last, -0.5], dtick=1)
+    figure.update_xaxes(type="log", title="standard error, % of the value", dtick=1)
     return figure.update_layout(hovermode="closest")
 
 
-def _forest(identification: Identification, row: list[int], legend: bool) -> Iterable[Any]:
+def relative_std(estimate: Estimate) -> Array:
+    """Return the standard errors (p) in % of the values; infinite where the value is zero."""
+    value, std = np.asarray(estimate.value), np.asarray(estimate.std)
+    relative: Array = np.full(len(value), np.inf)
+    with np.errstate(over="ignore"):
+        np.divide(100 * std, np.abs(value), out=relative, where=value != 0)
+    return relative
+
+
+def reference_word(model: Model) -> str:
+    """Return what the parameters' known values are: "nominal" from a robot file, which knows bodies, else "true"."""
+    return "nominal" if any(parameter.body for parameter in model.parameters) else "true"
+
+
+def _errors(identification: Identification) -> Iterable[Any]:
     import plotly.graph_objects as go
 
-    estimate = identification.estimate
-    names = [plain(estimate.names[i]) for i in row]
-    value, std = np.asarray(estimate.value)[row], np.asarray(estimate.std)[row]
-    sure = np.isfinite(std)
+    estimate, model = identification.estimate, identification.model
+    names = [plain(name) for name in estimate.names]
+    relative = relative_std(estimate)
+    sure = np.isfinite(relative)
+    edge = 10.0 * max(float(relative[sure].max(initial=0.0)), 10.0)
+    signs = zip(estimate.value, estimate.std, estimate.units, strict=True)
     yield go.Scatter(
-        x=value,
+        x=np.where(sure, np.maximum(relative, SMALLEST), edge),
         y=names,
         mode="markers",
-        name="estimate and 95 % interval",
-        showlegend=legend,
+        name="standard error (hollow: not determined)",
         marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in sure]},
-        error_x={"array": np.where(sure, NORMAL_95 * std, np.nan), "color": RED, "thickness": 1.5, "width": 4},
-        customdata=std,
-        hovertemplate="%{y}: %{x:.4g}, standard error %{customdata:.2g}<extra></extra>",
+        text=[f"{value:.4g} ± {NORMAL_95 * std:.2g} {plain(unit)}" for value, std, unit in signs],
+        hovertemplate="%{y}: %{text} (95 % interval)<extra></extra>",
     )
-    true = {plain(parameter.name): parameter.value for parameter in identification.model.parameters}
-    known = [name for name in names if true.get(name) is not None]
-    if known:
+    known = [k for k, parameter in enumerate(model.parameters) if parameter.value is not None and sure[k]]
+    if known and reference_word(model) == "true":
+        true = np.array([model.parameters[k].value for k in known], dtype=float)
+        value = np.asarray(estimate.value)[known]
         yield go.Scatter(
-            x=[true[name] for name in known],
-            y=known,
+            x=np.clip(100 * np.abs(value - true) / np.abs(value), SMALLEST, edge),
+            y=[names[k] for k in known],
             mode="markers",
-            name="true value",
-            showlegend=legend,
+            name="distance from the true value",
             marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
-            hovertemplate="%{y}: true value %{x:.4g}<extra></extra>",
+            customdata=true,
+            hovertemplate="%{y}: true value %{customdata:.4g}<extra></extra>",
         )
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dynident.report.identification import identification_page, identification_tables, result_dict
+from dynident.report.identification import (
+    identification_notes,
+    identification_page,
+    identification_tables,
+    result_dict,
+)
 from dynident.report.study import findings, study_page, study_tables, study_text
 
 __all__ = [
     "findings",
+    "identification_notes",
     "identification_page",
     "identification_tables",
     "result_dict",

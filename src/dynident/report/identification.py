@@ -9,6 +9,15 @@ import numpy as np
 
 from dynident import plot
 from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render, terminal
+from dynident.report.parameters import (
+    base_section,
+    brief,
+    consistency_section,
+    parameter_blocks,
+    parameter_results,
+    rank_sentence,
+    terminal_parameters,
+)
 
 if TYPE_CHECKING:
     import rich.table
@@ -16,9 +25,10 @@ if TYPE_CHECKING:
     from dynident.identify import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["identification_page", "identification_tables", "result_dict"]
+__all__ = ["identification_notes", "identification_page", "identification_tables", "result_dict"]
 
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
+MOST_NAMES = 12  # names of uncertain parameters in a sentence
 ALL_POINTS = 70_000  # points of all curves of a page together, so that it stays near 1 MB
 
 
@@ -26,7 +36,9 @@ def identification_page(identification: Identification) -> str:
     """Return the identification as one HTML page: findings, parameters, errors, torques, smoothing, settings."""
     sections = [
         Section("What was found", tuple(_found(identification))),
-        Section("Parameters", _parameter_blocks(identification)),
+        Section("Parameters", parameter_blocks(identification)),
+        *base_section(identification),
+        *consistency_section(identification),
         Section("Errors", (_ERRORS, _error_table(identification), _joint_table(identification))),
         Section("Torques", (_TORQUES, *_torques(identification))),
         Section("Smoothing", (_SMOOTHING, *_smoothing(identification), *_motions(identification))),
@@ -39,22 +51,26 @@ def identification_page(identification: Identification) -> str:
 
 def identification_tables(identification: Identification) -> list[rich.table.Table]:
     """Return for a terminal: the parameters, the errors per log, and the errors per log and joint."""
-    tables = (_parameter_table(identification), _error_table(identification), _joint_table(identification))
-    return [terminal(table) for table in tables]
+    parameters, _ = terminal_parameters(identification)
+    return [terminal(table) for table in (parameters, _error_table(identification), _joint_table(identification))]
+
+
+def identification_notes(identification: Identification) -> list[str]:
+    """Return for a terminal what to say below the tables: of the parameters, then the warnings, long ones cut."""
+    _, notes = terminal_parameters(identification)
+    return [*notes, *(f"Warning: {brief(warning)}" for warning in identification.warnings)]
 
 
 def result_dict(identification: Identification) -> dict[str, Any]:
     """Return the result as plain dictionaries, texts and floats (which may be infinite or NaN).
 
-    Keys: parameters (list of name, value, std, unit), rank, condition, train and validation (by log:
-    relative_error and relative_error_filtered in %, rmse and per_joint by joint), status, warnings, versions, settings.
+    Keys: parameters (list of name, value, std, unit and, where known, verdict), where known base_parameters,
+    eigenvalues and costs, rank, condition, train and validation (by log: relative_error and relative_error_filtered
+    in %, rmse and per_joint by joint), status, warnings, versions, settings.
     """
     estimate = identification.estimate
-    columns = zip(estimate.names, estimate.value, estimate.std, estimate.units, strict=True)
     return {
-        "parameters": [
-            {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns
-        ],
+        **parameter_results(identification),
         "rank": int(estimate.rank),
         "condition": float(estimate.condition),
         "train": {log.name: _errors(log) for log in _role(identification, "train")},
@@ -79,7 +95,7 @@ def _errors(log: LogValidation) -> dict[str, Any]:
 def _found(identification: Identification) -> Iterator[Block]:
     train, held_out = _role(identification, "train"), _role(identification, "validation")
     estimate = identification.estimate
-    relative = _relative_std(identification)
+    relative = plot.relative_std(estimate)
     well = int((relative <= WELL).sum())
     yield Facts(
         (
@@ -98,38 +114,14 @@ def _found(identification: Identification) -> Iterator[Block]:
     if held_out:
         test = f"On {_count(len(held_out), 'log')} that the fit has not seen, it leaves {_span(held_out)} unexplained."
     unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
-    rest = f"; less certain: {', '.join(unsure)}" if unsure else ""
+    more = f" and {len(unsure) - MOST_NAMES} more" if len(unsure) > MOST_NAMES else ""
+    rest = f"; less certain: {', '.join(unsure[:MOST_NAMES])}{more}" if unsure else ""
     sure = f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
-    yield (fit, test, sure)
-    yield f"Status of the fit: {estimate.status}"
+    yield (fit, test, sure, *rank_sentence(identification))
+    if estimate.status not in identification.warnings:
+        yield f"Status of the fit: {estimate.status}"
     if identification.warnings:
         yield f"{_count(len(identification.warnings), 'warning')}, listed below."
-
-
-def _parameter_blocks(identification: Identification) -> tuple[Block, ...]:
-    blocks: list[Block] = [_parameter_table(identification)]
-    if len(identification.estimate.names):
-        caption = "Estimates with 95 % intervals (1.96 standard errors). Hollow: not determined by these logs."
-        blocks.append(Figure(plot.parameter_figure(identification), caption))
-    return tuple(blocks)
-
-
-def _parameter_table(identification: Identification) -> Table:
-    estimate = identification.estimate
-    meaning = {parameter.name: parameter.expression for parameter in identification.model.parameters}
-    true = {parameter.name: parameter.value for parameter in identification.model.parameters}
-    known = any(value is not None for value in true.values())
-    columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
-    columns += [Column("true")] * known + [Column("unit", numeric=False)]
-    columns += [Column("meaning", numeric=False)] * any(meaning.values())
-    rows = []
-    for name, value, std, relative, unit in zip(
-        estimate.names, estimate.value, estimate.std, _relative_std(identification), estimate.units, strict=True
-    ):
-        row = [name, number(float(value)), number(float(std), 2), number(float(relative), 2)]
-        row += [number(true.get(name))] * known + [unit] + [meaning.get(name, "")] * any(meaning.values())
-        rows.append(tuple(row))
-    return Table(tuple(columns), tuple(rows), "Parameters with their standard errors")
 
 
 _ERRORS = (
@@ -253,14 +245,6 @@ def _points(identification: Identification) -> int:
     """Share the page's points among its curves: six per log and joint."""
     curves = 6 * max(len(identification.logs) * len(identification.model.joints), 1)
     return int(np.clip(ALL_POINTS // curves, 100, 2000))
-
-
-def _relative_std(identification: Identification) -> plot.Array:
-    """Return the standard errors in percent of the values; infinite where the value is zero."""
-    value, std = np.asarray(identification.estimate.value), np.asarray(identification.estimate.std)
-    relative: plot.Array = np.full(len(value), np.inf)
-    np.divide(100 * std, np.abs(value), out=relative, where=value != 0)
-    return relative
 
 
 def _role(identification: Identification, role: str) -> list[LogValidation]:

@@ -3,16 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident import plot
+from dynident.errors import ConfigError, InputError
 from dynident.report.page import Column, Figure, Section, Table, number, render
-from dynident.splines import SmoothingSpline
+from dynident.splines import Rule, SmoothingSpline, smooth
 
-__all__ = ["smoothing_page", "smoothing_table"]
+if TYPE_CHECKING:
+    import polars as pl
 
+    from dynident.io.tables import Table as Columns
+
+__all__ = ["Smoothed", "smoothed_columns", "smoothing_page", "smoothing_table"]
+
+_PREFIXES = ("", "d_", "dd_")  # of the names of values, first and second derivatives
 _HEADS = {"sigma": "sigma", "noise": "noise left", "S": "S", "lam": "lam", "edf": "edf", "bandwidth": "bandwidth, s"}
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``."""
+
+    time: str
+    names: tuple[str, ...]
+    measured: plot.Array
+    fit: SmoothingSpline
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table of the time, the smoothed columns, and their first (d_) and second (dd_) derivatives."""
+        import polars as pl
+
+        found = {self.time: self.fit.t}
+        for order, prefix in enumerate(_PREFIXES):
+            values = self.fit.derivative(order)
+            found |= {f"{prefix}{name}": values[:, k] for k, name in enumerate(self.names)}
+        return pl.DataFrame(found)
+
+
+def smoothed_columns(
+    table: Columns, time: str, columns: Sequence[str], rule: Rule, sigma: float | None = None
+) -> Smoothed:
+    """Smooth ``columns`` of a table, by default all but the ``time`` (s); ``sigma`` in their unit, None: estimated.
+
+    Raises InputError for columns that are missing, differ in length or cannot be smoothed, ConfigError where a column
+    has the name of another one's derivative.
+    """
+    t = table.column(time)
+    names = tuple(columns) or tuple(name for name in table.columns if name != time)
+    if not names:
+        raise InputError(f"{table.source}: holds no column besides {time!r} to smooth.")
+    derived = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
+    clash = [name for name in derived if name in (*names, time)]
+    if clash:
+        raise ConfigError(
+            f"{table.source}: {clash[0]!r} would name both a column and a derivative; choose with --column."
+        )
+    wrong = [name for name in names if len(table.column(name)) != len(t)]
+    if wrong:
+        raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
+    measured = np.column_stack([table.column(name) for name in names])
+    return Smoothed(time, names, measured, smooth(t, measured, rule, sigma=sigma))
 
 
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -41,7 +42,8 @@ class Spline:
         try:
             fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log))
         except InputError as error:
-            raise InputError(f"{log.source} (columns are the joints {', '.join(log.joints)}): {error}") from error
+            words = re.sub(r"\bcolumn (\d+)", lambda found: f"joint {log.joints[int(found[1])]!r}", str(error))
+            raise InputError(f"{log.source}: {words}") from error
         widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         told = ("sigma", "S", "lam", "edf", "noise", "bandwidth")

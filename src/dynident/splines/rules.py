@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from dynident.errors import ConfigError
+from dynident.errors import ConfigError, choices
 from dynident.splines.banded import IllConditionedError, Solution, System, second_difference
 
-__all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Series"]
+__all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Series", "rule_named"]
 
 Array = NDArray[np.float64]
 CHUNK = 4096
@@ -311,3 +311,13 @@ def _guarded(criterion: Callable[[Series, float], float], series: Series, x: flo
         return criterion(series, x)
     except IllConditionedError:
         return np.inf
+
+
+_NAMED: dict[str, type[Rule]] = {"constraint": Constraint, "gcv": GCV, "reml": REML, "interpolate": Interpolation}
+
+
+def rule_named(name: str) -> Rule:
+    """Return the rule "constraint", "gcv", "reml" or "interpolate" with its defaults; ConfigError for another name."""
+    if name not in _NAMED:
+        raise ConfigError(f"there is no rule {name!r}; {choices(name, _NAMED)}")
+    return _NAMED[name]()

@@ -206,17 +206,16 @@ def test_motion_figure_shows_the_three_derivatives():
     assert figure.layout.yaxis2.title.text == "velocity, m/s"
 
 
-def test_parameter_figure_shows_errors_in_per_cent_and_marks_what_is_not_determined():
+def test_parameter_figure_has_error_bars_and_marks_what_is_not_determined():
     figure = plot.parameter_figure(estimated([0.1, np.inf, 0.0], ("kg", "kg", "N m"), true=(1.05, -2.0, 3.0)))
-    errors, true = figure.data
-    assert figure.layout.xaxis.type == "log"
-    assert list(errors.y) == ["a", "b", "c"]
-    assert list(errors.marker.symbol) == ["circle", "circle-open", "circle"]
-    assert errors.x[0] == pytest.approx(10.0)
-    assert errors.x[1] > errors.x[0] > errors.x[2] > 0
-    assert errors.text[0] == "1 ± 0.2 kg"
+    bars, true = figure.data
+    assert list(bars.y) == ["a", "b", "c"]
+    assert list(bars.marker.symbol) == ["circle", "circle-open", "circle"]
+    np.testing.assert_allclose(bars.error_x.array, [19.6, 0.0, 0.0])
+    assert bars.text[0] == "1 ± 0.2 kg"
     assert list(true.y) == ["a", "c"]
     assert true.x[0] == pytest.approx(5.0)
+    assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.6)
 
 
 def test_parameter_figure_holds_a_hundred_parameters_and_only_undetermined_ones():

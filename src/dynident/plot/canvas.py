@@ -15,7 +15,7 @@ from dynident.errors import InputError
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-__all__ = ["AMBER", "BLUE", "GREEN", "INK", "RED", "Array", "curve", "only", "panels", "plain", "thin"]
+__all__ = ["AMBER", "BLUE", "GREEN", "GRID", "INK", "RED", "Array", "curve", "only", "panels", "plain", "thin"]
 
 Array = NDArray[np.float64]
 

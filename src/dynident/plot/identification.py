@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.errors import InputError, choices
 from dynident.log import Motion
-from dynident.plot.canvas import BLUE, GREEN, INK, RED, Array, curve, only, panels, plain
+from dynident.plot.canvas import BLUE, GREEN, GRID, INK, RED, Array, curve, only, panels, plain
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -28,7 +28,7 @@ __all__ = [
     "torque_figure",
 ]
 
-SMALLEST = 1e-6  # %: smaller errors are drawn here, a logarithmic axis has no zero
+WIDEST = 100.0  # % of a parameter's value at which the axis ends
 NORMAL_95 = 1.96  # two-sided 95 % quantile of the normal distribution
 
 
@@ -76,17 +76,20 @@ def _stack(t: Array, titles: Sequence[str], curves: Mapping[str, Array], points:
 
 
 def parameter_figure(identification: Identification) -> go.Figure:
-    """Draw the standard error of each parameter in % of its value, on a logarithmic axis, one row per parameter.
+    """Draw the 95 % interval (1.96 standard errors) of each parameter in % of its value, one row per parameter.
 
-    Parameters that the data do not determine (infinite standard error, or a value of zero) are hollow at the right
-    edge; a blue cross is the distance from the true value where the model knows it, in % of the estimate.
+    The axis ends at 100 %: a bar that leaves it means that not even the sign is known. Parameters that the data do not
+    determine (infinite standard error, or a value of zero) are hollow and have no bar; a blue cross is the distance
+    of the true value, where the model knows it, in % of the estimate.
     """
     figure = panels([""], 110 + 20 * len(identification.estimate.names), shared=False)
     for trace in _errors(identification):
         figure.add_trace(trace, row=1, col=1)
     last = len(identification.estimate.names) - 0.5
+    half = NORMAL_95 * relative_std(identification.estimate)
+    reach = float(np.clip(1.2 * half[np.isfinite(half)].max(initial=0.0), 0.01, WIDEST))
     figure.update_yaxes(type="category", range=[last, -0.5], dtick=1)
-    figure.update_xaxes(type="log", title="standard error, % of the value", dtick=1)
+    figure.update_xaxes(range=[-reach, reach], title="95 % interval, % of the value", zeroline=True, zerolinecolor=GRID)
     return figure.update_layout(hovermode="closest")
 
 
@@ -111,13 +114,14 @@ def _errors(identification: Identification) -> Iterable[Any]:
     names = [plain(name) for name in estimate.names]
     relative = relative_std(estimate)
     sure = np.isfinite(relative)
-    edge = 10.0 * max(float(relative[sure].max(initial=0.0)), 10.0)
+    half = np.where(sure, np.minimum(NORMAL_95 * relative, 1e6), 0.0)
     signs = zip(estimate.value, estimate.std, estimate.units, strict=True)
     yield go.Scatter(
-        x=np.where(sure, np.maximum(relative, SMALLEST), edge),
+        x=np.zeros(len(names)),
         y=names,
+        error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
         mode="markers",
-        name="standard error (hollow: not determined)",
+        name="estimate with its 95 % interval (hollow: not determined)",
         marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in sure]},
         text=[f"{value:.4g} ± {NORMAL_95 * std:.2g} {plain(unit)}" for value, std, unit in signs],
         hovertemplate="%{y}: %{text} (95 % interval)<extra></extra>",
@@ -127,10 +131,10 @@ def _errors(identification: Identification) -> Iterable[Any]:
         true = np.array([model.parameters[k].value for k in known], dtype=float)
         value = np.asarray(estimate.value)[known]
         yield go.Scatter(
-            x=np.clip(100 * np.abs(value - true) / np.abs(value), SMALLEST, edge),
+            x=100 * (true - value) / np.abs(value),
             y=[names[k] for k in known],
             mode="markers",
-            name="distance from the true value",
+            name="true value",
             marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
             customdata=true,
             hovertemplate="%{y}: true value %{customdata:.4g}<extra></extra>",

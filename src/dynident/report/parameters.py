@@ -30,9 +30,9 @@ FULL_LIST = 40  # a terminal shows up to this many parameters all
 LONGEST = 300  # signs of a warning in a terminal
 
 _CAPTION = (
-    "Standard errors in % of the values; a 95 % interval reaches 1.96 of them to both sides. Hollow, at the right: not "
-    "determined by these logs. They assume independent residuals and an exactly known motion: the true uncertainty is "
-    "larger, especially where the torque error is large."
+    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined by these logs. "
+    "They assume independent residuals and an exactly known motion: the true uncertainty is larger, especially where the "
+    "torque error is large."
 )
 _VERDICT = (
     "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; bound, a "

@@ -31,8 +31,8 @@ LONGEST = 300  # signs of a warning in a terminal
 
 _CAPTION = (
     "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined by these logs. "
-    "They assume independent residuals and an exactly known motion: the true uncertainty is larger, especially where the "
-    "torque error is large."
+    "They assume independent residuals and an exactly known motion: the true uncertainty is larger, especially where "
+    "the torque error is large."
 )
 _VERDICT = (
     "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; bound, a "

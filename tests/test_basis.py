@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dynident.basis import Basis, basis_of, compare, structural_basis
+from dynident.basis import Basis, base_std, basis_of, compare, structural_basis
 from dynident.errors import ConfigError, ModelError
 from dynident.gallery import two_link_arm
 from dynident.inertia import moved
@@ -231,3 +231,24 @@ def test_what_is_compared_must_belong_together() -> None:
     free, arm = single(), two_link_arm()
     with pytest.raises(ModelError, match="about the same parameters"):
         compare(structural_basis(free), structural_basis(arm), free)
+
+
+def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_independent_columns():
+    """One joint: s^2 (X' X)^-1; two joints of unequal noise: as the estimates of many data sets scatter."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((400, 2, 3)) * [1.0, 10.0, 0.1]
+    X = np.concatenate((X, 2 * X[..., :1] + X[..., 2:]), axis=2)
+    noise = np.array([0.1, 1.0])
+    names = tuple(Parameter(name, "1") for name in "abcd")
+    found, told = [], None
+    for _ in range(400):
+        tau = noise * rng.standard_normal((400, 2))
+        compressed = compress(iter([Block(X, tau)]), 2, 4)
+        basis = basis_of(compressed.stacked(), names)
+        told = base_std(basis, compressed, noise) if told is None else told
+        kept = X[..., list(basis.independent)].reshape(800, -1)
+        found.append(np.linalg.lstsq(kept, tau.reshape(-1), rcond=None)[0])
+    assert basis.rank == 3
+    np.testing.assert_allclose(np.std(found, axis=0), told, rtol=0.15)  # 4 standard deviations of a deviation from 400
+    weighted = base_std(basis, compressed, noise, 1 / noise)
+    assert (weighted < told).all()

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ConfigError, ModelError
 from dynident.log import Motion
 from dynident.model import Model
-from dynident.regression import Block, compress
+from dynident.regression import Block, Compressed, compress
 from dynident.terms.term import INERTIAL, Parameter
 
-__all__ = ["Basis", "Missing", "basis_of", "compare", "structural_basis"]
+__all__ = ["Basis", "Missing", "base_std", "basis_of", "compare", "structural_basis"]
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-13  # a column this small beside the largest is rounding error
@@ -133,6 +133,26 @@ def basis_of(factor: Array, parameters: Sequence[Parameter], tolerance: float = 
     rank = int((s > tolerance * s[0]).sum()) if p and s[0] > 0 else 0
     kept = sorted(_choose(R, rank, _preference(parameters)))
     return Basis(tuple(x.name for x in parameters), rank, s, tuple(kept), _combine(R, kept, scale, tolerance), scale)
+
+
+def base_std(basis: Basis, compressed: Compressed, sigma: Array, weights: Array | None = None) -> Array:
+    """Return the standard errors (r) of the base parameters of a least-squares fit.
+
+    ``sigma`` (n) is the standard deviation of each joint's residual, ``weights`` (n) what each joint's rows were
+    multiplied with in the fit (one where None): A^-1 (sum w^4 sigma^2 G_j) A^-1 with A = sum w^2 G_j and G_j = X_j' X_j
+    over the independent columns. Holds for independent errors and an exactly known regressor. Raises ModelError where
+    the factors do not fit the basis.
+    """
+    p, kept = len(basis.names), list(basis.independent)
+    if compressed.factors.shape[1:] != (p + 1, p + 1):
+        raise ModelError(f"factors have shape {compressed.factors.shape[1:]}, expected ({p + 1}, {p + 1}).")
+    w = np.ones(len(compressed.factors)) if weights is None else np.asarray(weights)
+    scale = basis.scale[kept]
+    R = compressed.factors[:, :p, kept] / scale
+    gram = np.einsum("jki,jkl->jil", R, R)
+    inverse = np.linalg.inv(np.tensordot(w**2, gram, axes=1))
+    covariance = inverse @ np.tensordot(w**4 * np.asarray(sigma) ** 2, gram, axes=1) @ inverse
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
 
 
 def structural_basis(

@@ -7,8 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynident import __version__
-from dynident.basis import Basis, Missing, basis_of, compare, structural_basis
+from dynident.basis import Basis, Missing, base_std, basis_of, compare, structural_basis
 from dynident.errors import ConfigError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
@@ -17,6 +20,8 @@ from dynident.regression import Parallel, Regression
 from dynident.selection import choose_smoother
 from dynident.smoothers import Smoother, Spline
 from dynident.validation import LogValidation, validate
+
+Array = NDArray[np.float64]
 
 __all__ = ["Identification", "Recipe", "identify", "versions"]
 
@@ -48,7 +53,8 @@ class Recipe:
 class Identification:
     """Everything that one run found: what reports and exports read.
 
-    ``basis`` are the base parameters that the training data show, ``structural`` those that any motion could show, and
+    ``basis`` are the base parameters that the training data show, ``base_std`` (r) their standard errors in a fit
+    without constraints, ``structural`` those that any motion could show, and
     ``missing`` the motion that would show the rest; all are given where the data do not determine every parameter.
     """
 
@@ -59,6 +65,7 @@ class Identification:
     settings: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     basis: Basis | None = None
+    base_std: Array | None = None
     structural: Basis | None = None
     missing: tuple[Missing, ...] = ()
 
@@ -115,7 +122,9 @@ def identify(
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
         warnings = tuple(one.words for one in missing)
-    return replace(found, basis=on_data, structural=structural, missing=missing, warnings=warnings)
+    even = getattr(recipe.estimator, "weights", "equal") == "equal"
+    std = base_std(on_data, regression.compressed, estimate.sigma, None if even else 1.0 / estimate.sigma)
+    return replace(found, basis=on_data, base_std=std, structural=structural, missing=missing, warnings=warnings)
 
 
 def versions() -> dict[str, str]:

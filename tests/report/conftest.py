@@ -123,6 +123,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         ),
         warnings=warnings,
         basis=None,
+        base_std=None,
         structural=None,
         missing=(),
         settings={"smoother": "spline", "estimator": "least squares"},

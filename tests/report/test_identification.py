@@ -146,6 +146,7 @@ def robot(bodies=5, basis=True):
         combination[3, 50] = 2.0
         values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
         found.basis = Basis(found.estimate.names, 42, values, independent, combination, np.ones(p))
+        found.base_std = np.full(42, 0.5)
         found.structural = SimpleNamespace(rank=44)
         found.missing = (SimpleNamespace(words="Izz4: not excited by these data; move elbow."),)
     return found
@@ -165,7 +166,7 @@ def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
     assert '<td class="words">link0</td><td class="number">0.0123</td>' in page
     assert '<td class="words">inertia</td><td class="number">0.250</td>' in page
     result = result_dict(robot())
-    assert result["base_parameters"][3] == {"name": "mz0 + 2*Fv1", "value": 106.0}
+    assert result["base_parameters"][3] == {"name": "mz0 + 2*Fv1", "value": 106.0, "std": 0.5}
     assert result["parameters"][-1]["verdict"] == "bound"
     assert result["eigenvalues"]["link1"] == 0.0
     assert json.loads(json.dumps(result)) == result

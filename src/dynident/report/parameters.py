@@ -126,10 +126,16 @@ def _base_table(identification: Identification, basis: Basis) -> Table:
     units = [identification.estimate.units[k] for k in basis.independent]
     values = basis.to_base(identification.estimate.value)
     rows = tuple(
-        (name, number(float(value)), unit) for name, value, unit in zip(basis.groupings, values, units, strict=True)
+        (name, number(float(value)), number(float(std), 2), unit)
+        for name, value, std, unit in zip(basis.groupings, values, _base_std(identification, basis), units, strict=True)
     )
-    columns = (Column("base parameter", numeric=False), Column("value"), Column("unit", numeric=False))
-    return Table(columns, rows, "Base parameters and their values")
+    heads = (Column("base parameter", numeric=False), Column("value"), Column("std. error"))
+    return Table((*heads, Column("unit", numeric=False)), rows, "Base parameters and their values")
+
+
+def _base_std(identification: Identification, basis: Basis) -> plot.Array:
+    found = identification.base_std
+    return np.full(basis.rank, np.nan) if found is None else found
 
 
 def consistency_section(identification: Identification) -> Iterator[Section]:
@@ -161,7 +167,8 @@ def parameter_results(identification: Identification) -> dict[str, Any]:
     if basis:
         values = np.asarray(basis.to_base(estimate.value)).tolist()
         found["base_parameters"] = [
-            {"name": name, "value": value} for name, value in zip(basis.groupings, values, strict=True)
+            {"name": name, "value": value, "std": float(std)}
+            for name, value, std in zip(basis.groupings, values, _base_std(identification, basis), strict=True)
         ]
     for name in ("eigenvalues", "costs"):
         if given := getattr(estimate, name):

@@ -81,7 +81,7 @@ def test_settings_can_be_recorded_as_json():
 def test_defaults():
     config = parse_config(changed(gaps=..., smoother=..., estimator=..., parallel=..., validation=...))
     assert (config.gaps, config.parallel, config.validation) == ("error", None, ())
-    assert (config.smoother.kind, config.smoother.rule, config.smoother.ends) == ("spline", "constraint", 6.0)
+    assert (config.smoother.kind, config.smoother.rule, config.smoother.ends) == ("spline", "torque", 6.0)
     assert config.estimator.kind == "least_squares"
 
 

@@ -235,7 +235,7 @@ class Config(Section):
     train: tuple[LogSpec, ...] = Field(min_length=1)
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
-    smoother: Smoother = SplineSettings()
+    smoother: Smoother = SplineSettings(rule="torque")
     estimator: Estimator = LeastSquaresSettings()
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None

@@ -53,10 +53,9 @@ class ArmScenario:
 @cache
 def _truth(amplitudes: tuple[float, float]) -> Motion:
     model = two_link_arm()
-    if (theta := model.values) is None:
-        raise ConfigError("the article's arm must have known parameters.")  # pragma: no cover - it has
     first, second = amplitudes
     t = np.arange(SAMPLES) * PERIOD
+    theta = np.asarray(model.values, dtype=float)
     return simulate(model, theta, lambda s: np.array([first * np.sin(s), second * np.cos(s)]), t)
 
 

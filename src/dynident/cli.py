@@ -31,9 +31,7 @@ class _Commands(click.Group):
         except DynidentError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            kept = ctx.invoked_subcommand == "reproduce" and "--out" in sys.argv
-            more = " What was finished is kept: run the same command again to go on." if kept else ""
-            click.echo(f"Interrupted.{more}", err=True)
+            click.echo("Interrupted.", err=True)
             raise SystemExit(130) from None
 
 
@@ -59,10 +57,14 @@ def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | Non
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
     names = [name.strip() for name in methods.split(",") if name.strip()]
-    with _bar(f"{scenario}, {runs} runs") as progress:
-        found = article.reproduce(
-            scenario, runs, seed, names, path=out / "study.parquet" if out else None, progress=progress
-        )
+    table = out / "study.parquet" if out else None
+    try:
+        with _bar(f"{scenario}, {runs} runs") as progress:
+            found = article.reproduce(scenario, runs, seed, names, path=table, progress=progress)
+    except KeyboardInterrupt:
+        if table:
+            click.echo(f"What was finished is kept in {table}: run the same command again to go on.", err=True)
+        raise
     console = _console()
     console.print(study_text(found))
     page = study_page(found) if out else ""

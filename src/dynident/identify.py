@@ -21,17 +21,17 @@ from dynident.selection import choose_smoother
 from dynident.smoothers import Smoother, Spline
 from dynident.validation import LogValidation, validate
 
-Array = NDArray[np.float64]
-
 __all__ = ["Identification", "Recipe", "identify", "versions"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Recipe:
     """How to identify: the interchangeable parts, with the article's method as the default.
 
-    Of several smoothers, the one with the least cross-validated torque error on the training logs is taken. ``slow``,
-    a speed (rad/s, m/s) or one by joint name, leaves the slower samples out of that joint's equation in the fit.
+    Of several smoothers, ``choose_smoother`` takes one by the cross-validated torque error on the training logs.
+    ``slow``, a speed (rad/s, m/s) or one by joint name, leaves slower samples out of that joint's equation in the fit.
     """
 
     smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
@@ -54,8 +54,8 @@ class Identification:
     """Everything that one run found: what reports and exports read.
 
     ``basis`` are the base parameters that the training data show, ``base_std`` (r) their standard errors in a fit
-    without constraints, ``structural`` those that any motion could show, and
-    ``missing`` the motion that would show the rest; all are given where the data do not determine every parameter.
+    without constraints, ``structural`` those that any motion could show, and ``missing`` the motion that would show
+    the rest; all are given where the data do not determine every parameter.
     """
 
     model: Model

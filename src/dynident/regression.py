@@ -137,7 +137,10 @@ class Regression:
         """Yield the rows block by block, filtered and decimated where ``parallel`` says so."""
         for motion in self.motions:
             for part in stretches(motion.mask):
-                yield from self._plain(motion, part) if self.parallel is None else self._filtered(motion, part)
+                if self.parallel is None:
+                    yield from self._plain(motion, part)
+                else:
+                    yield from self._filtered(motion, part, self.parallel)
 
     @cached_property
     def compressed(self) -> Compressed:
@@ -157,12 +160,10 @@ class Regression:
         for start in range(part.start, part.stop, BLOCK):
             yield self._rows(motion, slice(start, min(start + BLOCK, part.stop)))
 
-    def _filtered(self, motion: Motion, part: slice) -> Iterator[Block]:
+    def _filtered(self, motion: Motion, part: slice, parallel: Parallel) -> Iterator[Block]:
         """Filter pieces that overlap by the filter's memory, so that the pieces fit together."""
-        if self.parallel is None:  # pragma: no cover - blocks() asks first
-            return
-        sections, step = self.parallel.sections(motion), self.parallel.decimate
-        pad = self.parallel.pad(sections)
+        sections, step = parallel.sections(motion), parallel.decimate
+        pad = parallel.pad(sections)
         size = -(-max(BLOCK, 4 * pad) // step) * step
         for start in range(part.start, part.stop, size):
             stop = min(start + size, part.stop)
@@ -171,18 +172,17 @@ class Regression:
                 continue
             rows = self._rows(motion, slice(first, last))
             kept = slice(start - first, stop - first, step)
-            Y, tau = (self.parallel.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
+            Y, tau = (parallel.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
             yield Block(Y, tau, None if rows.keep is None else rows.keep[kept])
 
     def _rows(self, motion: Motion, rows: slice) -> Block:
-        keep = moving(motion, self.slow)
-        Y = self.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows])
-        return Block(Y, motion.tau[rows], None if keep is None else keep[rows])
+        q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
+        return Block(self.model.regressor(q, dq, ddq), motion.tau[rows], moving(dq, self.slow))
 
 
-def moving(motion: Motion, slow: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
+def moving(dq: Array, slow: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
     """Return where each joint (N, n) is at least as fast as ``slow`` (n) says; None for everywhere."""
-    return None if slow is None else np.abs(motion.dq) >= np.array(slow)
+    return None if slow is None else np.abs(dq) >= np.array(slow)
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[slice]:

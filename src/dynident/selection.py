@@ -15,11 +15,10 @@ from dynident.model import Model
 from dynident.regression import Compressed, Regression
 from dynident.smoothers import Smoother
 
-TIE = 0.02  # errors that differ by less say nothing; the candidate listed first is then taken
-
 __all__ = ["Choice", "choose_smoother", "cross_validated_error"]
 
 Array = NDArray[np.float64]
+TIE = 0.02  # errors that differ by less say nothing; the candidate listed first is then taken
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ def validate(
 def _filtered_error(motion: Motion, predicted: Array, parallel: Parallel, slow: tuple[float, ...] | None) -> float:
     """Filtering Y and multiplying by theta is filtering Y theta: the filter is linear."""
     sections = parallel.sections(motion)
-    pairs, keep = [], moving(motion, slow)
+    pairs, keep = [], moving(motion.dq, slow)
     for part in stretches(motion.mask):
         if part.stop - part.start > 1:
             both = np.stack((motion.tau[part], predicted[part]))

@@ -107,8 +107,9 @@ class Constraint(Rule):
     """The article's rule, eq. (14): sum(((g - y) / delta)^2) = S; S = n (the number of samples) where not given.
 
     S is a number or one per column. A straight line is returned where it satisfies the constraint, the interpolating
-    spline for S = 0. p is found by Newton's method on log F against log p, F = |D Q u| (Reinsch's F), kept inside a
-    bracket; it stops at a relative error of 1e-10 in S or where rounding lets it improve no more.
+    spline for S = 0. p is found by Newton's method on log F against log p, F = |D Q u| (Reinsch's F), with inverse
+    Hermite interpolation near the root, kept inside a bracket. It stops at a relative error of 1e-10 in S, or where
+    rounding lets it improve no more: the S reached is in the result, and more than 1e-6 off is an error.
     """
 
     S: float | Sequence[float] | None = None

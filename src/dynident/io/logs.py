@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
 
-__all__ = ["Reading", "Table", "read_columns", "read_logs"]
+__all__ = ["Reading", "Table", "read_columns", "read_logs", "read_roles"]
 
 Array = NDArray[np.float64]
 
@@ -62,6 +62,27 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading
             warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
         logs += pieces
     return Reading(tuple(logs), tuple(warnings))
+
+
+def read_roles(
+    config: Config, joints: Sequence[Joint], progress: Callable[[str], None] = lambda _: None
+) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
+    """Read all recordings of a configuration: their logs by role ("train", "validation") and name, and warnings.
+
+    Raises the errors of ``read_logs``, and ConfigError where two logs of a role have the same name.
+    """
+    logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
+    warnings: list[str] = []
+    for role, found in logs.items():
+        for spec in getattr(config, role):
+            progress(f"reading {spec.label}")
+            reading = read_logs(spec, config, joints)
+            for log in reading.logs:
+                if log.source in found:
+                    raise ConfigError(f"{role}: two logs are called {log.source!r}; give one of them another `name`.")
+                found[log.source] = log
+            warnings += reading.warnings
+    return logs, tuple(warnings)
 
 
 def _table(spec: LogSpec) -> Table:

@@ -1,0 +1,44 @@
+"""``dynident reproduce``: the article's study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynident.cli.terminal import DIRECTORY, FILE, bar, console, tell
+
+__all__ = ["reproduce"]
+
+
+@click.command(short_help="Run the article's study again.")
+@click.option("--scenario", default="tabulated", show_default=True, help="tabulated, stated or weak.")
+@click.option("--runs", default=30, show_default=True, help="Recordings per noise level.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option("--methods", default="raw,filtered,spline", show_default=True, help="Methods, separated by commas.")
+@click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
+@click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
+def reproduce(scenario: str, runs: int, seed: int, methods: str, out: Path | None, json_file: Path | None) -> None:
+    """Run the article's study (sec. 3) again and print its tables 2-7 beside the printed numbers."""
+    from dynident import article
+    from dynident.io.results import probe_folder, write_json, write_text
+    from dynident.report.study import study_page, study_text
+
+    for folder in filter(None, (out, json_file and json_file.parent)):
+        probe_folder(folder)
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    table = out / "study.parquet" if out else None
+    try:
+        with bar(f"{scenario}, {runs} runs") as progress:
+            found = article.reproduce(scenario, runs, seed, names, path=table, progress=progress)
+    except KeyboardInterrupt:
+        if table:
+            click.echo(f"What was finished is kept in {table}: run the same command again to go on.", err=True)
+        raise
+    screen = console()
+    screen.print(study_text(found))
+    page = study_page(found) if out else ""
+    if json_file:
+        write_json(json_file, found.summary())
+    if out:
+        tell(screen, "Report", write_text(out / "report.html", page))

@@ -6,18 +6,19 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
 from dynident.basis import Basis, Missing, base_std, basis_of, compare, structural_basis
+from dynident.calibration import find_lean, mounted, pair
 from dynident.errors import ConfigError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Parallel, Regression
-from dynident.selection import choose_smoother
 from dynident.smoothers import Smoother, Spline
 from dynident.validation import LogValidation, validate
 
@@ -32,12 +33,16 @@ class Recipe:
 
     Of several smoothers, ``choose_smoother`` takes one by the cross-validated torque error on the training logs.
     ``slow``, a speed (rad/s, m/s) or one by joint name, leaves slower samples out of that joint's equation in the fit.
+    ``delay`` (s) is how much later than the torque the positions show the motion; "estimate" finds it on the training
+    logs. With ``lean`` the lean of the robot's base is found there too.
     """
 
     smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
     estimator: Estimator = field(default_factory=LeastSquares)
     parallel: Parallel | None = None
     slow: Mapping[str, float] | float | None = None
+    delay: float | Literal["estimate"] = 0.0
+    lean: bool = False
 
     def slowest(self, joints: Sequence[str]) -> tuple[float, ...] | None:
         """Return ``slow`` for each joint; ConfigError where it names another."""
@@ -91,19 +96,22 @@ def identify(
         raise ConfigError("no training log is given; name at least one.")
     roles = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
     settings = {"recipe": repr(recipe)}
-    smoother = recipe.smoother
-    if isinstance(smoother, tuple):
-        trained = tuple(roles["train"].values())
-        choice = choose_smoother(model, trained, smoother, progress=progress)
-        smoother, settings["smoother"] = choice.smoother, choice.words
+    slow = recipe.slowest(joints)
+    candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
+    trained = tuple(roles["train"].values())
+    smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
+    settings |= told
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
             motions[role][name] = smoother(log)
-    progress("estimating")
     fitted = tuple(motions["train"].values())
-    slow = recipe.slowest(joints)
+    if recipe.lean:
+        progress("finding how the base leans")
+        lean = find_lean(model, fitted, recipe.estimator, slow)
+        model, settings["lean"] = mounted(model, lean.x, lean.y), lean.words
+    progress("estimating")
     regression = Regression(model, fitted, recipe.parallel, slow)
     estimate = recipe.estimator(Problem(model, fitted, regression))
     progress("validating")

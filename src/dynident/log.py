@@ -166,3 +166,23 @@ class Motion:
     def between(self, start: float = -np.inf, stop: float = np.inf) -> Motion:
         """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""
         return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))
+
+    def delayed(self, delay: float, rows: NDArray[np.intp] | None = None) -> Motion:
+        """Return the motion as it is ``delay`` (s) later than each torque: at t + delay, with the torque of t.
+
+        Between samples ddq is taken as a straight line, as that of a cubic spline is, and dq and q are its integrals.
+        The mask loses the samples whose motion lies outside the recording. ``rows`` (increasing indices, at least two)
+        picks samples.
+        """
+        if delay == 0.0 and rows is None:
+            return self
+        rows = np.arange(len(self)) if rows is None else rows
+        at = self.t[rows] + delay
+        k = np.clip(np.searchsorted(self.t, at, side="right") - 1, 0, len(self) - 2)
+        h, s = (self.t[k + 1] - self.t[k])[:, None], (at - self.t[k])[:, None]
+        start, slope = self.ddq[k], (self.ddq[k + 1] - self.ddq[k]) / h
+        ddq = start + slope * s
+        dq = self.dq[k] + (start + slope * s / 2) * s
+        q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
+        mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
+        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=self.tau[rows], mask=mask)

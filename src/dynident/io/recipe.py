@@ -12,6 +12,7 @@ from dynident.io.settings import (
     ConsistentSettings,
     DifferenceSettings,
     LeastSquaresSettings,
+    RobotSettings,
     SplineSettings,
 )
 from dynident.regression import Parallel
@@ -25,7 +26,9 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel, config.slow)
+    lean = isinstance(config.model, RobotSettings) and config.model.lean == "estimate"
+    smoother, estimator = _smoother(config.smoother), _estimator(config.estimator)
+    return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean)
 
 
 def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:
@@ -39,7 +42,7 @@ def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator
             assert_never(settings)
 
 
-FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # multiples of the noise estimate to choose from by the torque
+FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)  # times the noise estimate, to choose from
 
 
 def _smoother(

@@ -124,13 +124,15 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and per joint what else is identified.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb friction.
+    (rad, m) of the others; ``lean`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s, m/s)
+    smooths the sign in the Coulomb friction.
     """
 
     file: Files
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
+    lean: Literal["none", "estimate"] = "none"
     terms: tuple[Literal["rotor", "viscous", "coulomb", "offset"], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
@@ -239,6 +241,7 @@ class Config(Section):
     estimator: Estimator = LeastSquaresSettings()
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None
+    delay: Number | Literal["estimate"] = "estimate"
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:

@@ -1,0 +1,124 @@
+"""Puts together what is said of a robot file, of the logs, and of the motions in view of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+
+from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Timing, channel, inspect, timing
+from dynident.errors import DynidentError
+from dynident.examination.motion import Excitation, Rank, excitation, limit_findings, rank, rank_findings
+from dynident.examination.robot import LinkFacts, examine_robot, link_facts
+from dynident.examination.torque import Agreement, agreement, agreement_findings
+from dynident.identify import Recipe
+from dynident.log import Log, Motion
+from dynident.model import Model
+from dynident.regression import Regression
+from dynident.selection import choose_smoother
+from dynident.terms import Bodies
+
+__all__ = ["Examination", "examine"]
+
+
+@dataclass(frozen=True)
+class Examination:
+    """All findings on a robot file or a configuration, the gravest first, and the facts behind them.
+
+    ``timings`` and ``channels`` are by log, ``excitations`` and ``agreements`` by joint over the training motions,
+    ``rank`` is None and all of them are empty where there are no logs that can be used.
+    """
+
+    findings: tuple[Finding, ...]
+    timings: Mapping[str, Timing] = field(default_factory=dict)
+    channels: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
+    excitations: tuple[Excitation, ...] = ()
+    agreements: tuple[Agreement, ...] = ()
+    rank: Rank | None = None
+    links: tuple[LinkFacts, ...] = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is an error among the findings."""
+        return any(finding.severity == "error" for finding in self.findings)
+
+
+def examine(
+    model: Model,
+    logs: Mapping[str, Mapping[str, Log]],
+    recipe: Recipe | None = None,
+    *,
+    multi_turn: Set[str] = frozenset(),
+    found: Sequence[Finding] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Examination:
+    """Examine a model's robot file and its logs, by role ("train", "validation") and name, matched by joint names.
+
+    ``found`` is what reading has found already. The motions are smoothed as the recipe says. A log with an error is
+    left out of what is said of the motion; a stage that fails is a finding. ``multi_turn`` as in ``check``.
+    """
+    joints = tuple(joint.name for joint in model.joints)
+    kinds = {joint.name: joint.kind for joint in model.joints}
+    findings = [*found, *_of_file(model, joints)]
+    timings, channels, sound = {}, {}, []
+    for role, named in logs.items():
+        for name, log in named.items():
+            progress(f"examining {name}")
+            log = replace(log.select(joints), source=name)
+            said = inspect(log, kinds, multi_turn)
+            findings += said
+            timings[name] = timing(log)
+            if len(log) >= MINIMUM_SAMPLES:
+                channels[name] = tuple(channel(log, joint) for joint in joints)
+            if role == "train" and not any(one.severity == "error" for one in said):
+                sound.append(log)
+    whole = Examination((), timings, channels, links=_links(model))
+    if sound:
+        try:
+            whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
+        except DynidentError as error:
+            findings.append(Finding("error", None, str(error), "motion"))
+    order = ("error", "warning", "info")
+    return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
+
+
+def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
+    """Return the findings on the robot file of a model; its inertias are only nominal, so none of them is an error."""
+    files = [term.file for term in model.terms if isinstance(term, Bodies)]
+    return [finding for file in files for finding in examine_robot(file, joints, grave="warning")]
+
+
+def _links(model: Model) -> tuple[LinkFacts, ...]:
+    return tuple(fact for term in model.terms if isinstance(term, Bodies) for fact in link_facts(term.file))
+
+
+def _moving(
+    whole: Examination,
+    model: Model,
+    logs: Sequence[Log],
+    recipe: Recipe,
+    findings: list[Finding],
+    progress: Callable[[str], None],
+) -> Examination:
+    """Return the examination with what the smoothed training logs say; adds to the findings."""
+    motions = _motions(model, logs, recipe, progress)
+    progress("examining the motion")
+    limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
+    excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
+    agreements = agreement(model, motions)
+    for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
+        findings += [
+            *limit_findings(moved, limits.get(joint.name), joint.effort),
+            *agreement_findings(torque, joint.effort),
+        ]
+    slow = recipe.slowest(tuple(joint.name for joint in model.joints))
+    seen = rank(model, Regression(model, motions, recipe.parallel, slow))
+    findings += rank_findings(seen)
+    return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
+
+
+def _motions(model: Model, logs: Sequence[Log], recipe: Recipe, progress: Callable[[str], None]) -> tuple[Motion, ...]:
+    smoother = recipe.smoother
+    if isinstance(smoother, tuple):
+        smoother = choose_smoother(model, tuple(logs), smoother, progress=progress).smoother
+    progress("smoothing")
+    return tuple(smoother(log) for log in logs)

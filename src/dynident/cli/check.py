@@ -76,5 +76,5 @@ def _configured(path: Path, say: Callable[[str], None]) -> Examination:
     say("building the model")
     model = load_model(config.model, path.parent)
     logs, found = read_found(config, model.joints, say)
-    found = (*(Finding("warning", None, words) for words in config_warnings(config)), *found)
+    found = (*(Finding("warning", None, words, source=path.name) for words in config_warnings(config)), *found)
     return examine(model, logs, build_recipe(config), multi_turn=turning_joints(config), found=found, progress=say)

@@ -24,7 +24,7 @@ _SPEED = 40.0  # rad/s: no arm moves its joints so fast
 _SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
 _SATURATED = 0.01  # fraction of samples at exactly the extreme value
 _COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
-_STALE = 0.04  # share of repeated positions in motion to warn of
+_STALE = 0.05  # share of repeated positions in motion to warn of
 _BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
 _REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
 
@@ -190,7 +190,7 @@ def _stale(q: Array) -> Iterator[Finding]:
     if share > _STALE:
         every = round(1 / (1 - share)) if share < 1 else 0
         cure = (
-            f"Keep every {every}th row only, those with a new value."
+            f"Keep one row in {every} only, the first with each new value."
             if every > 1
             else "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
         )
@@ -214,7 +214,7 @@ def _rests(log: Log) -> NDArray[np.bool_]:
 
 def _rest(log: Log) -> Iterator[Finding]:
     """Yield where the whole arm stands still for long."""
-    rests = _rests(log).all(axis=1)
+    rests = np.asarray(_rests(log).all(axis=1))
     size = len(log) // len(rests)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rests, [0]])))
     if not len(edges) or rests.all():

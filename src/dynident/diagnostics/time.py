@@ -32,6 +32,7 @@ _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
 class Timing:
     """The time axis of a log: number of ``samples``, ``length`` (s), median ``step`` (s), rms ``jitter`` over the step.
 
+    ``rate`` (Hz) is that of the straight line through the stamps, samples that are missing counted.
     ``shortest`` and ``longest`` are steps in s; ``missing`` samples are lost in steps of several medians. ``even`` is
     the noise that the positions would have if they were equally spaced, over the noise at the stamps, in the joint in
     which the two differ most; ``slots`` the same for stamps rounded to whole steps. 1 where there is no difference.
@@ -40,17 +41,13 @@ class Timing:
     samples: int
     length: float
     step: float
+    rate: float
     jitter: float
     shortest: float
     longest: float
     missing: int
     even: float = 1.0
     slots: float = 1.0
-
-    @property
-    def rate(self) -> float:
-        """Samples per second, the mean over the log without what is missing."""
-        return (self.samples - 1 + self.missing) / self.length
 
 
 def timing(log: Log) -> Timing:
@@ -63,14 +60,17 @@ def timing(log: Log) -> Timing:
     median = float(np.median(steps))
     jitter, unbroken = _rms(steps), bool((steps <= _GAP * median).all())
     whole = _whole_steps(steps / median)
+    places = np.append(0.0, np.cumsum(whole))
+    slope = float(np.polyfit(places, log.t - log.t[0], 1)[0]) if unbroken and len(log) > 2 else median
     even = slots = 1.0
     if jitter > _EVEN and len(log) >= MINIMUM_SAMPLES and unbroken:
         even = _noise_ratio(log, np.linspace(log.t[0], log.t[-1], len(log)))
-        slots = _noise_ratio(log, np.append(0.0, np.cumsum(whole)) * median)
+        slots = _noise_ratio(log, places * median)
     return Timing(
         samples=len(log),
         length=float(log.t[-1] - log.t[0]),
         step=median,
+        rate=1 / slope,
         jitter=jitter,
         shortest=float(steps.min()),
         longest=float(steps.max()),

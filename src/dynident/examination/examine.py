@@ -101,7 +101,7 @@ def _moving(
 ) -> Examination:
     """Return the examination with what the smoothed training logs say; adds to the findings."""
     motions = _motions(model, logs, recipe, progress)
-    progress("examining the motion")
+    progress("examining the motion")  # what needs model and motions together is said from here on
     limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 SLOW = 0.02  # of the peak speed: below, a joint hardly moves
 OVER = 1.02  # x the limit
 BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
-FEW = 4  # reversals below which friction and offset are hard to tell apart
+MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
+FEW = 2  # reversals below which friction and offset are hard to tell apart
 ILL = 1e4  # condition of the base parameters from which on they are poorly told apart
 
 
@@ -86,11 +87,11 @@ def _reversals(dq: Array, floor: float) -> int:
 def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:
     """Yield where a joint turns too little, or leaves the limits of the robot file; ``effort`` is the torque's unit."""
     joint = found.joint
-    if 0 < found.reversals < FEW or (found.reversals == 0 and found.peak_speed > 1e-3):
+    if found.reversals < FEW and found.peak_speed > MOVING:
         yield Finding(
             "warning",
             joint,
-            f"the joint turns back only {found.reversals} times: friction, offset and gravity are then hard to tell "
+            f"the joint turns back {found.reversals} times only: friction, offset and gravity are then hard to tell "
             "apart. Record a motion to and fro.",
             "reversals",
         )

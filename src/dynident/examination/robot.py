@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 FAR = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
 SPREAD = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
-SMALLEST = 0.1  # m: size of a link without a known length, motors and all
+SMALLEST = 0.15  # m: size of a link without a known length, motors and all
 OFFSET = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
 LIGHTEST, HEAVIEST = 0.05, 5000.0  # kg: masses of whole arms
 CURE = "Take it from CAD, or identify it with `kind: consistent`."
@@ -41,7 +41,7 @@ def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
     for name, theta in file.links.items():
         if theta is not None and theta[0] != 0:
             mass, centre, tensor = to_physical(theta)
-            found.append(LinkFacts(name, float(mass), centre, np.linalg.eigvalsh(tensor)))
+            found.append(LinkFacts(name, float(mass), centre, np.asarray(np.linalg.eigvalsh(tensor), float)))
     return tuple(found)
 
 
@@ -59,7 +59,7 @@ def examine_robot(
         *_impossible(file, grave),
         *_massless(file, moving),
         *_far(facts),
-        *_spread(file, facts),
+        *_spread(file, [fact for fact in facts if fact.link not in _rigid(file, file.root)]),
         *_about_origin(file, facts),
         *_copies(file, facts),
         *_total(facts),

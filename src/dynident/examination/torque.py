@@ -18,10 +18,12 @@ __all__ = ["Agreement", "agreement", "agreement_findings"]
 Array = NDArray[np.float64]
 
 SAMPLES = 2000  # of all motions: enough to see a sign
+NONE, ASKED = 0.3, 2.0  # a correlation below NONE is none, where the file asks for ASKED times the torque that is there
 CLEAR = 0.6  # partial correlation from which on a sign is believed
 SCALE = 3.0  # factor from which on a scale is asked about, where the correlation is beyond STRONG
 STRONG = 0.85
-DRIVES = 0.05  # share of rms torque times rms speed by which friction must drive the joint, to be believed
+ALONE = 1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
+DRIVES = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to be believed
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Agreement:
 
     ``correlation`` is the partial one, without what friction, rotor and offset explain; both are nan where the file
     has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power that is lost to friction, are
-    those of a fit of this joint on its own.
+    those of a fit of this joint on its own. ``asked`` is the rms of the nominal torque over that of the measured one.
     """
 
     joint: str
@@ -38,6 +40,7 @@ class Agreement:
     correlation: float
     rotor: float
     friction: float
+    asked: float = float("nan")
 
 
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
@@ -54,8 +57,9 @@ def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
         own = np.linalg.lstsq(np.column_stack([*columns, *around]), tau[:, j])[0]
         lost = own[1] * np.mean(dq[:, j] ** 2) + own[2] * np.mean(sign * dq[:, j])
         power = speed * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
-        scale, correlation = _partial(nominal[:, j], tau[:, j], np.column_stack(columns)) if known else (np.nan, np.nan)
-        found.append(Agreement(joint.name, float(scale), float(correlation), float(own[0]), float(lost / power)))
+        compared = _partial(nominal[:, j], tau[:, j], np.column_stack(columns)) if known else (np.nan,) * 3
+        scale, correlation, asked = map(float, compared)
+        found.append(Agreement(joint.name, scale, correlation, float(own[0]), float(lost / power), asked))
     return tuple(found)
 
 
@@ -76,21 +80,23 @@ def _nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     return model.torque(q, dq, ddq, np.array(values, dtype=float))
 
 
-def _partial(x: Array, y: Array, others: Array) -> tuple[float, float]:
-    """Return slope and correlation of y against x, without what the other columns explain of each."""
-    x, y = (series - others @ np.linalg.lstsq(others, series)[0] for series in (x, y))
-    size = float(np.linalg.norm(x) * np.linalg.norm(y))
-    inner = float(x @ y)
-    return (inner / float(x @ x), inner / size) if size > 0 else (float("nan"), float("nan"))
+def _partial(x: Array, y: Array, others: Array) -> tuple[float, float, float]:
+    """Return slope, correlation and relative size of x against y, without what the other columns explain of each."""
+    left, rest = (series - others @ np.linalg.lstsq(others, series)[0] for series in (x, y))
+    a, b = float(np.linalg.norm(left)), float(np.linalg.norm(rest))
+    if a < ALONE * float(np.linalg.norm(x)) or b == 0:
+        return (float("nan"),) * 3
+    inner = float(left @ rest)
+    return inner / a**2, inner / (a * b), a / b
 
 
 def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
     """Yield a question where sign or scale of a torque look wrong; ``unit`` is that of the torque."""
-    against = np.isnan(found.correlation) and found.rotor < 0 and found.friction < -DRIVES
+    against = not found.correlation > 0 and found.rotor < 0 and found.friction < -DRIVES
     if found.correlation < -CLEAR or against:
-        why = "friction and inertia come out negative"
-        if not against:
-            why = f"it goes against the torque of the robot file's inertias (correlation {found.correlation:.2f})"
+        why = f"it goes against the torque of the robot file's inertias (correlation {found.correlation:.2f})"
+        if against:
+            why = "friction and inertia of the joint come out negative"
         yield Finding(
             "warning",
             found.joint,
@@ -105,4 +111,12 @@ def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
             f"the torque is {found.scale:.3g} times what the robot file's inertias ask for. A gear ratio, a torque "
             f"constant or a unit that is missing in `gain`? It should be in {unit}.",
             "scale",
+        )
+    elif abs(found.correlation) < NONE and found.asked > ASKED:
+        yield Finding(
+            "warning",
+            found.joint,
+            "does this torque belong to this joint? It hardly follows the robot file's gravity and inertia, which ask "
+            f"for {found.asked:.2g} times as much change (correlation {found.correlation:.2f}). Look at the column.",
+            "foreign",
         )

@@ -55,7 +55,6 @@ def check_dict(examination: Examination) -> dict[str, Any]:
         "logs": {
             name: {
                 **asdict(timing),
-                "rate": timing.rate,
                 "channels": [asdict(x) for x in examination.channels.get(name, ())],
             }
             for name, timing in examination.timings.items()
@@ -170,14 +169,14 @@ def _channel_row(one: Channel) -> Iterator[str]:
 
 def _link_table(examination: Examination) -> Table:
     heads = ("mass, kg", "centre at, m", "smallest", "middle", "largest")
-    groups = ("", "", *["moments about the centre, kg m^2"] * 3)
+    groups = ("", "", *["moments"] * 3)
     rows = [
         (x.link, number(x.mass), number(float(np.linalg.norm(x.centre)), 3), *(number(float(m), 3) for m in x.moments))
         for x in examination.links
     ]
     rows.append(("all", number(sum(x.mass for x in examination.links)), *[""] * 4))
     columns = (Column("link", numeric=False), *(Column(head, group) for head, group in zip(heads, groups, strict=True)))
-    return Table(columns, tuple(rows), "Links")
+    return Table(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
 
 
 def _count(value: int, word: str) -> str:

@@ -20,9 +20,8 @@ __all__ = ["check"]
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
 @click.option("--json", "json_file", type=FILE, help="File for the findings and the facts behind them.")
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
-    """Examine each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone.
-
-    Says what is wrong and what to do about it; exit code 1 where an error is found.
+    """Examine each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone; say
+    what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
     from dynident.io.results import probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables

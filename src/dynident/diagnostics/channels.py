@@ -15,7 +15,7 @@ from dynident.errors import InputError
 from dynident.log import Log
 from dynident.splines import noise_sigma
 
-__all__ = ["Channel", "channel", "check", "inspect"]
+__all__ = ["Channel", "channels", "check", "inspect"]
 
 Array = NDArray[np.float64]
 
@@ -49,20 +49,23 @@ class Channel:
     torque_resolution: float
 
 
-def channel(log: Log, joint: str) -> Channel:
-    """Return the facts on one joint of a log, which must have at least 6 samples."""
-    j = log.joints.index(joint)
-    q, tau = log.q[:, j], log.tau[:, j]
-    return Channel(
-        joint=joint,
-        span=float(np.ptp(q)),
-        noise=float(noise_sigma(log.t, q)[0]),
-        resolution=_resolution(q),
-        repeats=_repeats(q),
-        still=float(_rests(log)[:, j].mean()),
-        rms=float(np.sqrt(np.mean(tau**2))),
-        torque_noise=float(noise_sigma(log.t, tau)[0]),
-        torque_resolution=_resolution(tau),
+def channels(log: Log) -> tuple[Channel, ...]:
+    """Return the facts on each joint of a log, which must have at least 6 samples."""
+    noise, torque_noise = noise_sigma(log.t, log.q), noise_sigma(log.t, log.tau)
+    still = _rests(log).mean(axis=0)
+    return tuple(
+        Channel(
+            joint=name,
+            span=float(np.ptp(log.q[:, j])),
+            noise=float(noise[j]),
+            resolution=_resolution(log.q[:, j]),
+            repeats=_repeats(log.q[:, j]),
+            still=float(still[j]),
+            rms=float(np.sqrt(np.mean(log.tau[:, j] ** 2))),
+            torque_noise=float(torque_noise[j]),
+            torque_resolution=_resolution(log.tau[:, j]),
+        )
+        for j, name in enumerate(log.joints)
     )
 
 

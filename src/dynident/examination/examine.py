@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
-from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Timing, channel, inspect, timing
+from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Timing, channels, inspect, timing
 from dynident.errors import DynidentError
 from dynident.examination.motion import Excitation, Rank, excitation, limit_findings, rank, rank_findings
 from dynident.examination.robot import LinkFacts, examine_robot, link_facts
@@ -59,7 +59,7 @@ def examine(
     joints = tuple(joint.name for joint in model.joints)
     kinds = {joint.name: joint.kind for joint in model.joints}
     findings = [*found, *_of_file(model, joints)]
-    timings, channels, sound = {}, {}, []
+    timings, facts, sound = {}, {}, []
     for role, named in logs.items():
         for name, log in named.items():
             progress(f"examining {name}")
@@ -68,10 +68,10 @@ def examine(
             findings += said
             timings[name] = timing(log)
             if len(log) >= MINIMUM_SAMPLES:
-                channels[name] = tuple(channel(log, joint) for joint in joints)
+                facts[name] = channels(log)
             if role == "train" and not any(one.severity == "error" for one in said):
                 sound.append(log)
-    whole = Examination((), timings, channels, links=_links(model))
+    whole = Examination((), timings, facts, links=_links(model))
     if sound:
         try:
             whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
@@ -83,8 +83,17 @@ def examine(
 
 def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     """Return the findings on the robot file of a model; its inertias are only nominal, so none of them is an error."""
-    files = [term.file for term in model.terms if isinstance(term, Bodies)]
-    return [finding for file in files for finding in examine_robot(file, joints, grave="warning")]
+    found: list[Finding] = []
+    for term in (term for term in model.terms if isinstance(term, Bodies)):
+        found += examine_robot(term.file, joints, grave="warning")
+        if term.file.gravity not in (None, term.gravity):
+            words = f"the file's gravity {term.file.gravity} is not read; {term.gravity} m/s^2 is used."
+            found.append(
+                Finding(
+                    "warning", None, f"{words} Set `gravity` if the arm is mounted so.", "gravity", source=term.source
+                )
+            )
+    return found
 
 
 def _links(model: Model) -> tuple[LinkFacts, ...]:

@@ -63,7 +63,7 @@ def examine_robot(
         *_about_origin(file, facts),
         *_copies(file, facts),
         *_total(facts),
-        *_limits(moving),
+        *_limits(file, moving),
         *(Finding("info", None, f"{note}.", "unread") for note in file.notes),
     ]
     return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
@@ -209,7 +209,7 @@ def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         yield Finding("warning", None, f"all links together have {total:.4g} kg. Are the masses in kg?", "total mass")
 
 
-def _limits(moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     bare: dict[str, list[str]] = {}
     for joint in moving:
         limits, words = joint.limits, []
@@ -217,9 +217,9 @@ def _limits(moving: Sequence[RobotJoint]) -> Iterator[Finding]:
             words.append(f"its lower limit {limits.lower:g} is not below its upper limit {limits.upper:g}")
         for name in ("effort", "velocity"):
             value = getattr(limits, name)
-            if value is None:
+            if value is None and (name, file.format) != ("velocity", "mjcf"):  # there it has no place
                 bare.setdefault(name, []).append(joint.name)
-            elif value <= 0:
+            elif value is not None and value <= 0:
                 words.append(f"its {name} limit is {value:g}")
         for what in words:
             yield Finding("warning", joint.name, f"{what}: simulators take it at its word. Correct it.", "limits")

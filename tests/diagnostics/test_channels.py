@@ -154,3 +154,11 @@ def test_the_facts_on_a_channel_are_those_put_in():
     assert found.torque_resolution == pytest.approx(0.05)
     assert found.rms == pytest.approx(3 / np.sqrt(2), rel=0.05)
     assert np.isnan(channels(log())[0].resolution)
+
+
+def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
+    counts = np.round(np.sin(2 * T) / 3.14159265e-4)
+    rounded = np.round(counts * 3.14159265e-4, 7)
+    (found,) = channels(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
+    assert found.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
+    assert np.isnan(found.torque_resolution)

@@ -24,6 +24,7 @@ _SPEED = 40.0  # rad/s: no arm moves its joints so fast
 _SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
 _SATURATED = 0.01  # fraction of samples at exactly the extreme value
 _COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
+_GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
 _STALE = 0.05  # share of repeated positions in motion to warn of
 _BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
 _REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
@@ -172,7 +173,8 @@ def _resolution(x: Array) -> float:
     if len(steps) < MINIMUM_SAMPLES:
         return float("nan")
     counts = steps / steps.min()
-    on_grid = float(np.max(np.abs(counts - np.round(counts)))) < 0.05
+    counts = counts[counts < _LARGEST]  # in larger ones the rounding of the smallest step adds up
+    on_grid = len(counts) >= MINIMUM_SAMPLES and np.mean(np.abs(counts - np.round(counts)) < 0.05) >= _GRID
     return float(steps.min()) if on_grid else float("nan")
 
 

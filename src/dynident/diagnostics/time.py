@@ -164,9 +164,7 @@ def stamps(facts: Timing) -> Iterator[Finding]:
     told = f"the time steps vary by {100 * facts.jitter:.2g} % rms, and the positions"
     if best < _BETTER:
         cure = f"Set `time: {{ rate: {facts.rate:.6g} }}` instead of the column, and judge by the held-out error"
-        if (
-            facts.missing and facts.slots < 0.9 * facts.even
-        ):  # samples are lost: equal spacing would shift all that follow
+        if facts.missing and facts.slots < 0.9 * facts.even:  # equal spacing would shift all that follows a loss
             cure = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
         yield Finding(
             "warning",
@@ -176,13 +174,13 @@ def stamps(facts: Timing) -> Iterator[Finding]:
             "stamps",
         )
     elif facts.jitter > _JITTER:
-        better = facts.even > 1.02
-        axis = f"are {_times(facts.even)} noisier if they were equally spaced" if better else "do not tell which is so"
+        axis = "do not tell whether the stamps or the sampling is at fault"
+        if facts.even > 1.02:
+            axis = f"are {_times(facts.even)} noisier if they were equally spaced: the sampling itself jitters"
         yield Finding(
             "info",
             None,
-            f"{told} {axis}: {'the sampling itself jitters' if better else 'stamps or sampling'}. Keep the stamps, and "
-            "a spline, which needs no equal spacing.",
+            f"{told} {axis}. Keep the stamps, and a spline, which needs no equal spacing.",
             "jitter",
         )
 

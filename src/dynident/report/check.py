@@ -152,7 +152,8 @@ def _rank_table(examination: Examination) -> Table:
 
 def _channel_table(name: str, channels: Sequence[Channel]) -> Table:
     heads = (
-        ("noise", "position"), ("step", "position"), ("repeats, %", "position"), ("still, %", "position"),
+        ("noise", "position"), ("step", "position"), ("noise/step", "position"),
+        ("repeats, %", "position"), ("still, %", "position"),
         ("rms", "torque"), ("noise", "torque"), ("step", "torque"),
     )  # fmt: skip
     rows = tuple(tuple(_channel_row(one)) for one in channels)
@@ -162,7 +163,7 @@ def _channel_table(name: str, channels: Sequence[Channel]) -> Table:
 
 def _channel_row(one: Channel) -> Iterator[str]:
     yield one.joint
-    yield from (number(one.noise, 2), number(one.resolution, 3))
+    yield from (number(one.noise, 2), number(one.resolution, 3), number(one.noise / one.resolution, 2))
     yield from (number(100 * one.repeats, 2), number(100 * one.still, 2))
     yield from (number(one.rms, 3), number(one.torque_noise, 2), number(one.torque_resolution, 3))
 

@@ -106,3 +106,41 @@ def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     bodies = {one["name"]: one["value"] for one in identify(folder, "emps", model)["parameters"]}
     for name, other in {"M": "carriage.mass", "Fv": "Fv_slider", "Fc": "Fc_slider", "offset": "offset_slider"}.items():
         assert bodies[other] == pytest.approx(plain[name], rel=1e-9)
+
+
+def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, set[tuple[str, str | None]]]:
+    """What ``dynident check`` says of an example, some words of it replaced: topics and places by severity."""
+    text = (ROOT / "examples" / f"{example}.yaml").read_text().replace("../../shared/data", str(DATA))
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / f"check-{example}.yaml"
+    path.write_text(text)
+    done = CliRunner().invoke(main, ["check", str(path), "--json", str(folder / "check.json")])
+    assert done.exit_code == 0, done.output
+    (found,) = json.loads((folder / "check.json").read_text()).values()
+    said: dict[str, set[tuple[str, str | None]]] = {"error": set(), "warning": set(), "info": set()}
+    for one in found["findings"]:
+        said[one["severity"]].add((one["topic"], one["link"] or one["joint"]))
+    return said
+
+
+def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> None:
+    """No false alarm: EMPS and TX40 are sound; the stamps of the LWR4 are noisy; the Panda's own sampling jitters."""
+    assert check(folder, "emps") == {"error": set(), "warning": set(), "info": set()}
+    assert check(folder, "tx40")["warning"] == set()
+    lwr4, panda = check(folder, "lwr4"), check(folder, "panda")
+    assert lwr4["warning"] == {("stamps", None), ("spread", "lwr_7_link")}
+    assert {("jitter", None), ("lost", None)} <= panda["info"]
+    assert {topic for topic, _ in panda["warning"]} == {"spread", "stale"}
+    pendulum = check(folder, "double_pendulum")["warning"]
+    assert {topic for topic, _ in pendulum} == {"quantised", "spread"}
+
+
+def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
+    whole = check(folder, "tx40", ("window: [0, 5]", "window: [0, 9]"), ("window: [5, 7.4]", "window: [0, 1]"))
+    assert ("rest", None) in whole["warning"]
+    turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"))
+    assert turned["warning"] == {("sign", "joint_2")}
+    swapped = check(folder, "panda", ("tau.1,", "tau.6,"))
+    assert ("foreign", "panda_joint2") in swapped["warning"]

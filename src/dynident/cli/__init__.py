@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from dynident import __version__
+from dynident.cli.check import check
 from dynident.cli.identify import identify
 from dynident.cli.reproduce import reproduce
 from dynident.cli.smooth import smooth
@@ -34,5 +35,5 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (reproduce, identify, smooth):
+for _command in (reproduce, check, identify, smooth):
     main.add_command(_command)

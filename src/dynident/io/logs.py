@@ -16,7 +16,7 @@ from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
 
-__all__ = ["Reading", "Table", "read_columns", "read_logs", "read_roles"]
+__all__ = ["Reading", "Table", "read_columns", "read_found", "read_logs", "read_roles", "turning_joints"]
 
 Array = NDArray[np.float64]
 
@@ -48,20 +48,12 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading
     The logs have t in s, q in rad or m, tau in N m or N. Raises ConfigError where the channels do not fit the
     joints, and InputError, with file, line and column, where the data cannot be used.
     """
-    check_joints(config, joints)
-    signals = _signals(_table(spec), config, joints)
-    logs: list[Log] = []
-    warnings: list[str] = []
-    for window in spec.window or ((None, None),):
-        name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
-        log = _cut(signals, window, joints, name)
-        pieces = _pieces(log, config.gaps, signals.table.source)
-        warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
-        for piece in pieces:
-            findings = _checked(piece, config, joints, signals.table.source)
-            warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
-        logs += pieces
-    return Reading(tuple(logs), tuple(warnings))
+    reading = _read(spec, config, joints)
+    warnings = list(reading.warnings)
+    for piece in reading.logs:
+        findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())))
+        warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
+    return Reading(reading.logs, tuple(warnings))
 
 
 def read_roles(
@@ -83,6 +75,44 @@ def read_roles(
                 found[log.source] = log
             warnings += reading.warnings
     return logs, tuple(warnings)
+
+
+def read_found(
+    config: Config, joints: Sequence[Joint], progress: Callable[[str], None] = lambda _: None
+) -> tuple[dict[str, dict[str, Log]], tuple[Finding, ...]]:
+    """Read all recordings as ``read_roles`` does, but judge none: what cannot be read is a finding, and goes missing.
+
+    Raises ConfigError where the channels do not fit the joints.
+    """
+    check_joints(config, joints)
+    logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
+    findings: list[Finding] = []
+    for role, found in logs.items():
+        for spec in getattr(config, role):
+            progress(f"reading {spec.label}")
+            try:
+                reading = _read(spec, config, joints)
+            except InputError as error:
+                findings.append(Finding("error", None, str(error), source=spec.label))
+                continue
+            found.update({log.source: log for log in reading.logs})
+            findings += [Finding("warning", None, words) for words in reading.warnings]
+    return logs, tuple(findings)
+
+
+def _read(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
+    """Read one recording as ``read_logs`` does, but do not judge its logs."""
+    check_joints(config, joints)
+    signals = _signals(_table(spec), config, joints)
+    logs: list[Log] = []
+    warnings: list[str] = []
+    for window in spec.window or ((None, None),):
+        name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
+        log = _cut(signals, window, joints, name)
+        pieces = _pieces(log, config.gaps, signals.table.source)
+        warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
+        logs += pieces
+    return Reading(tuple(logs), tuple(warnings))
 
 
 def _table(spec: LogSpec) -> Table:
@@ -234,13 +264,14 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
 
 def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
-    kinds = {joint.name: joint.kind for joint in joints}
-    turning = frozenset(
-        name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad"
-    )
-    findings = check(log, kinds, turning)
+    findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config))
     require(findings, f"{source} ({log.source})")
     return findings
+
+
+def turning_joints(config: Config) -> frozenset[str]:
+    """Return the joints for which large angles are no sign of degrees declared as radians."""
+    return frozenset(name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad")
 
 
 def _overhang(name: str, t: Array, window: Interval) -> Iterator[str]:

@@ -96,6 +96,7 @@ def identify(
         trained = tuple(roles["train"].values())
         choice = choose_smoother(model, trained, smoother, progress=progress)
         smoother, settings["smoother"] = choice.smoother, choice.words
+    settings["smoother used"] = repr(smoother)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():

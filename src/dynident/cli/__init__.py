@@ -7,7 +7,9 @@ from typing import Any
 import click
 
 from dynident import __version__
+from dynident.cli.export import export
 from dynident.cli.identify import identify
+from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.smooth import smooth
 from dynident.errors import DynidentError
@@ -34,5 +36,5 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (reproduce, identify, smooth):
+for _command in (reproduce, identify, predict, export, smooth):
     main.add_command(_command)

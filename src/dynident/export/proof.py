@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynident.errors import DynidentError
 from dynident.export.edit import Text
 from dynident.export.identified import Identified, drives
-from dynident.export.written import Proof, Written
+from dynident.export.written import Format, Proof, Written
 from dynident.log import Motion
 from dynident.terms import Bodies
 
@@ -47,16 +47,22 @@ def random_states(joints: int, rng: np.random.Generator, count: int = 500) -> St
 def prove(written: Written, identified: Identified, states: States) -> Proof:
     """Return how well the torque of the text, loaded again, agrees with the model without what is left out."""
     expected = _expected(written, identified, states)
-    readers, skipped = _readers(written, identified)
     found: dict[str, float] = {}
-    reasons = list(skipped)
-    for name, reader in readers.items():
+    skipped: list[str] = []
+    for name, reader in READERS[written.format].items():
+        if name == "MuJoCo" and importlib.util.find_spec("mujoco") is None:
+            skipped.append("MuJoCo is not installed (the extra `mujoco`)")
+            continue
         try:
             found[name] = _difference(reader(written.text, identified, states), expected)
         except Exception as error:  # a foreign parser may raise anything
-            found[name] = float("inf")
-            reasons.append(f"{name} cannot read it: {' '.join(str(error).split())}")
-    return Proof(found, len(expected), tuple(reasons))
+            reason = " ".join(str(error).split())
+            if name in FOREIGN and _fails(reader, identified):
+                skipped.append(f"{name} can read neither this nor the original file: {reason}")
+            else:
+                found[name] = float("inf")
+                skipped.append(f"{name} cannot read it: {reason}")
+    return Proof(found, len(expected), tuple(skipped))
 
 
 def _difference(torque: Array, expected: Array) -> float:
@@ -74,24 +80,6 @@ def _expected(written: Written, identified: Identified, states: States) -> Array
     names = tuple(joint.name for joint in bodies.joints)
     held = drives(identified, armature=written.format == "mjcf")
     return np.asarray(bodies.regressor(*states) @ values.ravel() + held.torque(names, *states[1:]))
-
-
-def _readers(written: Written, identified: Identified) -> tuple[Mapping[str, Reader], tuple[str, ...]]:
-    """Return the readers for a format, and why others are not asked."""
-    match written.format:
-        case "numpy":
-            return {"NumPy": _run}, ()
-        case "yaml":
-            return {"YAML": _listed}, ()
-        case "urdf":
-            if _fails(_pinocchio, identified):
-                return {"dynident": _own}, ("Pinocchio's own reader refuses the original file too",)
-            return {"Pinocchio": _pinocchio, "dynident": _own}, ()
-    if importlib.util.find_spec("mujoco") is None:
-        return {"dynident": _own}, ("MuJoCo is not installed (the extra `mujoco`)",)
-    if _fails(_mujoco, identified):
-        return {"dynident": _own}, ("MuJoCo refuses the original file too",)
-    return {"MuJoCo": _mujoco, "dynident": _own}, ()
 
 
 def _fails(reader: Reader, identified: Identified) -> bool:
@@ -113,7 +101,10 @@ def _run(source: str, _: Identified, states: States) -> Array:
 
 def _listed(text: str, identified: Identified, states: States) -> Array:
     values = {row["name"]: row["value"] for row in yaml.safe_load(text)["parameters"]}
-    return identified.model.torque(*states, np.array([values[name] for name in identified.model.names]))
+    given = np.array([values[name] for name in identified.model.names])
+    if (given != identified.value).any():  # of some, the torque says nothing
+        raise DynidentError("a value is another one")
+    return identified.model.torque(*states, given)
 
 
 def _own(text: str, identified: Identified, states: States) -> Array:
@@ -202,3 +193,12 @@ def _bare(text: str) -> str:
         elif node.tag != "default":
             todo += node.children
     return str(edited)
+
+
+READERS: dict[Format, dict[str, Reader]] = {
+    "urdf": {"Pinocchio": _pinocchio, "dynident": _own},
+    "mjcf": {"MuJoCo": _mujoco, "dynident": _own},
+    "numpy": {"NumPy": _run},
+    "yaml": {"YAML": _listed},
+}
+FOREIGN = ("Pinocchio", "MuJoCo")

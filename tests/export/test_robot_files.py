@@ -66,6 +66,7 @@ def test_a_welded_body_whose_inertia_comes_from_shapes_gets_none():
     made = export(arm(text), "mjcf", STATES)
     assert made.ready, made.refusal
     assert '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>' in made.written.text
+    assert any("'tool': the file left" in note for note in made.written.notes)
 
 
 def test_fixed_links_keep_their_inertias_where_they_fit():
@@ -115,6 +116,7 @@ def test_values_that_are_not_identified_stay_those_of_the_file():
     made = export(Identified(model, np.concatenate([np.tile(BODY, 3), [0.25]])), "urdf", STATES)
     assert made.ready, made.refusal
     assert '<dynamics friction="0.7" damping="0.25"/>' in made.written.text
+    assert any("friction 0.7 of joint 'rail'" in note for note in made.written.notes)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.export import exports
     from dynident.io.results import probe_folder, remove, write_json, write_text
+    from dynident.io.saved import check_targets
     from dynident.report import identification_notes, identification_page, identification_tables, result_dict
     from dynident.report.exports import export_notes
 
@@ -39,6 +40,7 @@ def identify(config: Path, out: Path | None) -> None:
         style = "yellow" if note.startswith("Warning") else None
         screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
     if out:
+        check_targets(out, (one.file for one in made), found.settings)
         result, page = result_dict(found, made), identification_page(found, made)
         for one in made:
             if one.ready and one.written is not None:

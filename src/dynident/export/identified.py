@@ -55,13 +55,14 @@ class Identified:
 class Drives:
     """What a robot file holds per joint: damping (N m s/rad), friction (N m) and armature (kg m^2), or for sliding.
 
-    ``left_out`` are, in words, the parameters that no attribute holds.
+    ``left_out`` are, in words, the parameters that no attribute holds; ``notes`` tell of values that the file keeps.
     """
 
     damping: Mapping[str, float] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
     armature: Mapping[str, float] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def torque(self, joints: tuple[str, ...], dq: Array, ddq: Array) -> Array:
         """Return damping dq + friction sign(dq) + armature ddq, shape (N, n)."""
@@ -94,13 +95,16 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
         if isinstance(term, Coulomb) and (term.width or term.dead_band):
             rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
             left_out.append(f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)")
-    kept = bodies.armature if armature else {}
-    return Drives(
-        {**bodies.damping, **found[Viscous]},
-        {**bodies.friction, **found[Coulomb]},
-        {**kept, **found[RotorInertia]},
-        tuple(left_out),
+    kinds = {"damping": Viscous, "friction": Coulomb} | ({"armature": RotorInertia} if armature else {})
+    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in kinds}
+    notes = tuple(
+        f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
+        for name, kind in kinds.items()
+        for joint, value in nominal[name].items()
+        if value and joint not in found[kind]
     )
+    values = {name: nominal[name] | found[kind] for name, kind in kinds.items()}
+    return Drives(**values, left_out=tuple(left_out), notes=notes)
 
 
 def _names(term: Term) -> tuple[str, ...]:
@@ -171,6 +175,9 @@ def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> fl
 
 
 def _shared_words(body: Body, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
+    for link, (nominal, _) in others.items():
+        if nominal is None:
+            yield f"link {link!r}: the file left its inertia to its shapes; it has none now, {body.joint.child!r} has it"
     weighty = [link for link, (nominal, _) in others.items() if nominal is not None and nominal.any()]
     if weighty and share < 1:
         kept = f"{100 * share:.3g} % of their inertias" if share else "no inertia"

@@ -42,7 +42,7 @@ def identified_mjcf(identified: Identified) -> Written:
             _set_drive(text, node, found, name)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
-    notes = (*shares.notes, *standing(bodies, shares), *_freed(text))
+    notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
     return Written("mjcf", str(text), found.left_out, notes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from dynident.io.settings import Config, LogSpec
 from dynident.model import Model
 from dynident.smoothers import Smoother
 
-__all__ = ["Saved", "log_spec", "model_settings", "read_result"]
+__all__ = ["Saved", "check_targets", "log_spec", "model_settings", "read_result"]
 
 Array = NDArray[np.float64]
 FILE, HASH, ORIGIN, SMOOTHER = "model file", "model file SHA-256", "configuration file", "smoother used"
@@ -44,6 +44,14 @@ def model_settings(config: Config, path: Path) -> dict[str, str]:
     found = {ORIGIN: str(path.resolve())}
     file = model_file(config.model, path.parent)
     return found if file is None else found | {FILE: str(file.resolve()), HASH: fingerprint(file)}
+
+
+def check_targets(folder: Path, names: Iterable[str], settings: Mapping[str, str]) -> None:
+    """Raise ConfigError where one of the files to be written is the configuration or the model's file."""
+    read = {settings[key] for key in (ORIGIN, FILE) if key in settings}
+    for name in names:
+        if str((folder / name).resolve()) in read:
+            raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another folder for --out.")
 
 
 def read_result(path: Path) -> Saved:

@@ -80,31 +80,33 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
     Raises ModelError for a negative value: no simulator takes it.
     """
     bodies, _ = identified.bodies
-    found: dict[type[Term], dict[str, float]] = {Viscous: {}, Coulomb: {}, RotorInertia: {}}
+    kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
+    kinds |= {RotorInertia: "armature"} if armature else {}
+    found: dict[str, dict[str, float]] = {name: {} for name in kinds.values()}
     left_out: list[str] = []
     for term, values in identified.parts:
         if term is bodies:
             continue
-        if not isinstance(term, PerJoint) or type(term) not in found or (type(term) is RotorInertia and not armature):
+        if not isinstance(term, PerJoint) or type(term) not in kinds:
             left_out += _worded(term, values)
             continue
         for parameter, joint, value in zip(term.parameters, term.on or _names(term), values.tolist(), strict=True):
             if value < 0:
                 raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
-            found[type(term)][joint] = found[type(term)].get(joint, 0.0) + value
+            same = found[kinds[type(term)]]
+            same[joint] = same.get(joint, 0.0) + value
         if isinstance(term, Coulomb) and (term.width or term.dead_band):
             rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
             left_out.append(f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)")
-    kinds = {"damping": Viscous, "friction": Coulomb} | ({"armature": RotorInertia} if armature else {})
-    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in kinds}
+    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in found}
     notes = tuple(
         f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
-        for name, kind in kinds.items()
-        for joint, value in nominal[name].items()
-        if value and joint not in found[kind]
+        for name, values in nominal.items()
+        for joint, value in values.items()
+        if value and joint not in found[name]
     )
-    values = {name: nominal[name] | found[kind] for name, kind in kinds.items()}
-    return Drives(**values, left_out=tuple(left_out), notes=notes)
+    held = {name: {**nominal[name], **found[name]} for name in found}
+    return Drives(held["damping"], held["friction"], held.get("armature", {}), tuple(left_out), notes)
 
 
 def _names(term: Term) -> tuple[str, ...]:
@@ -177,7 +179,7 @@ def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> fl
 def _shared_words(body: Body, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
     for link, (nominal, _) in others.items():
         if nominal is None:
-            yield f"link {link!r}: the file left its inertia to its shapes; it has none now, {body.joint.child!r} has it"
+            yield f"link {link!r}: the file left its inertia to its shapes; now {body.joint.child!r} has it"
     weighty = [link for link, (nominal, _) in others.items() if nominal is not None and nominal.any()]
     if weighty and share < 1:
         kept = f"{100 * share:.3g} % of their inertias" if share else "no inertia"

@@ -19,7 +19,7 @@ from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Parallel, Regression
-from dynident.smoothers import Smoother, Spline
+from dynident.smoothers import Delayed, Smoother, Spline
 from dynident.validation import LogValidation, validate
 
 __all__ = ["Identification", "Recipe", "identify", "versions"]
@@ -101,6 +101,7 @@ def identify(
     trained = tuple(roles["train"].values())
     smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
     settings |= told
+    settings |= _used(smoother)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():
@@ -110,7 +111,8 @@ def identify(
     if recipe.lean:
         progress("finding how the base leans")
         lean = find_lean(model, fitted, recipe.estimator, slow)
-        model, settings["lean"] = mounted(model, lean.x, lean.y), lean.words
+        model = mounted(model, lean.x, lean.y)
+        settings |= {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
     progress("estimating")
     regression = Regression(model, fitted, recipe.parallel, slow)
     estimate = recipe.estimator(Problem(model, fitted, regression))
@@ -133,6 +135,13 @@ def identify(
     even = getattr(recipe.estimator, "weights", "equal") == "equal"
     std = base_std(on_data, regression.compressed, estimate.sigma, None if even else 1.0 / estimate.sigma)
     return replace(found, basis=on_data, base_std=std, structural=structural, missing=missing, warnings=warnings)
+
+
+def _used(smoother: Smoother) -> dict[str, str]:
+    """Return what a saved result must say of the smoother to be used again."""
+    if isinstance(smoother, Delayed):
+        return {"smoother used": repr(smoother.smoother), "delay used": repr(smoother.delay)}
+    return {"smoother used": repr(smoother)}
 
 
 def versions() -> dict[str, str]:

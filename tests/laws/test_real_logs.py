@@ -64,6 +64,15 @@ def test_lwr4_consistent(folder: Path) -> None:
     assert all(one["value"] > 0 for one in result["parameters"] if one["name"].endswith(".mass"))
 
 
+@pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
+def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
+    """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
+    result = identify(folder, example, "{estimator: {kind: consistent}}")
+    assert [one["format"] for one in result["exports"]] == ["urdf", "yaml", "numpy"]
+    assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["exports"])
+    assert "Pinocchio" in result["exports"][0]["readers"]
+
+
 def test_panda(folder: Path) -> None:
     """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
     assert max(errors(identify(folder, "panda"), "validation")) <= 2.9

@@ -8,7 +8,9 @@ import click
 
 from dynident import __version__
 from dynident.cli.check import check
+from dynident.cli.export import export
 from dynident.cli.identify import identify
+from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.smooth import smooth
 from dynident.errors import DynidentError
@@ -35,5 +37,5 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (reproduce, check, identify, smooth):
+for _command in (reproduce, check, identify, predict, export, smooth):
     main.add_command(_command)

@@ -70,11 +70,13 @@ def channels(log: Log) -> tuple[Channel, ...]:
     )
 
 
-def check(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()) -> tuple[Finding, ...]:
+def check(
+    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, torque: bool = True
+) -> tuple[Finding, ...]:
     """Return all findings on a log, those on time first, then joint by joint.
 
     ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may turn
-    without end. Raises InputError where a joint of the log has no kind.
+    without end. ``torque`` False leaves the torques alone. Raises InputError where a joint of the log has no kind.
     """
     missing = [name for name in log.joints if name not in kinds]
     if missing:
@@ -83,7 +85,7 @@ def check(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
         turns = kinds[name] == "revolute" and name not in multi_turn
-        found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *_torque(tau)]
+        found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
         findings += [replace(finding, joint=name) for finding in found]
     return tuple(findings)
 

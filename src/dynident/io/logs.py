@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,14 @@ _LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
 
 @dataclass(frozen=True)
 class Reading:
-    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words."""
+    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words.
+
+    Where it is not ``measured``, there are no torques, and those of the logs are zero.
+    """
 
     logs: tuple[Log, ...]
     warnings: tuple[str, ...] = ()
+    measured: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +44,22 @@ class _Signals:
     t: Array
     q: Array
     tau: Array
+    measured: bool
 
 
-def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
+def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
     """Read one recording of the configuration, for the joints of the model and in their order.
 
-    The logs have t in s, q in rad or m, tau in N m or N. Raises ConfigError where the channels do not fit the
-    joints, and InputError, with file, line and column, where the data cannot be used.
+    The logs have t in s, q in rad or m, tau in N m or N. Where ``torque`` is False, the recording need not have the
+    columns of the torques: it may lack all of them. Raises ConfigError where the channels do not fit the joints, and
+    InputError, with file, line and column, where the data cannot be used.
     """
-    reading = _read(spec, config, joints)
+    reading = _read(spec, config, joints, torque=torque)
     warnings = list(reading.warnings)
     for piece in reading.logs:
-        findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())))
+        findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
         warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
-    return Reading(reading.logs, tuple(warnings))
+    return replace(reading, warnings=tuple(warnings))
 
 
 def read_roles(
@@ -100,10 +106,11 @@ def read_found(
     return logs, tuple(findings)
 
 
-def _read(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
+def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
     """Read one recording as ``read_logs`` does, but do not judge its logs."""
     check_joints(config, joints)
-    signals = _signals(_table(spec), config, joints)
+    table = _table(spec)
+    signals = _signals(table, config, joints, measured=torque or _has_torques(table, config, joints))
     logs: list[Log] = []
     warnings: list[str] = []
     for window in spec.window or ((None, None),):
@@ -112,7 +119,7 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
         pieces = _pieces(log, config.gaps, signals.table.source)
         warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
         logs += pieces
-    return Reading(tuple(logs), tuple(warnings))
+    return Reading(tuple(logs), tuple(warnings), signals.measured)
 
 
 def _table(spec: LogSpec) -> Table:
@@ -131,17 +138,23 @@ def _table(spec: LogSpec) -> Table:
     )
 
 
-def _signals(table: Table, config: Config, joints: Sequence[Joint]) -> _Signals:
-    used = _used(table, config, joints)
+def _has_torques(table: Table, config: Config, joints: Sequence[Joint]) -> bool:
+    """Whether the table has any column of a torque."""
+    known = {*table.columns, *table.constants, *table.faults}
+    return any(name in known for joint in joints for name in config.torque[joint.name].terms)
+
+
+def _signals(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> _Signals:
+    used = _used(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
     q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
-    tau = _matrix(table, config.torque, joints, "torque", TORQUES)
+    tau = _matrix(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
     if config.transmission:
         gears = _transmission(config, joints)
         with np.errstate(over="ignore", invalid="ignore"):
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
     q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
-    return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau)
+    return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
@@ -161,10 +174,11 @@ def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
     return gears
 
 
-def _used(table: Table, config: Config, joints: Sequence[Joint]) -> dict[str, Array]:
+def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> dict[str, Array]:
     """Return the columns that the channels name; InputError where they differ in length."""
+    sections = (("position", config.position), *((("torque", config.torque),) if measured else ()))
     used = {} if config.time.column is None else {config.time.column: table.column(config.time.column, "time")}
-    for section, channels in (("position", config.position), ("torque", config.torque)):
+    for section, channels in sections:
         for joint in joints:
             for name in channels[joint.name].terms:
                 used[name] = table.column(name, f"{section}.{joint.name}")
@@ -262,9 +276,9 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
     return pieces
 
 
-def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str) -> tuple[Finding, ...]:
+def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, measured: bool) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
-    findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config))
+    findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
     return findings
 

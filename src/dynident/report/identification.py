@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident import plot
+from dynident.report.exports import export_results, export_section
 from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render, terminal
 from dynident.report.parameters import (
     base_section,
@@ -22,6 +23,7 @@ from dynident.report.parameters import (
 if TYPE_CHECKING:
     import rich.table
 
+    from dynident.export import Export
     from dynident.identify import Identification
     from dynident.validation import LogValidation
 
@@ -32,7 +34,7 @@ MOST_NAMES = 12  # names of uncertain parameters in a sentence
 ALL_POINTS = 70_000  # points of all curves of a page together, so that it stays near 1 MB
 
 
-def identification_page(identification: Identification) -> str:
+def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
     """Return the identification as one HTML page: findings, parameters, errors, torques, smoothing, settings."""
     sections = [
         Section("What was found", tuple(_found(identification))),
@@ -42,6 +44,7 @@ def identification_page(identification: Identification) -> str:
         Section("Errors", (_ERRORS, _error_table(identification), _joint_table(identification))),
         Section("Torques", (_TORQUES, *_torques(identification))),
         Section("Smoothing", (_SMOOTHING, *_smoothing(identification), *_motions(identification))),
+        *export_section(exports),
         Section("Warnings", (tuple(identification.warnings) or "None.",)),
         Section("Settings and versions", tuple(_settings(identification))),
     ]
@@ -61,12 +64,12 @@ def identification_notes(identification: Identification) -> list[str]:
     return [*notes, *(f"Warning: {brief(warning)}" for warning in identification.warnings)]
 
 
-def result_dict(identification: Identification) -> dict[str, Any]:
+def result_dict(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
     """Return the result as plain dictionaries, texts and floats (which may be infinite or NaN).
 
     Keys: parameters (list of name, value, std, unit and, where known, verdict), where known base_parameters,
     eigenvalues and costs, rank, condition, train and validation (by log: relative_error and relative_error_filtered
-    in %, rmse and per_joint by joint), status, warnings, versions, settings.
+    in %, rmse and per_joint by joint), exports (the model's files), status, warnings, versions, settings.
     """
     estimate = identification.estimate
     return {
@@ -75,6 +78,7 @@ def result_dict(identification: Identification) -> dict[str, Any]:
         "condition": float(estimate.condition),
         "train": {log.name: _errors(log) for log in _role(identification, "train")},
         "validation": {log.name: _errors(log) for log in _role(identification, "validation")},
+        "exports": export_results(exports),
         "status": estimate.status,
         "warnings": list(identification.warnings),
         "versions": dict(identification.versions),

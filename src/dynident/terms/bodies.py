@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,14 +74,19 @@ class Bodies:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
+    def format(self) -> Literal["urdf", "mjcf"]:
+        """What the file is, by its root element: "urdf" or "mjcf"."""
+        return self._file.format
+
+    @property
     def file(self) -> RobotFile:
         """What the file says, before links are merged."""
         return self._file
 
     @property
-    def format(self) -> str:
-        """What the file is, by its root element: "urdf" or "mjcf"."""
-        return self._file.format
+    def arm(self) -> Arm:
+        """The moving bodies, with the links that each is made of."""
+        return self._arm
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -51,7 +51,7 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading
     check_joints(config, joints)
     signals = _signals(_table(spec), config, joints)
     logs: list[Log] = []
-    warnings: list[str] = []
+    warnings = [f"{spec.label}: {note}" for note in signals.table.notes]
     for window in spec.window or ((None, None),):
         name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
         log = _cut(signals, window, joints, name)
@@ -98,6 +98,7 @@ def _table(spec: LogSpec) -> Table:
         {f"{key}.{name}": value for key, table in tables.items() for name, value in table.constants.items()},
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
         {f"{key}.{name}": fault for key, table in tables.items() for name, fault in table.faults.items()},
+        notes=tuple(note for table in tables.values() for note in table.notes),
     )
 
 

@@ -16,7 +16,7 @@ from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
 
-__all__ = ["Reading", "Table", "read_columns", "read_logs", "read_roles"]
+__all__ = ["Reading", "Table", "read_columns", "read_logs", "read_recording", "read_roles"]
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading
     joints, and InputError, with file, line and column, where the data cannot be used.
     """
     check_joints(config, joints)
-    signals = _signals(_table(spec), config, joints)
+    signals = _signals(read_recording(spec), config, joints)
     logs: list[Log] = []
     warnings = [f"{spec.label}: {note}" for note in signals.table.notes]
     for window in spec.window or ((None, None),):
@@ -85,8 +85,11 @@ def read_roles(
     return logs, tuple(warnings)
 
 
-def _table(spec: LogSpec) -> Table:
-    """Return the table of a recording; where it has several files, their columns are named ``key.column``."""
+def read_recording(spec: LogSpec) -> Table:
+    """Return the table of a recording; where it has several files, their columns are named ``key.column``.
+
+    Raises InputError where one of them cannot be read.
+    """
     tables = {
         key: read_columns(path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width)
         for key, path in spec.file.items()

@@ -23,7 +23,7 @@ from dynident.terms.robot_urdf import read_urdf
 from dynident.terms.robot_xml import Limits, RobotFile, parse
 from dynident.terms.term import INERTIAL, Joint, Parameter, Partials
 
-__all__ = ["Bodies"]
+__all__ = ["Bodies", "read_robot_file"]
 
 Array = NDArray[np.float64]
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
@@ -199,12 +199,7 @@ class Bodies:
 
     @cached_property
     def _file(self) -> RobotFile:
-        root = parse(self.xml, self.source)
-        if root.tag not in READERS:
-            raise ModelError(
-                f"{self.source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
-            )
-        return READERS[root.tag](root, self.source)
+        return read_robot_file(self.xml, self.source)
 
     @cached_property
     def _arm(self) -> Arm:
@@ -229,6 +224,16 @@ class Bodies:
             model.addJoint(parent, kind(body.joint.axis), pin.SE3(body.placement), f"joint {k}")
         model.gravity = pin.Motion(np.array(self.gravity), np.zeros(3))
         return model
+
+
+def read_robot_file(xml: str, source: str) -> RobotFile:
+    """Return what the text of a URDF or MJCF file says; ModelError where it is neither, or contradicts itself."""
+    root = parse(xml, source)
+    if root.tag not in READERS:
+        raise ModelError(
+            f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
+        )
+    return READERS[root.tag](root, source)
 
 
 def _values(body: Body) -> list[float | None]:

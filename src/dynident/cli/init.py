@@ -18,9 +18,7 @@ __all__ = ["init"]
 @click.command(short_help="Draft a configuration for your robot and logs.")
 @click.argument("robot")
 @click.argument("logs", nargs=-1, required=True)
-@click.option(
-    "-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write."
-)
+@click.option("-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write.")
 @click.option("--force", is_flag=True, help="Overwrite an existing configuration.")
 def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     """Write a configuration for `dynident identify`, with columns and units guessed from LOGS.

@@ -8,23 +8,28 @@ from dataclasses import dataclass
 
 __all__ = ["Family", "Named", "families", "read_name", "tokens"]
 
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": frozenset("ddq qdd acc accel acceleration accelerations ddtheta qddot".split()),
-    "velocity": frozenset("dq qd vel velocity velocities speed speeds qdot dtheta omega".split()),
-    "current": frozenset("current currents cur curr iq amp amps ampere i".split()),
-    "torque": frozenset("tau torque torques effort efforts trq tq moment force forces".split()),
-    "position": frozenset("q pos position positions angle angles ang theta th phi enc encoder encoders qm".split()),
-    "time": frozenset("t time times stamp stamps timestamp timestamps clock secs".split()),
+    "acceleration": _words("ddq qdd acc accel acceleration accelerations ddtheta qddot"),
+    "velocity": _words("dq qd vel velocity velocities speed speeds qdot dtheta omega"),
+    "current": _words("current currents cur curr iq amp amps ampere i"),
+    "torque": _words("tau torque torques effort efforts trq tq moment force forces"),
+    "position": _words("q pos position positions angle angles ang theta th phi enc encoder encoders qm"),
+    "time": _words("t time times stamp stamps timestamp timestamps clock secs"),
 }
-_COMMANDED = frozenset(
+_COMMANDED = _words(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
-    "con control".split()
+    "con control"
 )
-_MEASURED = frozenset("meas measured actual act fb feedback msr real sensed raw state read".split())
-_FILTERED = frozenset("filt filtered smooth smoothed est estimated hat lp".split())
-_OTHER = frozenset(
+_MEASURED = _words("meas measured actual act fb feedback msr real sensed raw state read")
+_FILTERED = _words("filt filtered smooth smoothed est estimated hat lp")
+_OTHER = _words(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
-    "max min ff feedforward residual res".split()
+    "max min ff feedforward residual res"
 )
 _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
     "time": {

@@ -14,14 +14,15 @@ import yaml
 
 from dynident.errors import InputError, choices
 from dynident.io.fields import UNITS
-from dynident.io.guess import Guess, JointFacts, Signal
+from dynident.io.guess import Guess, Signal
+from dynident.io.match import JointFacts
 from dynident.io.robot import SUFFIXES
 from dynident.io.sources import Source
 from dynident.io.tables import Table
 
 __all__ = ["Draft", "draft", "same_columns"]
 
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")  # names that YAML takes as they are, but for words such as yes
+_PLAIN = re.compile(r"[A-Za-z_./][A-Za-z0-9_./-]*")  # names that YAML takes as they are, but for words such as yes
 _TRAIN = 0.7  # of a single log
 
 
@@ -53,13 +54,14 @@ def draft(robot: str, joints: Sequence[JointFacts], guess: Guess, sources: Seque
     The first log is fitted, the last held out; a single one is cut in two windows.
     """
     page = _Page([], [], [])
-    page.line("# For `dynident identify`. Every guess has its reason beside it; `# ?` asks you to confirm or correct one.")
+    page.line(
+        "# For `dynident identify`. Every guess has its reason beside it; `# ?` asks you to confirm or correct one."
+    )
     _model(page, robot, joints, guess, folder)
     _time(page, guess)
     for section, signals in (("position", guess.position), ("torque", guess.torque)):
         _channels(page, section, signals, guess)
-    if guess.left:
-        page.line(f"# columns not used: {_listed(guess.left)}")
+    _unused(page, guess, sources[0].table)
     _logs(page, guess, sources, folder)
     if guess.gaps:
         page.line("gaps: split  # the stamps have gaps; each piece is smoothed on its own")
@@ -82,9 +84,14 @@ class _Page:
         if question:
             self.questions.append(f"{where}: {question}")
 
-    def blank(self, text: str, where: str, wanted: str) -> None:
-        """Write a line that the user must complete, as a comment."""
-        self.lines.append(f"{text}  # ? fill in: {wanted}")
+    def ask(self, where: str, question: str) -> None:
+        """Write a question on all lines of a section."""
+        self.lines.append(f"  # ? {question}")
+        self.questions.append(f"{where}: {question}")
+
+    def want(self, where: str, wanted: str, indent: str = "  ") -> None:
+        """Say what the user must write in the lines below, which are comments until then."""
+        self.lines.append(f"{indent}# ? fill in, and delete the # before the lines: {wanted}")
         self.blanks.append(f"{where}: {wanted}")
 
 
@@ -103,15 +110,17 @@ def _model(page: _Page, robot: str, joints: Sequence[JointFacts], guess: Guess, 
         page.line("  lock:  # joints that are not identified, and where they stand")
     for name, (value, question) in guess.lock.items():
         page.line(f"    {_scalar(name)}: {value:.12g}", f"model.lock.{name}", question)
-    page.line("  # terms: [viscous, coulomb, offset]  # without rotor inertias: where torque sensors sit behind the gears")
+    page.line(
+        "  # terms: [viscous, coulomb, offset]  # without rotor inertias: where torque sensors sit behind the gears"
+    )
 
 
 def _time(page: _Page, guess: Guess) -> None:
     page.line("")
     time = guess.time
     if time.column is None:
-        wanted = "no column of time stamps was found; the sampling rate in Hz, or the column and its unit"
-        page.blank("# time: { rate: }", "time", wanted)
+        page.want("time", "the sampling rate in Hz, or the column of the stamps and its unit; none was found", "")
+        page.line("# time: { rate: }")
         return
     text = f"time: {{ column: {_scalar(time.column)}, unit: {time.unit} }}"
     rate = f"  # about {1 / time.step:.4g} Hz" if time.step > 0 and not time.question else ""
@@ -125,17 +134,30 @@ def _channels(page: _Page, section: str, signals: Mapping[str, Signal], guess: G
     asked = {signal.question for signal in signals.values()}
     common = asked.pop() if len(asked) == 1 and len(signals) > 1 else ""  # asked once, not joint by joint
     if common:
-        page.lines.append(f"  # ? {common}")
-        page.questions.append(f"{section}: {common}")
+        page.ask(section, common)
+    gains = sorted({signal.gain for signal in signals.values() if signal.gain})
+    if gains:
+        page.want(section, f"the gains: {' or '.join(gains)}")
+    missing = [name for name, signal in signals.items() if signal.column is None]
+    if missing:
+        page.want(section, f"the columns of {_listed(missing)}, which were not found")
     for name, one in signals.items():
-        where = f"{section}.{name}"
-        text = f"{_scalar(name)}: {{ column: {_scalar(one.column or '')}"
         if one.column is None:
-            page.blank(f"  # {_scalar(name)}: {{ column: , unit: {one.unit} }}", where, f"its {section} was not found")
+            page.line(f"  # {_scalar(name)}: {{ column: , unit: {one.unit} }}")
         elif one.gain:
-            page.blank(f"  # {text}, gain: , unit: {one.unit} }}", where, f"the gain, {one.gain}")
+            page.line(f"  # {_scalar(name)}: {{ column: {_scalar(one.column)}, gain: , unit: {one.unit} }}")
         else:
-            page.line(f"  {text}, unit: {one.unit} }}", where, "" if common else one.question)
+            text = f"  {_scalar(name)}: {{ column: {_scalar(one.column)}, unit: {one.unit} }}"
+            page.line(text, f"{section}.{name}", "" if common else one.question)
+
+
+def _unused(page: _Page, guess: Guess, table: Table) -> None:
+    """List the other columns, those that differ in a number as one, and the numbers that a gain may name."""
+    kinds = dict.fromkeys(re.sub(r"\d+", "#", name) for name in guess.left)
+    if kinds:
+        page.line(f"# not used: {_listed(list(kinds))}")
+    if table.constants and page.blanks:
+        page.line(f"# numbers that a gain may name: {_listed(list(table.constants))}")
 
 
 def _logs(page: _Page, guess: Guess, sources: Sequence[Source], folder: Path) -> None:
@@ -156,7 +178,8 @@ def _logs(page: _Page, guess: Guess, sources: Sequence[Source], folder: Path) ->
         if cut:
             page.line(f"    window: {window}  # s")
         else:
-            page.blank("    # window: [ , ]", f"{role}[0].window", "start and stop in s; the stamps are not known")
+            page.want(f"{role}[0].window", "start and stop in s, because the times are not known", "    ")
+            page.line("    # window: [ , ]")
 
 
 def _log(source: Source, folder: Path) -> Iterator[str]:
@@ -179,7 +202,7 @@ def _cut(guess: Guess, table: Table) -> str:
     span = float(np.ptp(t)) if len(t) else 0.0
     if not span > 0:
         return ""
-    digits = max(0, 1 - math.floor(math.log10(span)))
+    digits = max(0, 2 - math.floor(math.log10(span)))
     return f"{round(float(t.min()) + _TRAIN * span, digits):.{digits}f}"
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from dynident.errors import InputError, ModelError
 from dynident.io.config import load_model
-from dynident.io.guess import JointFacts, widths
+from dynident.io.guess import widths
 from dynident.io.logs import read_recording
+from dynident.io.match import JointFacts
 from dynident.io.robot import SUFFIXES, read_robot
 from dynident.io.ros import BAGS
 from dynident.io.settings import LogSpec
@@ -80,8 +81,11 @@ def read_source(log: str) -> Source:
 
 
 def _short(stems: Sequence[str]) -> list[str]:
-    """Return the stems without what all of them share at the beginning and the end."""
-    head = len(os.path.commonprefix(list(stems)))
-    tail = len(os.path.commonprefix([stem[:head:-1] if head else stem[::-1] for stem in stems]))
-    short = [stem[head : len(stem) - tail].strip("_-. ") for stem in stems]
+    """Return the stems without the words that all of them share at the beginning and the end."""
+    words = [re.split(r"[\W_]+", stem) for stem in stems]
+    while all(words) and len({stem[0] for stem in words}) == 1:
+        words = [stem[1:] for stem in words]
+    while all(words) and len({stem[-1] for stem in words}) == 1:
+        words = [stem[:-1] for stem in words]
+    short = ["_".join(stem) for stem in words]
     return short if all(short) and len(set(short)) == len(short) else list(stems)

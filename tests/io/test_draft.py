@@ -74,7 +74,7 @@ def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
     assert "Confirm" not in done.output
     assert "Fill in" not in done.output
     text = (tmp_path / "identify.yaml").read_text()
-    assert "# ?" not in text
+    assert "# ?" not in text.partition("\n")[2]
     data = yaml.safe_load(text)
     assert data["model"] == {"file": "arm.urdf", "joints": ["shoulder", "elbow"], "lock": {"finger": 0.02}}
     assert data["position"] == {
@@ -193,6 +193,13 @@ def test_a_robot_that_cannot_move_is_refused(tmp_path, monkeypatch, robot, words
     done = run("init", robot, "a.csv")
     assert done.exit_code == 1
     assert words in done.output
+
+
+def test_joints_that_the_robot_does_not_have_are_told(arm, tmp_path):
+    write(tmp_path / "a.csv", **{"rail.position": 0.1 * T, "rail.effort": T})
+    done = run("init", arm, "a.csv")
+    assert "Note: recorded, but not in the robot file, so left out: 'rail.position'." in done.output
+    assert "the robot file does not have: 'rail.position'" in (tmp_path / "identify.yaml").read_text()
 
 
 def test_joints_of_other_models_are_known(tmp_path):

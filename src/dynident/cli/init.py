@@ -54,6 +54,8 @@ def _remarks(written: Draft, out: Path, notes: list[str]) -> None:
     def show(text: str, style: str | None = None) -> None:
         screen.print(text, style=style, soft_wrap=True, highlight=False, markup=False)
 
+    for note in written.notes:
+        show(f"Note: {note}")
     for note in [*notes, *(() if written.blanks else _trial(written.text, out))]:
         show(f"Warning: {note}", "yellow")
     for title, items in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):

@@ -28,9 +28,10 @@ _TRAIN = 0.7  # of a single log
 
 @dataclass(frozen=True)
 class Draft:
-    """The text of a configuration, what is to be confirmed in it (``questions``), and what is to be filled in."""
+    """The text of a configuration; ``notes`` on what it leaves out, ``questions`` to confirm, ``blanks`` to fill in."""
 
     text: str
+    notes: tuple[str, ...]
     questions: tuple[str, ...]
     blanks: tuple[str, ...]
 
@@ -67,7 +68,9 @@ def draft(robot: str, joints: Sequence[JointFacts], guess: Guess, sources: Seque
         page.line("gaps: split  # the stamps have gaps; each piece is smoothed on its own")
     page.line("")
     page.line("estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares")
-    return Draft("\n".join(page.lines) + "\n", tuple(page.questions), tuple(page.blanks))
+    strange = f"recorded, but not in the robot file, so left out: {_listed(guess.strangers)}."
+    notes = (strange,) if guess.strangers else ()
+    return Draft("\n".join(page.lines) + "\n", notes, tuple(page.questions), tuple(page.blanks))
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,8 @@ def _channels(page: _Page, section: str, signals: Mapping[str, Signal], guess: G
 
 def _unused(page: _Page, guess: Guess, table: Table) -> None:
     """List the other columns, those that differ in a number as one, and the numbers that a gain may name."""
+    if guess.strangers:
+        page.line(f"# of joints that the robot file does not have: {_listed(guess.strangers)}")
     kinds = dict.fromkeys(re.sub(r"\d+", "#", name) for name in guess.left)
     if kinds:
         page.line(f"# not used: {_listed(list(kinds))}")

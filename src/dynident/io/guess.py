@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.io.columns import Family, families
+from dynident.io.columns import Family, families, read_name
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, increases, rows_of
 from dynident.io.settings import POSITIONS, TORQUES
@@ -52,7 +52,8 @@ class Guess:
     """Channels by joint, in the order of the robot file; joints that stand still, and at which position.
 
     ``reasons`` tell how the columns of "position" and "torque" were matched; ``left`` are columns of the same length
-    that are not used; ``gaps`` says whether the stamps have any.
+    that are not used, ``strangers`` those of them that are positions of no joint of the robot; ``gaps`` says whether
+    the stamps have any.
     """
 
     time: TimeGuess
@@ -61,6 +62,7 @@ class Guess:
     lock: Mapping[str, tuple[float, str]]
     reasons: Mapping[str, str]
     left: tuple[str, ...]
+    strangers: tuple[str, ...]
     gaps: bool
 
 
@@ -89,6 +91,7 @@ def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Gues
     matched = [joint for joint in usable if position is None or joint.name in position.columns]
     signals = _positions(table, matched, position, ros)
     taken = {time.column, *(column for match in (position, torque) if match for column in match.columns.values())}
+    left = tuple(name for name in table.columns if name not in taken and len(table.columns[name]) == rows)
     return Guess(
         time=time,
         position={joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in used},
@@ -99,8 +102,19 @@ def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Gues
             for key, match in (("position", position), ("torque", torque))
             if match
         },
-        left=tuple(name for name in table.columns if name not in taken and len(table.columns[name]) == rows),
+        left=left,
+        strangers=_strangers(left, position, joints),
         gaps=_has_gaps(table, time),
+    )
+
+
+def _strangers(left: Iterable[str], position: Match | None, joints: Sequence[JointFacts]) -> tuple[str, ...]:
+    """Return the positions that name no joint, where the other positions are matched by names."""
+    if position is None or not all(isinstance(key, str) for key in position.family.columns):
+        return ()
+    read = (read_name(column, [joint.name for joint in joints]) for column in left)
+    return tuple(
+        one.column for one in read if one.role == "position" and one.joint is None and one.rank == position.family.rank
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from dynident.diagnostics import Finding
 from dynident.examination import examine_robot, link_facts
-from dynident.terms.bodies import robot_file
+from dynident.terms.bodies import read_robot_file
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
 BASE = link("base", 4.0)
@@ -23,7 +23,7 @@ def arm(upper: str = UPPER, fore: str = FORE, shoulder: str = SHOULDER, elbow: s
 
 
 def found(xml: str, **options) -> tuple[Finding, ...]:
-    return examine_robot(robot_file(xml, "arm.urdf"), **options)
+    return examine_robot(read_robot_file(xml, "arm.urdf"), **options)
 
 
 def origin(mass: float, c: float) -> np.ndarray:
@@ -104,7 +104,7 @@ def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
 
 
 def test_both_formats_say_the_same() -> None:
-    one, other = (link_facts(robot_file(xml, "arm")) for xml in (ARM, ARM_MJCF))
+    one, other = (link_facts(read_robot_file(xml, "arm")) for xml in (ARM, ARM_MJCF))
     assert [fact.link for fact in one] == [fact.link for fact in other]
     for a, b in zip(one, other, strict=True):
         assert (a.mass, *a.centre, *a.moments) == pytest.approx((b.mass, *b.centre, *b.moments), abs=1e-12)

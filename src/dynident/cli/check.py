@@ -58,9 +58,9 @@ def _examined(path: Path, say: Callable[[str], None]) -> Examination:
 def _robot(path: Path) -> Examination:
     from dynident.examination import Examination, examine_robot, link_facts
     from dynident.io.robot import read_robot
-    from dynident.terms.bodies import robot_file
+    from dynident.terms.bodies import read_robot_file
 
-    file = robot_file(read_robot(path), path.name)
+    file = read_robot_file(read_robot(path), path.name)
     return Examination(examine_robot(file), links=link_facts(file))
 
 

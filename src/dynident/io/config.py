@@ -187,7 +187,8 @@ def _words(details: ErrorDetails) -> str:
     if kind == "union_tag_not_found":
         return f"needs a `kind`: {', '.join(_KINDS.get(str(details['loc'][-1]), ()))}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
-        return f"a mapping (`key: value` lines) is expected{got}"
+        empty = ", as where all lines are comments: complete them, and delete the # before them"
+        return f"a mapping (`key: value` lines) is expected{got}{empty if details['input'] is None else ''}"
     if kind == "too_short":
         return f"needs at least {context['min_length']} entry{got}"
     if kind == "tuple_type":

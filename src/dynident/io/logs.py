@@ -16,7 +16,16 @@ from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
 
-__all__ = ["Reading", "Table", "read_columns", "read_found", "read_logs", "read_roles", "turning_joints"]
+__all__ = [
+    "Reading",
+    "Table",
+    "read_columns",
+    "read_found",
+    "read_logs",
+    "read_recording",
+    "read_roles",
+    "turning_joints",
+]
 
 Array = NDArray[np.float64]
 
@@ -109,10 +118,10 @@ def read_found(
 def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
     """Read one recording as ``read_logs`` does, but do not judge its logs."""
     check_joints(config, joints)
-    table = _table(spec)
+    table = read_recording(spec)
     signals = _signals(table, config, joints, measured=torque or _has_torques(table, config, joints))
     logs: list[Log] = []
-    warnings: list[str] = []
+    warnings = [f"{spec.label}: {note}" for note in table.notes]
     for window in spec.window or ((None, None),):
         name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
         log = _cut(signals, window, joints, name)
@@ -122,8 +131,11 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     return Reading(tuple(logs), tuple(warnings), signals.measured)
 
 
-def _table(spec: LogSpec) -> Table:
-    """Return the table of a recording; where it has several files, their columns are named ``key.column``."""
+def read_recording(spec: LogSpec) -> Table:
+    """Return the table of a recording; where it has several files, their columns are named ``key.column``.
+
+    Raises InputError where one of them cannot be read.
+    """
     tables = {
         key: read_columns(path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width)
         for key, path in spec.file.items()
@@ -135,6 +147,7 @@ def _table(spec: LogSpec) -> Table:
         {f"{key}.{name}": value for key, table in tables.items() for name, value in table.constants.items()},
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
         {f"{key}.{name}": fault for key, table in tables.items() for name, fault in table.faults.items()},
+        notes=tuple(note for table in tables.values() for note in table.notes),
     )
 
 

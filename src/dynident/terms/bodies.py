@@ -23,7 +23,7 @@ from dynident.terms.robot_urdf import read_urdf
 from dynident.terms.robot_xml import Limits, RobotFile, parse
 from dynident.terms.term import INERTIAL, Joint, Parameter, Partials
 
-__all__ = ["Bodies", "robot_file"]
+__all__ = ["Bodies", "read_robot_file"]
 
 Array = NDArray[np.float64]
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
@@ -209,7 +209,7 @@ class Bodies:
 
     @cached_property
     def _file(self) -> RobotFile:
-        return robot_file(self.xml, self.source)
+        return read_robot_file(self.xml, self.source)
 
     @cached_property
     def _arm(self) -> Arm:
@@ -236,8 +236,8 @@ class Bodies:
         return model
 
 
-def robot_file(xml: str, source: str) -> RobotFile:
-    """Return what the text of a URDF or MJCF file says, by its root element; ModelError where it cannot be read."""
+def read_robot_file(xml: str, source: str) -> RobotFile:
+    """Return what the text of a URDF or MJCF file says; ModelError where it is neither, or contradicts itself."""
     root = parse(xml, source)
     if root.tag not in READERS:
         raise ModelError(

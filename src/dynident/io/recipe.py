@@ -13,6 +13,7 @@ from dynident.io.settings import (
     DifferenceSettings,
     LeastSquaresSettings,
     SplineSettings,
+    TorqueInputSettings,
 )
 from dynident.regression import Parallel
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
@@ -25,7 +26,8 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel, config.slow)
+    restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
+    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel, config.slow, restart)
 
 
 def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:

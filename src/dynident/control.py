@@ -25,7 +25,7 @@ class CascadePD:
     """A drive's position loop around its velocity loop: tau = gain clip(kv (kp (reference - q) - dq) + feedforward).
 
     ``t`` (N) s; ``reference`` (N, n) rad or m; ``kp`` (n) 1/s; ``kv`` (n) input per rad/s or m/s; ``gain`` (n) N m or N
-    per input; ``saturation`` (n) of the input, infinite where there is none; ``feedforward`` (N, n), added to the input.
+    per input; ``saturation`` (n) of the input, infinite where there is none; ``feedforward`` (N, n) of the input.
     Between two samples the earlier one holds. Raises InputError where a shape does not fit.
     """
 
@@ -49,7 +49,7 @@ class CascadePD:
         """Return the torque (n) for the state at time t."""
         k = max(int(np.searchsorted(self.t, t + 1e-9)) - 1, 0)
         wanted = self.kv * (self.kp * (self.reference[k] - q) - dq) + self.feedforward[k]
-        return self.gain * np.minimum(np.maximum(wanted, -self.saturation), self.saturation)
+        return np.asarray(self.gain * np.minimum(np.maximum(wanted, -self.saturation), self.saturation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,9 @@ class FreeRun:
     ``t`` (N) s, ``q`` (N, n) simulated, ``measured`` (N, n), ``tau`` (N, n) the torque that drove the model. ``driver``
     is "controller" (from one start) or "torque" (as measured, with a fresh start each ``restart`` s). By joint name:
     ``relative_error`` = 100 |measured - q| / |measured| in %, ``motion_error`` the same in % of the way from the latest
-    start, ``rms`` in rad or m. Where the simulation ends early, ``failure`` says why and the errors are infinite.
+    start, ``rms`` in rad or m; with a controller ``torque_error`` (%), how far its torque is from the measured one,
+    which tests the model harder: the loop keeps any model on its way. Where the simulation ends early, ``failure`` says
+    why, and the errors are infinite.
     """
 
     name: str
@@ -73,6 +75,7 @@ class FreeRun:
     relative_error: Mapping[str, float]
     motion_error: Mapping[str, float]
     rms: Mapping[str, float]
+    torque_error: Mapping[str, float]
     failure: str = ""
 
 
@@ -89,9 +92,9 @@ def free_run(
 
     With a ``controller`` the model closes its loop: the torque of each sample is held to the next, and the velocity fed
     back is the backward difference of the simulated position, as a drive forms it. Else the measured torque drives it,
-    and each ``restart`` s (needed then) the simulation starts again from the measured state, all pieces at once, because
-    an arm without its controller drifts away whatever the model. Raises ConfigError where neither is given, InputError
-    where the controller's joints are others, or where too few samples are usable.
+    and each ``restart`` s (needed then) the simulation starts again from the measured state, all pieces at once: an arm
+    without its controller drifts away whatever the model. Raises ConfigError where neither is given, InputError where
+    the controller's joints are others, or where too few samples are usable.
     """
     if controller is None and restart is None:
         raise ConfigError("free simulation needs the controller, or `restart` s for the measured torque.")
@@ -108,13 +111,15 @@ def free_run(
     try:
         with np.errstate(all="ignore"):  # a run that diverges is reported below
             q, tau = _integrate(_Machine(model, theta), motion, part.start + rows, controller)
-    except (DynidentError, np.linalg.LinAlgError) as error:
-        q, tau, failure = np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[part][rows], str(error)
+    except (DynidentError, np.linalg.LinAlgError) as fault:
+        failure = str(fault) if isinstance(fault, DynidentError) else "the mass matrix is singular"
+        q, tau = np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[part][rows]
     measured = motion.q[part][rows]
     if not failure and not (np.abs(q) < FAR).all():
         failure = f"the simulated position runs away after {_escape(q, t[rows]):.3g} s"
     error = np.full_like(q, np.inf) if failure else q - measured
-    shown = rows[:, :-1].ravel()
+    shown, torques = rows[:, :-1].ravel(), motion.tau[part][rows]
+    asked = {} if controller is None else _shares(motion.joints, error if failure else tau - torques, torques)
     return FreeRun(
         name=name or motion.source,
         joints=motion.joints,
@@ -127,6 +132,7 @@ def free_run(
         relative_error=_shares(motion.joints, error, measured),
         motion_error=_shares(motion.joints, error, measured - measured[:, :1]),
         rms=dict(zip(motion.joints, np.sqrt(np.mean(error**2, axis=(0, 1))).tolist(), strict=True)),
+        torque_error=asked,
         failure=failure,
     )
 
@@ -169,9 +175,10 @@ class _Machine:
         """Return q, dq after h s (B, n): position by halves around one step of the velocity (Moreau, 1988)."""
         middle = q + 0.5 * h * dq
         mass, bias = self.model.mass_and_bias(middle, dq + 0.5 * h * ddq, self.theta)
-        free = dq + h * np.linalg.solve(mass, (tau - bias)[..., None])[..., 0]
+        sides = np.concatenate(((tau - bias)[..., None], np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
+        solved = np.linalg.solve(mass, sides)
+        free, response = dq + h * solved[..., 0], solved[..., 1:]
         if len(self.F):
-            response = np.linalg.solve(mass, np.broadcast_to(self.J.T, (len(q), *self.J.T.shape)))
             free = free - (response @ self._impulse(free @ self.J.T, self.J @ response, h * self.F)[..., None])[..., 0]
         return middle + 0.5 * h * free, free
 
@@ -191,7 +198,9 @@ class _Machine:
         return impulse
 
 
-def _integrate(machine: _Machine, motion: Motion, rows: Array, controller: Controller | None) -> tuple[Array, Array]:
+def _integrate(
+    machine: _Machine, motion: Motion, rows: NDArray[np.int_], controller: Controller | None
+) -> tuple[Array, Array]:
     """Return the simulated q and the applied tau (B, K, n) at the samples ``rows`` (B, K) of the motion."""
     t = motion.t[rows]
     q, dq = motion.q[rows[:, 0]], motion.dq[rows[:, 0]]

@@ -22,8 +22,9 @@ class ResidualTest:
     ``lag1``: autocorrelation at one sample; ``decorrelation`` (s): time over which samples count as one, so that N h /
     decorrelation is the number of independent ones; ``p_value`` of Ljung and Box's test, small where the residual is
     not white; ``low_share``: share of its power below 5 Hz (nan where the rate is too low to say); ``peak`` (Hz) of its
-    spectrum above 5 Hz and ``peak_share``, the share of all power within a tenth of it; ``reversal_share``: share of its energy
-    where the joint is slower than 5 % of its rms velocity, and ``slow_share``, the share of time it spends there;
+    spectrum above 5 Hz and ``peak_share``, the share of all power within a tenth of it, less what white noise would
+    have there; ``reversal_share``: share of its energy where the joint is slower than 5 % of its rms velocity, and
+    ``slow_share``, the share of time it spends there;
     ``sign_correlation`` with the sign of the velocity.
     """
 
@@ -39,19 +40,19 @@ class ResidualTest:
 
     @property
     def words(self) -> str:
-        """Where the residual seems to come from; the first clear sign counts most."""
+        """The two clearest signs of where the residual comes from; empty where there is none."""
         signs = []
         if self.reversal_share > max(2 * self.slow_share, 0.15):
             signs.append("friction around reversals")
         if abs(self.sign_correlation) > 0.2:
-            signs.append("friction that depends on the direction")
+            signs.append("friction whose level is not that of the fit (it follows the sign of the velocity)")
         if self.peak_share > 0.2 and self.peak > LOW:
             signs.append(f"a ripple at {self.peak:.3g} Hz")
         if self.low_share > 0.5:
-            signs.append("motion below 5 Hz, that is the model or its parameters")
+            signs.append("something slower than 5 Hz, that is the model or its parameters")
         elif self.low_share <= 0.2:
-            signs.append("torque above 5 Hz, that is noise, ripple or elasticity")
-        return "; ".join(signs) or "no single cause"
+            signs.append("something faster than 5 Hz, that is noise, ripple, elasticity or a delay")
+        return " and ".join(signs[:2])
 
 
 def examine(residual: Array, dq: Array, step: float) -> ResidualTest:
@@ -66,6 +67,7 @@ def examine(residual: Array, dq: Array, step: float) -> ResidualTest:
     slow = np.abs(dq) < SLOW * float(np.sqrt(np.mean(dq**2)))
     frequency, power = _spectrum(residual, step)
     k = int(np.argmax(np.where(frequency >= LOW, power, 0.0)))
+    near = np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]
     sign = np.sign(dq)
     correlated = np.corrcoef(residual, sign)[0, 1] if np.ptp(sign) > 0 else 0.0
     return ResidualTest(
@@ -74,7 +76,7 @@ def examine(residual: Array, dq: Array, step: float) -> ResidualTest:
         p_value=ljung_box(correlation, len(residual)),
         low_share=_share(power, frequency < LOW) if frequency[-1] > 2 * LOW else float("nan"),
         peak=float(frequency[k]),
-        peak_share=_share(power, np.abs(frequency - frequency[k]) <= 0.1 * frequency[k]),
+        peak_share=_share(power, near) - float(near.mean()),
         reversal_share=float(np.square(residual[slow]).sum()) / size,
         slow_share=float(slow.mean()),
         sign_correlation=float(correlated),
@@ -88,7 +90,7 @@ def autocorrelation(x: Array) -> Array:
     centred = x - x.mean()
     size = next_fast_len(2 * len(x), real=True)
     found = np.asarray(irfft(np.abs(rfft(centred, size)) ** 2, size))[: len(x)]
-    return found / found[0]
+    return np.asarray(found / found[0], dtype=np.float64)
 
 
 def decorrelation(correlation: Array) -> float:

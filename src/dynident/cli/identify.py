@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["identify", "run_config"]
 
+MOST_STEPS = 6  # in a terminal; the report has all
+
 
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=FILE)
@@ -23,17 +25,22 @@ def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report import identification_notes, identification_page, identification_tables, result_dict
+    from dynident.report.verdict import verdict_text
 
     if out:
         probe_folder(out)
     with status() as say:
         found = run_config(config, say)
     screen = console()
+    verdict, steps = verdict_text(found)
+    screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
     for table in identification_tables(found):
         screen.print(table)
     for note in identification_notes(found):
         style = "yellow" if note.startswith("Warning") else None
         screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
+    for step in steps[:MOST_STEPS]:
+        screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
     if out:
         result, page = result_dict(found), identification_page(found)
         tell(screen, "Result", write_json(out / "result.json", result))

@@ -133,13 +133,15 @@ def _controller(signals: _Signals, settings: object, spec: LogSpec, joints: Sequ
         if any(len(array) != size or len(_bad(array)) for array in arrays):
             raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
 
-    def gains(name: str, missing: float = np.inf) -> Array:
+    def gains(name: str) -> Array:
         values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
-        return np.array([missing if value is None else table.constant(value, where) for value, where in values])
+        return np.array([np.inf if value is None else table.constant(value, where) for value, where in values])
 
     names = tuple(joint.name for joint in joints)
-    numbers = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
-    return CascadePD(names, signals.t, reference, *numbers, np.column_stack(extra))
+    kp, kv, gain, saturation = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
+    if not (saturation > 0).all():
+        raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
+    return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:

@@ -149,34 +149,40 @@ def _escape(q: Array, t: Array) -> float:
 
 
 class _Machine:
-    """The model with its dry friction apart: M ddq + b(q, dq) + J' f = tau, abs(f_i) <= F_i, f_i = F_i where it slides.
+    """The model with its friction apart: M ddq + b(q, dq) + V dq + J' f = tau, abs(f_i) <= F_i, which it is in sliding.
 
-    A Coulomb parameter whose column is c sign(c'dq) or a smooth one of the same kind becomes a row c of J; friction can
-    then hold a joint still, which no sign(dq) can.
+    A Coulomb parameter whose column is c sign(c'dq), or a smooth one of the same kind, becomes a row c of J; friction
+    can then hold a joint still, which no sign(dq) can. Viscous columns c c'dq make V, which is integrated implicitly,
+    because light joints with much friction would else need tiny steps.
     """
 
     def __init__(self, model: Model, theta: ArrayLike) -> None:
         self.model, self.theta = model, np.array(theta, dtype=float)
         n = len(model.joints)
-        q, dq = np.random.default_rng(0).uniform(0.5, 1.5, (2, 2, n))
-        dq = 1e3 * dq * [[1.0] * n, [(-1.0) ** k for k in range(n)]]
-        Y = model.regressor(q, dq, np.zeros((2, n)))
-        found = []
+        q = np.random.default_rng(0).uniform(0.5, 1.5, (n + 2, n))
+        alternating = [(-1.0) ** k * (1 + 0.1 * k) for k in range(n)]
+        dq = 1e3 * np.vstack((np.eye(n), np.arange(1.0, n + 1), alternating))
+        Y = model.regressor(q, dq, np.zeros_like(q))
+        rows, levels, self.V = [], [], np.zeros((n, n))
         for k, parameter in enumerate(model.parameters):
-            if parameter.role == "coulomb" and self.theta[k] > 0:
-                c = Y[0, :, k] * np.sign(Y[0, :, k] @ dq[0])
-                if c.any() and np.allclose(Y[1, :, k], c * np.sign(c @ dq[1])):
-                    found.append((c, self.theta[k]))
-                    self.theta[k] = 0.0
-        self.J = np.array([c for c, _ in found]).reshape(len(found), n)
-        self.F = np.array([level for _, level in found])
+            value, columns = self.theta[k], Y[:, :, k]
+            if parameter.role == "coulomb" and value > 0:
+                c = columns[n] * np.sign(columns[n] @ dq[n])
+                if c.any() and np.allclose(columns[n + 1], c * np.sign(c @ dq[n + 1])):
+                    rows, levels, self.theta[k] = [*rows, c], [*levels, value], 0.0
+            if parameter.role == "viscous" and value > 0:
+                slope = columns[:n].T / 1e3
+                if np.allclose(columns[n:], dq[n:] @ slope.T):
+                    self.V, self.theta[k] = self.V + value * slope, 0.0
+        self.J, self.F = np.array(rows).reshape(len(rows), n), np.array(levels)
 
     def step(self, q: Array, dq: Array, ddq: Array, tau: Array, h: float) -> tuple[Array, Array]:
         """Return q, dq after h s (B, n): position by halves around one step of the velocity (Moreau, 1988)."""
         middle = q + 0.5 * h * dq
         mass, bias = self.model.mass_and_bias(middle, dq + 0.5 * h * ddq, self.theta)
-        sides = np.concatenate(((tau - bias)[..., None], np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
-        solved = np.linalg.solve(mass, sides)
+        push = tau - bias - dq @ self.V.T
+        sides = np.concatenate((push[..., None], np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
+        solved = np.linalg.solve(mass + 0.5 * h * self.V, sides)
         free, response = dq + h * solved[..., 0], solved[..., 1:]
         if len(self.F):
             free = free - (response @ self._impulse(free @ self.J.T, self.J @ response, h * self.F)[..., None])[..., 0]

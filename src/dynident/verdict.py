@@ -89,12 +89,10 @@ def _against_use(found: Identification) -> Iterator[_Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield _Reason("no log was held out, so nothing shows how the model does on unseen motion", _HOLD_OUT)
-    repeats = [f"{a.name} repeats the motion of {b.name}" for a in held for b in train if _repeat(a.motion, b.motion)]
-    if held and len({words.split(" repeats")[0] for words in repeats}) == len(held):
-        yield _Reason(
-            f"{'; '.join(repeats)} (torques within {REPEAT:g} %), so nothing shows how the model does on another motion",
-            _OTHER,
-        )
+    again = {a.name: b.name for a in held for b in train if _repeat(a.motion, b.motion)}
+    if held and len(again) == len(held):
+        repeats = ", ".join(f"{name} repeats the motion of {other}" for name, other in again.items())
+        yield _Reason(f"{repeats}: nothing shows how the model does on another motion", _OTHER)
     for log in held:
         yield from _wrong(log, max(map(_error, train)))
     if found.mass and not found.mass.positive:
@@ -148,7 +146,7 @@ def _astray(run: FreeRun, joint: str, error: float) -> Iterator[_Reason]:
     looped = run.driver == "controller"
     if not error <= (LOOP if looped else WINDOW):
         way = "in the controller's loop" if looped else f"within {run.restart:g} s of the measured torque"
-        words = f"the free simulation of {run.name} leaves the position of {joint} by {error:.3g} % of its way {way}"
+        words = f"the free simulation of {run.name} is off by {_percent(error)} of the way of {joint} {way}"
         yield _Reason(words, "" if looped else _LOOP)
 
 
@@ -179,8 +177,8 @@ def _second(found: Identification, word: Word, reasons: tuple[str, ...]) -> str:
     if not reasons:
         run, joint, error = _worst_run(found)
         return (
-            "Its mass matrix is positive definite in all poses tried, and its free simulation leaves the measured "
-            f"positions by at most {error:.2g} % of the way ({joint}, {run.name})."
+            "Its mass matrix is positive definite in all poses tried, and its free simulation is off by at "
+            f"most {_percent(error)} of the way ({joint}, {run.name})."
         )
     more = f"; and {len(reasons) - 2} more" if len(reasons) > 2 else ""
     what = "Against its use" if word == "do not use" else "Not for simulation"
@@ -230,7 +228,7 @@ def _unsure(found: Identification) -> Iterator[str]:
     unsure = np.flatnonzero((std > UNSURE * np.abs(value)) & (share > EFFECT) & np.isfinite(std))
     for k in sorted(unsure, key=lambda k: -share[k])[:MOST]:
         yield (
-            f"{names[k]} is {value[k]:.3g} +- {std[k]:.2g} (one standard error, {share[k]:.2g} % of the torque): "
+            f"{names[k]} is {value[k]:.3g} +- {std[k]:.2g} (one standard error, {_percent(share[k])} of the torque): "
             f"{_motion_for(found, leads[k])}."
         )
 
@@ -288,6 +286,10 @@ def _missing(found: Identification) -> tuple[int, int]:
     if found.basis is None or found.structural is None:
         return max(len(found.estimate.names) - found.estimate.rank, 0), len(found.estimate.names)
     return max(found.structural.rank - found.basis.rank, 0), found.structural.rank
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if value < 10 else f"{value:.0f} %"
 
 
 def _repeat(one: Motion, other: Motion) -> bool:

@@ -96,7 +96,10 @@ def simulation_section(identification: Identification) -> Iterator[Section]:
 
 def verdict_results(identification: Identification) -> dict[str, Any]:
     """Return the verdict, the mass matrix and the free simulations as plain values."""
-    found: dict[str, Any] = {"verdict": asdict(judge(identification))}
+    verdict = {
+        key: list(value) if isinstance(value, tuple) else value for key, value in asdict(judge(identification)).items()
+    }
+    found: dict[str, Any] = {"verdict": verdict}
     if mass := identification.mass:
         found["mass_matrix"] = {"positive": mass.positive, "smallest": mass.smallest, "q": mass.q.tolist()}
     keys = ("driver", "restart", "relative_error", "motion_error", "rms", "torque_error", "failure")

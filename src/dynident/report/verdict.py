@@ -101,7 +101,7 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
     }
     found: dict[str, Any] = {"verdict": verdict}
     if mass := identification.mass:
-        found["mass_matrix"] = {"positive": mass.positive, "smallest": mass.smallest, "q": mass.q.tolist()}
+        found["mass_matrix"] = {"positive": bool(mass.positive), "smallest": mass.smallest, "q": mass.q.tolist()}
     keys = ("driver", "restart", "relative_error", "motion_error", "rms", "torque_error", "failure")
     found["simulation"] = {run.name: {key: getattr(run, key) for key in keys} for run in identification.runs}
     return found

@@ -163,13 +163,14 @@ class _Machine:
         alternating = [(-1.0) ** k * (1 + 0.1 * k) for k in range(n)]
         dq = 1e3 * np.vstack((np.eye(n), np.arange(1.0, n + 1), alternating))
         Y = model.regressor(q, dq, np.zeros_like(q))
-        rows, levels, self.V = [], [], np.zeros((n, n))
+        rows, levels = list[Array](), list[float]()
+        self.V = np.zeros((n, n))
         for k, parameter in enumerate(model.parameters):
             value, columns = self.theta[k], Y[:, :, k]
             if parameter.role == "coulomb" and value > 0:
                 c = columns[n] * np.sign(columns[n] @ dq[n])
                 if c.any() and np.allclose(columns[n + 1], c * np.sign(c @ dq[n + 1])):
-                    rows, levels, self.theta[k] = [*rows, c], [*levels, value], 0.0
+                    rows, levels, self.theta[k] = [*rows, c], [*levels, float(value)], 0.0
             if parameter.role == "viscous" and value > 0:
                 slope = columns[:n].T / 1e3
                 if np.allclose(columns[n:], dq[n:] @ slope.T):

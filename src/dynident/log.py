@@ -7,16 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
 
-__all__ = ["Log", "Motion"]
+__all__ = ["Controller", "Log", "Motion"]
 
 Array = NDArray[np.float64]
+
+
+class Controller(Protocol):
+    """What drove the joints while a log was recorded: frozen configuration and the recorded references."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the n joints, in the order of q."""
+
+    def __call__(self, t: float, q: Array, dq: Array) -> Array:
+        """Return the torque (n), N m or N, held from time t (s) on, for the position q (n) and velocity dq (n)."""
 
 
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -70,7 +81,8 @@ class Log:
     """One uninterrupted recording of n joints at N instants.
 
     ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names;
-    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n).
+    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n),
+    and so is ``controller``, what gave the torque.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
     """
@@ -82,6 +94,7 @@ class Log:
     source: str = "log"
     dq: Array | None = None
     command: Array | None = None
+    controller: Controller | None = None
 
     def __post_init__(self) -> None:
         joints = tuple(self.joints)

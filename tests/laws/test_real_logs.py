@@ -102,6 +102,37 @@ def test_emps_with_its_delay(folder: Path) -> None:
     assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
 
 
+def test_emps_simulated_in_its_loop(folder: Path) -> None:
+    """The published position errors of the forward simulation are 0.0138 and 0.0080 %."""
+    result = identify(folder, "emps")
+    assert result["verdict"]["word"] == "good for simulation"
+    for name, published in (("DATA_EMPS", 0.0138), ("pulses", 0.0080)):
+        assert result["simulation"][name]["relative_error"]["slider"] < published / 2
+        assert result["simulation"][name]["torque_error"]["slider"] < 10
+
+
+def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:
+    found = {one["name"]: one for one in identify(folder, "emps")["parameters"]}
+    for name, published in {"M": 0.1085, "Fv": 1.146, "Fc": 0.1012, "offset": 0.0444}.items():
+        assert found[name]["std"] == pytest.approx(published, rel=0.1)
+        assert found[name]["std_hac"] > 1.5 * found[name]["std"]
+
+
+@pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
+def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -> None:
+    """A repeat holds nothing out; a mass matrix must be positive; one bad joint is enough; none was simulated."""
+    verdict = identify(folder, example)["verdict"]
+    expected = {
+        "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
+        "panda": ("do not use", "the mass matrix is not positive definite"),
+        "tx40": ("do not use", "joint_5"),
+        "double_pendulum": ("good for control", "no free simulation was asked for"),
+    }
+    word, reason = expected[example]
+    assert verdict["word"] == word
+    assert any(reason in one for one in verdict["reasons"])
+
+
 def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     urdf = (
         '<robot name="emps"><link name="base"/><link name="carriage"><inertial><mass value="1"/>'

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["identify", "run_config"]
 
+MOST_STEPS = 6  # in a terminal; the report has all
+
 
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=FILE)
@@ -26,6 +28,7 @@ def identify(config: Path, out: Path | None) -> None:
     from dynident.io.saved import check_targets
     from dynident.report import identification_notes, identification_page, identification_tables, result_dict
     from dynident.report.exports import export_notes
+    from dynident.report.verdict import verdict_text
 
     if out:
         probe_folder(out)
@@ -34,11 +37,15 @@ def identify(config: Path, out: Path | None) -> None:
         say("writing the model and loading it again")
         made = exports(found) if out else ()
     screen = console()
+    verdict, steps = verdict_text(found)
+    screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
     for table in identification_tables(found):
         screen.print(table)
     for note in (*identification_notes(found), *export_notes(made)):
         style = "yellow" if note.startswith("Warning") else None
         screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
+    for step in steps[:MOST_STEPS]:
+        screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
     if out:
         check_targets(out, (one.file for one in made), found.settings)
         result, page = result_dict(found, made), identification_page(found, made)

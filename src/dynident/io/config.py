@@ -29,7 +29,11 @@ if TYPE_CHECKING:
 
 __all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
 
-_KINDS = {"smoother": ("spline", "difference", "butterworth"), "estimator": ("least_squares", "consistent")}
+_KINDS = {
+    "smoother": ("spline", "difference", "butterworth"),
+    "estimator": ("least_squares", "consistent"),
+    "simulation": ("cascade", "measured_torque"),
+}
 _TAGS = {"[key]", "RobotSettings", *(kind for kinds in _KINDS.values() for kind in kinds)}
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from yaml.reader import Reader
 
 from dynident.errors import InputError, choices
 from dynident.io.fields import UNITS
@@ -23,6 +24,8 @@ from dynident.io.tables import Table
 __all__ = ["Draft", "draft", "same_columns"]
 
 _PLAIN = re.compile(r"[A-Za-z_./][A-Za-z0-9_./-]*")  # names that YAML takes as they are, but for words such as yes
+# what no line may hold: names in quotes are escaped by then, so that this is left in comments only
+_BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log
 
 
@@ -70,7 +73,8 @@ def draft(robot: str, joints: Sequence[JointFacts], guess: Guess, sources: Seque
     page.line("estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(guess.strangers)}."
     notes = (strange,) if guess.strangers else ()
-    return Draft("\n".join(page.lines) + "\n", notes, tuple(page.questions), tuple(page.blanks))
+    text = "\n".join(_BREAKING.sub("?", line) for line in page.lines) + "\n"
+    return Draft(text, notes, tuple(page.questions), tuple(page.blanks))
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.control import CascadePD
 from dynident.diagnostics import Finding, check, require, split_gaps
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import Interval, interval_words, unit_factor
-from dynident.io.settings import POSITIONS, TORQUES, Channel, Config, LogSpec, check_joints
+from dynident.io.settings import POSITIONS, TORQUES, CascadeSettings, Channel, Config, LogSpec, check_joints
 from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
@@ -120,12 +121,13 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     check_joints(config, joints)
     table = read_recording(spec)
     signals = _signals(table, config, joints, measured=torque or _has_torques(table, config, joints))
+    controller = _controller(signals, config.simulation, spec, joints) if torque else None
     logs: list[Log] = []
     warnings = [f"{spec.label}: {note}" for note in table.notes]
     for window in spec.window or ((None, None),):
         name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
         log = _cut(signals, window, joints, name)
-        pieces = _pieces(log, config.gaps, signals.table.source)
+        pieces = _pieces(replace(log, controller=controller), config.gaps, signals.table.source)
         warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
         logs += pieces
     return Reading(tuple(logs), tuple(warnings), signals.measured)
@@ -168,6 +170,34 @@ def _signals(table: Table, config: Config, joints: Sequence[Joint], *, measured:
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
     q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
     return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+
+
+def _controller(signals: _Signals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
+    """Return the controller that drove a recording, with its references and its gains; InputError where they lack."""
+    if not isinstance(settings, CascadeSettings):
+        return None
+    table, rows = signals.table, len(signals.t)
+    each = [(settings.joints[joint.name], f"simulation.joints.{joint.name}") for joint in joints]
+    references = {joint.name: settings.joints[joint.name].reference for joint in joints}
+    reference = _matrix(table, references, joints, "simulation.joints", POSITIONS)
+    extra = []
+    for one, where in each:
+        column = one.feedforward.get(spec.label) if isinstance(one.feedforward, Mapping) else one.feedforward
+        extra.append(np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward"))
+    for name, arrays in (("reference", [reference.ravel()]), ("feedforward", extra)):
+        size = rows * len(joints) if name == "reference" else rows
+        if any(len(array) != size or len(_bad(array)) for array in arrays):
+            raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
+
+    def gains(name: str) -> Array:
+        values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
+        return np.array([np.inf if value is None else table.constant(value, where) for value, where in values])
+
+    names = tuple(joint.name for joint in joints)
+    kp, kv, gain, saturation = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
+    if not (saturation > 0).all():
+        raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
+    return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:

@@ -14,6 +14,7 @@ from dynident.io.settings import (
     LeastSquaresSettings,
     RobotSettings,
     SplineSettings,
+    TorqueInputSettings,
 )
 from dynident.regression import Parallel
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
@@ -27,8 +28,9 @@ def build_recipe(config: Config) -> Recipe:
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
     lean = isinstance(config.model, RobotSettings) and config.model.lean == "estimate"
+    restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = _smoother(config.smoother), _estimator(config.estimator)
-    return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean)
+    return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean, restart)
 
 
 def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:

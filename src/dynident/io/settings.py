@@ -27,6 +27,8 @@ from dynident.terms.term import Joint
 
 __all__ = [
     "ButterworthSettings",
+    "CascadeJoint",
+    "CascadeSettings",
     "Channel",
     "Config",
     "ConsistentSettings",
@@ -39,6 +41,7 @@ __all__ = [
     "RobotSettings",
     "SplineSettings",
     "Time",
+    "TorqueInputSettings",
     "check_joints",
 ]
 
@@ -217,8 +220,37 @@ class ParallelSettings(Section):
     order: Count = 4
 
 
+class CascadeJoint(Section):
+    """The drive of one joint: input = kv (kp (reference - q) - dq) + feedforward, within +-saturation, times gain.
+
+    ``feedforward`` is a column, in units of the input, or by the name of a recording the column of those that have one.
+    """
+
+    reference: Channel
+    kp: Gain
+    kv: Gain
+    gain: Gain = 1.0
+    saturation: Gain | None = None
+    feedforward: Name | Mapping[Name, Name] | None = None
+
+
+class CascadeSettings(Section):
+    """Free simulation in the loop of the drives' own controllers, by joint."""
+
+    kind: Literal["cascade"]
+    joints: Mapping[Name, CascadeJoint] = Field(min_length=1)
+
+
+class TorqueInputSettings(Section):
+    """Free simulation driven by the measured torque, started again each ``restart`` s from the measured state."""
+
+    kind: Literal["measured_torque"]
+    restart: Positive = 0.5
+
+
 Estimator = Annotated[LeastSquaresSettings | ConsistentSettings, Field(discriminator="kind")]
 Smoother = Annotated[SplineSettings | DifferenceSettings | ButterworthSettings, Field(discriminator="kind")]
+Simulation = Annotated[CascadeSettings | TorqueInputSettings, Field(discriminator="kind")]
 
 
 class Config(Section):
@@ -242,6 +274,7 @@ class Config(Section):
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None
     delay: Number | Literal["estimate"] = "estimate"
+    simulation: Simulation | None = None
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:
@@ -263,12 +296,29 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     _known_names("zero", config.zero, joints)
     if isinstance(config.slow, Mapping):
         _known_names("slow", config.slow, joints)
+    if isinstance(config.simulation, CascadeSettings):
+        _check_cascade(config, config.simulation, joints)
     _known_names("transmission", config.transmission, joints)
     for name, row in config.transmission.items():
         _known_names(f"transmission.{name}", row, joints)
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")
+
+
+def _check_cascade(config: Config, cascade: CascadeSettings, joints: Sequence[Joint]) -> None:
+    _same_names("simulation.joints", cascade.joints, joints)
+    if config.transmission:
+        raise ConfigError(
+            "simulation: a controller of motors behind a transmission cannot be simulated; use `kind: measured_torque`."
+        )
+    labels = [spec.label for spec in (*config.train, *config.validation)]
+    for joint in joints:
+        one, where = cascade.joints[joint.name], f"simulation.joints.{joint.name}"
+        unit_factor(one.reference.unit, POSITIONS[joint.kind], f"{where}.reference.unit")
+        for name in one.feedforward if isinstance(one.feedforward, Mapping) else ():
+            if name not in labels:
+                raise ConfigError(f"{where}.feedforward: there is no recording {name!r}; {choices(name, labels)}")
 
 
 def _known_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:

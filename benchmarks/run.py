@@ -1,6 +1,6 @@
 """Speed and memory beside the peers, in one run and with one BLAS thread: python3 dev.py bench [PART ...].
 
-Parts: spline, memory, batch, reproduce, consistent. Every figure is the best of several repetitions, so that a busy
+Parts: spline, memory, batch, reproduce, consistent, size. Every figure is the best of several repetitions, so that a busy
 machine disturbs as little as possible; ratios compare figures taken within the same seconds.
 """
 
@@ -138,7 +138,18 @@ def consistent() -> None:
     subprocess.run([sys.executable, Path(__file__).with_name("consistent.py")], check=True)
 
 
-PARTS = {"spline": spline, "batch": batch, "memory": memory, "reproduce": reproduce, "consistent": consistent}
+def size() -> None:
+    subprocess.run([sys.executable, Path(__file__).with_name("size.py"), "make"], check=True)
+
+
+PARTS = {
+    "spline": spline,
+    "batch": batch,
+    "memory": memory,
+    "reproduce": reproduce,
+    "consistent": consistent,
+    "size": size,
+}
 
 if __name__ == "__main__":
     wrong = [name for name in sys.argv[1:] if name not in PARTS]

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident import selection
 from dynident.errors import ConfigError, InputError
 from dynident.gallery import two_link_arm
 from dynident.identify import Recipe, identify
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.selection import choose_smoother, cross_validated_error
 from dynident.simulation import record, simulate
 from dynident.smoothers import Butterworth, Difference, Spline
@@ -74,3 +75,21 @@ def test_the_error_is_that_of_held_out_stretches() -> None:
     assert cross_validated_error(arm, [motion]) < 1e-6
     noise = np.random.default_rng(0).standard_normal(motion.tau.shape)
     assert 95 < cross_validated_error(arm, [replace(motion, tau=noise)]) < 110
+
+
+def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is chosen is what the whole would choose, and no candidate sees more than the pieces."""
+    whole = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
+    seen: list[int] = []
+
+    class Counted(Spline):
+        def __call__(self, one: Log) -> Motion:
+            seen.append(len(one))
+            return super().__call__(one)
+
+    monkeypatch.setattr(selection, "SAMPLES", 1000)
+    monkeypatch.setattr(selection, "PIECES", 1)
+    monkeypatch.setattr(selection, "ROWS", 300)
+    choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=one.factor) for one in FACTORS])
+    assert choice.smoother.factor == whole.smoother.factor
+    assert set(seen) == {1000}

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from dynident import regression as module
+from dynident import uncertainty
 from dynident.errors import ModelError
 from dynident.estimators.least_squares import solve
 from dynident.log import Motion
@@ -133,3 +134,22 @@ def test_what_cannot_be_inverted_is_refused() -> None:
         robust_covariance(regression, np.zeros(6))
     with pytest.raises(ModelError, match="theta has shape"):
         robust_covariance(regression, np.zeros(5))
+
+
+def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The covariance falls with all samples, though only pieces are looked at."""
+    regression = Regression(MODEL, (motion(3, 0.8, 20_000),))
+    whole = robust_covariance(regression, fit(regression))
+    monkeypatch.setattr(uncertainty, "MOST", 8000)
+    monkeypatch.setattr(uncertainty, "PIECE", 2000)
+    assert len(uncertainty._stretches(regression)) == 4
+    pieces = robust_covariance(regression, fit(regression))
+    np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(whole)), rtol=0.3)
+
+
+def test_pieces_are_spread_over_the_stretch() -> None:
+    parts = uncertainty._pieces(slice(100, 100_100), 0.5)
+    assert len(parts) == 2 or sum(part.stop - part.start for part in parts) == 50_000
+    assert all(100 <= part.start < part.stop <= 100_100 for part in parts)
+    assert parts[-1].start > 40_000
+    assert uncertainty._pieces(slice(0, 30), 1.0) == [slice(0, 30)]

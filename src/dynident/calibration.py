@@ -18,7 +18,7 @@ from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
-from dynident.selection import choose_smoother
+from dynident.selection import choose_smoother, excerpts
 from dynident.smoothers import Delayed, Smoother
 
 __all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
@@ -116,7 +116,7 @@ def pair(
         return chosen([Delayed(one, delay) for one in smoothers] if delay else smoothers), told
     best = chosen(smoothers)
     progress("finding the delay")
-    found = find_delay(model, [best(log) for log in logs], estimator, slow)
+    found = find_delay(model, [best(log) for log in excerpts(logs)], estimator, slow)
     told["delay"] = found.words
     return chosen([Delayed(one, found.seconds) for one in smoothers]) if found.seconds else best, told
 

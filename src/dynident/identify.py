@@ -135,8 +135,10 @@ def _identify(
         lean = find_lean(model, fitted, recipe.estimator, slow)
         model = mounted(model, lean.x, lean.y)
         settings |= {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
-    progress("estimating")
+    progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.parallel, slow)
+    _ = regression.compressed
+    progress("estimating")
     estimate = recipe.estimator(Problem(model, fitted, regression))
     progress("validating")
     judged = tuple(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -195,13 +196,22 @@ def compress(blocks: Iterator[Block], joints: int, parameters: int) -> Compresse
     """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
     factors = np.zeros((joints, parameters + 1, parameters + 1))
     count = np.zeros(joints, dtype=int)
-    with one_thread():
-        for block in blocks:
-            for j in range(joints):
-                rows = np.column_stack((block.Y[:, j], block.tau[:, j]))
-                rows = rows if block.keep is None else rows[block.keep[:, j]]
-                factors[j] = _triangle(np.concatenate((factors[j], rows)))
-                count[j] += len(rows)
+
+    def merge(block: Block) -> None:
+        # all joints in one call, which lets the next block be made meanwhile; a row of zeros changes no factor
+        rows = np.concatenate((block.Y, block.tau[:, :, None]), axis=2).swapaxes(0, 1)
+        rows = rows if block.keep is None else rows * block.keep.T[:, :, None]
+        factors[:] = _triangle(np.concatenate((factors, rows), axis=1))
+        count[:] += len(block.tau) if block.keep is None else block.keep.sum(axis=0)
+
+    with one_thread(), ThreadPoolExecutor(1) as worker:
+        merging: Future[None] | None = None
+        for block in blocks:  # the next block is made while this one is factorised
+            if merging is not None:
+                merging.result()
+            merging = worker.submit(merge, block)
+        if merging is not None:
+            merging.result()
     return Compressed(factors, count)
 
 

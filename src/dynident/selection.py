@@ -15,9 +15,11 @@ from dynident.model import Model
 from dynident.regression import Compressed, Regression
 from dynident.smoothers import Smoother
 
-__all__ = ["Choice", "choose_smoother", "cross_validated_error"]
+__all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
 
 Array = NDArray[np.float64]
+SAMPLES, PIECES = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
+ROWS = 10_000  # samples of the regression on which the choice rests
 TIE = 0.005  # errors that differ by less say nothing; the candidate listed first is then taken
 
 
@@ -57,6 +59,7 @@ def choose_smoother(
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
+    logs = excerpts(logs)
     tried: list[tuple[Motion, ...] | InputError] = []
     for k, smoother in enumerate(candidates, start=1):
         progress(f"trying smoother {k} of {len(candidates)}")
@@ -70,15 +73,31 @@ def choose_smoother(
     masks = [np.logical_and.reduce([motions[k].mask for motions in made]) for k in range(len(logs))]
     if not all(mask.sum() >= 10 * folds for mask in masks):  # the widest kernels leave too little in common
         masks = [np.ones(len(log), dtype=bool) for log in logs]
+    every = max(1, sum(int(mask.sum()) for mask in masks) // ROWS)
     errors = []
     for motions in tried:
         if isinstance(motions, InputError):
             errors.append(np.inf)
             continue
-        common = tuple(replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True))
+        common = tuple(_only(motion, mask, every) for motion, mask in zip(motions, masks, strict=True))
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
+
+
+def excerpts(logs: Sequence[Log]) -> list[Log]:
+    """Return five pieces of each log, evenly spread, where all together are long: how noisy they are is seen there."""
+    share = min(1.0, SAMPLES / max(sum(map(len, logs)), 1))
+    if share == 1.0:
+        return list(logs)
+    found = []
+    for log in logs:
+        size, step = int(share * len(log) / PIECES), len(log) // PIECES
+        if size < 1000:  # too short to smooth well
+            found.append(log)
+            continue
+        found += [log.rows(slice(k * step, k * step + size), f"{log.source} piece {k + 1}") for k in range(PIECES)]
+    return found
 
 
 def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
@@ -92,6 +111,12 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
         wrong += float(part.residual(theta).sum())
         total += float(np.square(part.factors[:, :, -1]).sum())
     return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")
+
+
+def _only(motion: Motion, mask: NDArray[np.bool_], every: int) -> Motion:
+    """Return a motion of every k-th of the samples in the mask, all of them to be used."""
+    rows = np.flatnonzero(mask)[::every]
+    return replace(motion.delayed(0.0, rows), mask=np.ones(len(rows), dtype=bool))
 
 
 def _part(motion: Motion, k: int, folds: int) -> Motion:

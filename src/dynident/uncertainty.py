@@ -18,6 +18,7 @@ from dynident.regression import Block, Regression, stretches
 __all__ = ["bandwidth", "robust_covariance"]
 
 Array = NDArray[np.float64]
+MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece of them
 
 
 def robust_covariance(
@@ -53,6 +54,7 @@ def robust_covariance(
         count, one = _bartlett(scores(part), length, len(kept))
         rows, total = rows + count, total + one
     small_sample = rows / max(rows - len(kept) / n, 1.0)
+    total = total * (_samples(regression) / sum(map(_samples, parts)))
     return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
 
 
@@ -116,11 +118,30 @@ def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Ar
 
 
 def _stretches(regression: Regression) -> list[Regression]:
-    """Return the regression of each uninterrupted stretch: samples on both sides of a gap do not correlate."""
+    """Return the regression of each uninterrupted stretch: samples on both sides of a gap do not correlate.
+
+    Of long stretches a few pieces must do, evenly spread; how scores correlate is the same all along.
+    """
+    share = min(1.0, MOST / max(_samples(regression), 1))
     found = []
     for motion in regression.motions:
         for part in stretches(motion.mask):
-            mask = np.zeros(len(motion), dtype=bool)
-            mask[part] = True
-            found.append(replace(regression, motions=(replace(motion, mask=mask),)))
+            for piece in _pieces(part, share):
+                mask = np.zeros(len(motion), dtype=bool)
+                mask[piece] = True
+                found.append(replace(regression, motions=(replace(motion, mask=mask),)))
     return found
+
+
+def _pieces(part: slice, share: float) -> list[slice]:
+    """Return about that share of a stretch, in pieces of about PIECE samples; all of it where the share is 1."""
+    length = part.stop - part.start
+    if share == 1.0 or share * length < 100:
+        return [part]
+    count = max(1, round(share * length / PIECE))
+    starts = part.start + np.arange(count) * (length // count)
+    return [slice(int(start), int(start + share * length / count)) for start in starts]
+
+
+def _samples(regression: Regression) -> int:
+    return sum(int(motion.mask.sum()) for motion in regression.motions)

@@ -1,0 +1,102 @@
+"""A long recording, 1e6 samples of 7 joints, from Parquet to the report: seconds by stage, and the peak of memory."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+JOINTS = 7
+LINK = (
+    '<link name="l{k}"><inertial><origin xyz="0.02 0.01 0.12"/><mass value="{mass}"/>'
+    '<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    '<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="l{k}"/><origin xyz="0.02 0 0.2"/>'
+    '<axis xyz="{axis}"/><limit effort="100" velocity="4" lower="-2.8" upper="2.8"/></joint>'
+)
+
+
+def arm() -> str:
+    """An arm of seven joints, alternately about z and y, lighter towards its end."""
+    links = []
+    for k in range(1, JOINTS + 1):
+        mass, parent = 4.0 * 0.75**k, f"l{k - 1}" if k > 1 else "base"
+        inertia = {"xx": 0.02 * mass, "yy": 0.018 * mass, "zz": 0.006 * mass}
+        links.append(LINK.format(k=k, mass=mass, parent=parent, axis="0 0 1" if k % 2 else "0 1 0", **inertia))
+    return f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>'
+
+
+def record(folder: Path, n: int) -> Path:
+    """Write robot, log (1 kHz, five sines a joint, noise on both) and configuration; return the configuration."""
+    import polars as pl
+
+    from dynident.model import Model
+    from dynident.terms import Bodies, Coulomb, Offset, RotorInertia, Viscous
+
+    bodies = Bodies(arm())
+    joints = bodies.joints
+    model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)))
+    usual = {"rotor": 0.3, "viscous": 1.0, "coulomb": 0.8}
+    theta = np.array([usual.get(p.role, 0.1) if p.value is None else p.value for p in model.parameters])
+    rng, t = np.random.default_rng(0), np.arange(n) * 1e-3
+    rate, size, phase = (rng.uniform(*sides, (5, JOINTS)) for sides in ((0.3, 3.0), (0.2, 0.5), (0.0, 6.0)))
+    waves = [(size[h] * np.exp(1j * (rate[h] * t[:, None] + phase[h])), rate[h]) for h in range(5)]
+    q, dq, ddq = (sum((wave * (1j * w) ** order).imag for wave, w in waves) for order in range(3))
+    blocks = [slice(k, k + 50_000) for k in range(0, n, 50_000)]
+    tau = np.concatenate([model.torque(q[b], dq[b], ddq[b], theta) for b in blocks])
+    q, tau = q + 2e-5 * rng.standard_normal(q.shape), tau + 0.05 * rng.standard_normal(tau.shape)
+    names = [joint.name for joint in joints]
+    columns = {"t": t} | {f"{x}.q": q[:, j] for j, x in enumerate(names)}
+    pl.DataFrame(columns | {f"{x}.tau": tau[:, j] for j, x in enumerate(names)}).write_parquet(folder / "log.parquet")
+    (folder / "arm.urdf").write_text(arm())
+    channels = {"position": ("q", "rad"), "torque": ("tau", "N m")}
+    lines = ["model: arm.urdf", "time: { column: t, unit: s }", "train: [{ file: log.parquet }]"]
+    for section, (end, unit) in channels.items():
+        lines += [f"{section}:", *(f"  {x}: {{ column: {x}.{end}, unit: {unit} }}" for x in names)]
+    (folder / "arm.yaml").write_text("\n".join([*lines, "estimator: { kind: consistent }"]) + "\n")
+    return folder / "arm.yaml"
+
+
+def staged(config: Path) -> None:
+    """Run the command's steps in this process; print the seconds of each."""
+    from dynident.cli.identify import run_config
+    from dynident.export import exports
+    from dynident.report import identification_page, result_dict
+
+    began = last = time.perf_counter()
+    stage, spent = "start", {}
+
+    def say(step: str) -> None:
+        nonlocal last, stage
+        now = time.perf_counter()
+        spent[stage] = spent.get(stage, 0.0) + now - last
+        last, stage = now, " ".join(step.split()[:2]) if step.startswith(("trying", "reading", "smoothing")) else step
+
+    found = run_config(config, say)
+    say("exports")
+    made = exports(found)
+    say("report")
+    result_dict(found, made)
+    page = identification_page(found, made)
+    say("end")
+    for name, seconds in spent.items():
+        print(f"  {name:<32} {seconds:7.2f} s")
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"  {'all':<32} {last - began:7.2f} s, peak {peak:.2f} GiB, report {len(page) / 1e6:.1f} MB, ", end="")
+    print(f"relative error {found.logs[0].relative_error:.3f} %", flush=True)
+
+
+def size(n: int = 1_000_000) -> None:
+    """Make the recording, then read, smooth, fit, judge and report it in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = record(Path(folder), n)
+        print(f"{n} samples x {JOINTS} joints from Parquet to the report:", flush=True)
+        subprocess.run([sys.executable, __file__, str(config)], check=True)
+
+
+if __name__ == "__main__":
+    size() if sys.argv[1:] == ["make"] else staged(Path(sys.argv[1]))

@@ -1,7 +1,7 @@
 """Speed and memory beside the peers, in one run and with one BLAS thread: python3 dev.py bench [PART ...].
 
-Parts: spline, memory, batch, reproduce, consistent, size. Every figure is the best of several repetitions, so that a busy
-machine disturbs as little as possible; ratios compare figures taken within the same seconds.
+Parts: spline, memory, batch, reproduce, consistent, size. Every figure is the best of several repetitions, so that a
+busy machine disturbs as little as possible; ratios compare figures taken within the same seconds.
 """
 
 from __future__ import annotations

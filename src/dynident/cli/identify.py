@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import click
 from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
 
 if TYPE_CHECKING:
+    from dynident.export import Export
     from dynident.identify import Identification
 
 __all__ = ["identify", "run_config"]
@@ -24,9 +25,8 @@ MOST_STEPS = 6  # in a terminal; the report has all
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.export import exports
-    from dynident.io.results import probe_folder, remove, write_json, write_text
-    from dynident.io.saved import check_targets
-    from dynident.report import identification_notes, identification_page, identification_tables, result_dict
+    from dynident.io.results import probe_folder
+    from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
 
@@ -36,6 +36,8 @@ def identify(config: Path, out: Path | None) -> None:
         found = run_config(config, say)
         say("writing the model and loading it again")
         made = exports(found) if out else ()
+    # written before anything is printed: who reads the terminal may leave early
+    written = _write(out, found, made) if out else []
     screen = console()
     verdict, steps = verdict_text(found)
     screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
@@ -46,16 +48,26 @@ def identify(config: Path, out: Path | None) -> None:
         screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
     for step in steps[:MOST_STEPS]:
         screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
-    if out:
-        check_targets(out, (one.file for one in made), found.settings)
-        result, page = result_dict(found, made), identification_page(found, made)
-        for one in made:
-            if one.ready and one.written is not None:
-                tell(screen, "Model", write_text(out / one.file, one.written.text))
-            else:
-                remove(out / one.file)  # of an earlier run: it would pass for this one's
-        tell(screen, "Result", write_json(out / "result.json", result))
-        tell(screen, "Report", write_text(out / "report.html", page))
+    for what, path in written:
+        tell(screen, what, path)
+
+
+def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
+    """Write the model's files, result.json and report.html; return what was written where."""
+    from dynident.io.results import remove, write_json, write_text
+    from dynident.io.saved import check_targets
+    from dynident.report import identification_page, result_dict
+
+    check_targets(out, (one.file for one in made), found.settings)
+    result, page = result_dict(found, made), identification_page(found, made)
+    written = []
+    for one in made:
+        if one.ready and one.written is not None:
+            written.append(("Model", write_text(out / one.file, one.written.text)))
+        else:
+            remove(out / one.file)  # of an earlier run: it would pass for this one's
+    written.append(("Result", write_json(out / "result.json", result)))
+    return [*written, ("Report", write_text(out / "report.html", page))]
 
 
 def run_config(path: Path, say: Callable[[str], None]) -> Identification:

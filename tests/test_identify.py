@@ -102,7 +102,8 @@ def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
 def test_progress_is_told_before_each_step(log: Log) -> None:
     told: list[str] = []
     identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
-    assert told == ["smoothing a", "smoothing b", "estimating", "validating"]
+    reducing = "reducing the regression to triangular factors"
+    assert told == ["smoothing a", "smoothing b", reducing, "estimating", "validating"]
 
 
 def test_warnings_hold_the_status_where_the_rank_is_deficient(log: Log) -> None:

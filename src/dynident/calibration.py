@@ -24,7 +24,8 @@ from dynident.smoothers import Delayed, Smoother
 __all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
 
 Array = NDArray[np.float64]
-ROWS = 2000  # samples of all logs together: one or two unknowns need no more
+ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
+FEWEST = 200  # samples below which no delay is sought
 TRIALS = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)  # s, of either sign; the search refines the best
 FINE = 1e-5  # s
 GAIN = 0.005  # share of the error that a delay must take away to be believed
@@ -132,8 +133,8 @@ def find_delay(
     """
     from scipy.optimize import minimize_scalar
 
-    rows = _thinned(motions, TRIALS[-1])
-    if sum(map(len, rows)) < ROWS // 10:
+    rows = _thinned(model, motions, TRIALS[-1])
+    if sum(map(len, rows)) < FEWEST:
         return Delay(0.0, np.nan, np.nan)
     quick = _quick(estimator)
 
@@ -160,7 +161,7 @@ def find_lean(
     """
     from scipy.optimize import least_squares
 
-    thin = _shifted(motions, _thinned(motions, 0.0), 0.0)
+    thin = _shifted(motions, _thinned(model, motions, 0.0), 0.0)
     quick = _quick(estimator)
 
     def residual(lean: Array) -> Array:
@@ -206,8 +207,9 @@ def _error(regression: Regression, estimator: Estimator) -> float:
     return 100.0 * float(np.sqrt(compressed.residual(value).sum() / torque)) if torque > 0 else 0.0
 
 
-def _thinned(motions: Sequence[Motion], margin: float) -> list[NDArray[np.intp]]:
-    """Return the indices of about ROWS usable samples of all motions, at least ``margin`` (s) from their ends."""
-    every = max(1, sum(int(motion.mask.sum()) for motion in motions) // ROWS)
+def _thinned(model: Model, motions: Sequence[Motion], margin: float) -> list[NDArray[np.intp]]:
+    """Return the indices of usable samples of all motions, evenly spread, at least ``margin`` (s) from their ends."""
+    wanted = ENTRIES // max(len(model.parameters), 10)
+    every = max(1, sum(int(motion.mask.sum()) for motion in motions) // wanted)
     inside = [one.mask & (one.t >= one.t[0] + margin) & (one.t <= one.t[-1] - margin) for one in motions]
     return [np.flatnonzero(mask)[::every] for mask in inside]

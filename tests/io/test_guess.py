@@ -193,3 +193,10 @@ def test_anything_gives_a_guess(names, rows, value, joints):
     assert set(found.position) == set(found.torque) <= {joint.name for joint in joints}
     assert math.isfinite(sum(position for position, _ in found.lock.values()))
     assert set(chosen(found)) <= {None, *names}
+
+
+def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
+    found = guess(table(time=None, **{"Zeit [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (found.column, found.unit) == ("Zeit [ms]", "ms")
+    assert "is it the time?" in found.question
+    assert guess(table(time=None, Zeit=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ _STILL = 1e-3  # rad or m: a locked joint that moves more is asked about
 _SLACK = 1.05  # on limits of position
 _OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
 _FASTEST, _SLOWEST = 5e-5, 0.3  # s: sampling steps that are taken for granted
+_FEW, _EVEN = 30, 0.1  # samples, and deviation of the steps, of a column that is a clock without being called so
 _GAP = 12  # times the median step, as in the reading of logs
 
 
@@ -224,12 +226,15 @@ def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGu
     named = [(column, one.unit) for one in found if one.role == "time" for column in one.columns.values()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
     stamps.sort(key=lambda stamp: not increases(table.columns[stamp[0]]))
-    if not stamps or rows < 2:
+    alone = _clock(table, rows) if not stamps else None
+    if rows < 2 or not (stamps or alone):
         return TimeGuess(None)
-    name, unit = stamps[0]
+    name, unit = alone or stamps[0]
     column = table.columns[name]
     step = _step(column)
     question = "" if increases(column) else "the stamps do not increase everywhere: is there a better column?"
+    if alone:
+        question = "the only column that increases evenly: is it the time?"
     if ros and unit is None:
         unit = "s"
     if unit is not None:
@@ -242,6 +247,20 @@ def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGu
     unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
     asked = f"the median step is {step:.4g}: is this {unit}?"
     return TimeGuess(name, unit, step * UNITS["time"][unit], "; ".join(filter(None, (question, asked))))
+
+
+def _clock(table: Table, rows: int) -> tuple[str, str | None] | None:
+    """Return the only column that increases in about equal steps, whatever its name, and the unit that the name has."""
+    even = []
+    for name, column in table.columns.items():
+        if len(column) == rows >= _FEW and increases(column):
+            steps = np.diff(column)
+            if steps.max() < _GAP * np.median(steps) and np.median(np.abs(steps / np.median(steps) - 1)) < _EVEN:
+                even.append(name)
+    if len(even) != 1:
+        return None
+    words = re.split("[^a-z]+", even[0].lower())
+    return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
 
 
 def _step(column: Array) -> float:

@@ -1,0 +1,175 @@
+"""The declared channels of a table in SI units: times, positions, torques, and what drove the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.control import CascadePD
+from dynident.errors import ConfigError, InputError
+from dynident.io.fields import unit_factor
+from dynident.io.settings import POSITIONS, TORQUES, CascadeSettings, Channel, Config, LogSpec
+from dynident.io.tables import Table
+from dynident.terms.term import Joint
+
+__all__ = ["Signals", "bad_values", "controller", "has_torques", "signals"]
+
+Array = NDArray[np.float64]
+
+_LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """All rows of a recording: t (N) s, q and tau (N, n) in SI, and the columns they come from."""
+
+    table: Table
+    used: Mapping[str, Array]
+    t: Array
+    q: Array
+    tau: Array
+    measured: bool
+
+
+def has_torques(table: Table, config: Config, joints: Sequence[Joint]) -> bool:
+    """Whether the table has any column of a torque."""
+    known = {*table.columns, *table.constants, *table.faults}
+    return any(name in known for joint in joints for name in config.torque[joint.name].terms)
+
+
+def signals(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
+    """Return the channels of the joints; torques are zero where they are not ``measured``.
+
+    Raises ConfigError where the transmission is singular, InputError where a column is missing or a time is wrong.
+    """
+    used = _used(table, config, joints, measured=measured)
+    rows = len(next(iter(used.values())))
+    q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
+    tau = _matrix(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
+    if config.transmission:
+        gears = _transmission(config, joints)
+        with np.errstate(over="ignore", invalid="ignore"):
+            q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
+    q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
+    return Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+
+
+def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
+    """Return the controller that drove a recording, with its references and its gains; InputError where they lack."""
+    if not isinstance(settings, CascadeSettings):
+        return None
+    table, rows = signals.table, len(signals.t)
+    each = [(settings.joints[joint.name], f"simulation.joints.{joint.name}") for joint in joints]
+    references = {joint.name: settings.joints[joint.name].reference for joint in joints}
+    reference = _matrix(table, references, joints, "simulation.joints", POSITIONS)
+    extra = []
+    for one, where in each:
+        column = one.feedforward.get(spec.label) if isinstance(one.feedforward, Mapping) else one.feedforward
+        extra.append(np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward"))
+    for name, arrays in (("reference", [reference.ravel()]), ("feedforward", extra)):
+        size = rows * len(joints) if name == "reference" else rows
+        if any(len(array) != size or len(bad_values(array)) for array in arrays):
+            raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
+
+    def gains(name: str) -> Array:
+        values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
+        return np.array([np.inf if value is None else table.constant(value, where) for value, where in values])
+
+    names = tuple(joint.name for joint in joints)
+    kp, kv, gain, saturation = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
+    if not (saturation > 0).all():
+        raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
+    return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
+
+
+def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
+    """Return A (n, n) with motor positions A q; by virtual work the joint torques are A' times the motors'.
+
+    A motor that the configuration does not list turns as its joint. Raises ConfigError where A is singular.
+    """
+    names = [joint.name for joint in joints]
+    gears = np.eye(len(names))
+    for motor, row in config.transmission.items():
+        gears[names.index(motor)] = [row.get(name, 0.0) for name in names]
+    if np.linalg.matrix_rank(gears) < len(names):
+        raise ConfigError(
+            "transmission: these coefficients are singular, so that joint positions do not follow from the motors'; "
+            "each motor needs a coefficient of its own joint."
+        )
+    return gears
+
+
+def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> dict[str, Array]:
+    """Return the columns that the channels name; InputError where they differ in length."""
+    sections = (("position", config.position), *((("torque", config.torque),) if measured else ()))
+    used = {} if config.time.column is None else {config.time.column: table.column(config.time.column, "time")}
+    for section, channels in sections:
+        for joint in joints:
+            for name in channels[joint.name].terms:
+                used[name] = table.column(name, f"{section}.{joint.name}")
+    first, *others = used
+    for name in others:
+        if len(used[name]) != len(used[first]):
+            raise InputError(
+                f"{table.source}: columns of different lengths: {first!r} has {len(used[first])} rows, "
+                f"{name!r} has {len(used[name])}. Take all columns of a log from one recording."
+            )
+    return used
+
+
+def _matrix(
+    table: Table,
+    channels: Mapping[str, Channel],
+    joints: Sequence[Joint],
+    section: str,
+    units: Mapping[str, str],
+) -> Array:
+    """Return the channels of all joints in SI, (N, n)."""
+    columns = []
+    for joint in joints:
+        channel, where = channels[joint.name], f"{section}.{joint.name}"
+        factor = unit_factor(channel.unit, units[joint.kind], f"{where}.unit")
+        with np.errstate(over="ignore", invalid="ignore"):  # the finished log is checked for infinities
+            columns.append(factor * _linear(table, channel, where))
+    return np.column_stack(columns)
+
+
+def _linear(table: Table, channel: Channel, where: str) -> Array:
+    """Return gain * (sum of columns times coefficients) + offset, in the channel's unit."""
+    total = sum(
+        (table.constant(gain, where) * table.column(name, where) for name, gain in channel.terms.items()),
+        start=np.zeros(1),
+    )
+    return table.constant(channel.gain, where) * total + table.constant(channel.offset, where)
+
+
+def _times(table: Table, config: Config, rows: int) -> Array:
+    """Return the time stamps in s; InputError where one is missing or does not increase."""
+    if config.time.rate is not None:
+        return np.arange(rows) / config.time.rate
+    name = config.time.column or ""
+    column = table.column(name, "time")
+    bad = bad_values(column)
+    if len(bad):
+        raise InputError(
+            f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
+            f"({len(bad)} such rows); delete these rows."
+        )
+    t = unit_factor(config.time.unit, "time", "time.unit") * column
+    back = np.flatnonzero(np.diff(t) <= 0)
+    if len(back):
+        k = back[0]
+        what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
+        raise InputError(
+            f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
+            f"({len(back)} such rows); sort the rows by time and keep the first of equal stamps."
+        )
+    return t
+
+
+def bad_values(values: Array) -> NDArray[np.intp]:
+    """Return where values are not finite, or so large that they cannot have been measured."""
+    return np.flatnonzero(~(np.abs(values) < _LARGEST))

@@ -66,7 +66,7 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_roles
     from dynident.io.recipe import build_recipe
-    from dynident.io.saved import model_settings
+    from dynident.io.saved import log_hashes, model_settings
 
     config = read_config(path)
     say("building the model")
@@ -76,5 +76,5 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     logs, remarks = read_roles(config, model.joints, say)
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
     text = path.read_text(encoding="utf-8-sig")
-    settings = {"configuration": text, **model_settings(config, path), **found.settings}
+    settings = {"configuration": text, **model_settings(config, path), **log_hashes(config), **found.settings}
     return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings=settings)

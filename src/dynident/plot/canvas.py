@@ -15,13 +15,30 @@ from dynident.errors import InputError
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-__all__ = ["AMBER", "BLUE", "GREEN", "GRID", "INK", "RED", "Array", "curve", "only", "panels", "plain", "thin"]
+__all__ = [
+    "AMBER",
+    "BLUE",
+    "GREEN",
+    "GRID",
+    "INK",
+    "PALE",
+    "RED",
+    "Array",
+    "curve",
+    "only",
+    "panels",
+    "plain",
+    "share",
+    "thin",
+]
 
 Array = NDArray[np.float64]
 
 INK = "#7d7d7d"
 BLUE, RED, GREEN, AMBER = "#3584e4", "#e5484d", "#2e9e5b", "#c98500"
 GRID = "rgba(128, 128, 128, 0.25)"
+PALE = "rgba(128, 128, 128, 0.5)"
+ALL_POINTS = 300_000  # of all curves of a page; a point takes 11 bytes there
 
 
 def thin(t: Array, y: Array, points: int = 2000) -> tuple[Array, Array]:
@@ -120,3 +137,8 @@ def only(values: Array, keep: NDArray[np.bool_]) -> Array:
 def plain(name: str) -> str:
     """Escape a name for plotly, which reads a few HTML tags in its texts."""
     return escape(name, quote=False)
+
+
+def share(curves: int) -> int:
+    """Return the points for each of so many curves, at most 4000, so that a page of all of them stays near 3 MB."""
+    return int(np.clip(ALL_POINTS // max(curves, 1), 100, 4000))

@@ -74,7 +74,6 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     recipe = build_recipe(config)
     warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
     logs, remarks = read_roles(config, model.joints, say)
+    read = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **log_hashes(config)}
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
-    text = path.read_text(encoding="utf-8-sig")
-    settings = {"configuration": text, **model_settings(config, path), **log_hashes(config), **found.settings}
-    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings=settings)
+    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings={**read, **found.settings})

@@ -62,7 +62,7 @@ def model_settings(config: Config, path: Path) -> dict[str, str]:
 
 def log_hashes(config: Config) -> dict[str, str]:
     """Return the SHA-256 of every file of the recordings, by ``SHA-256 of FILE``; each file is read once more."""
-    files = {file: None for spec in (*config.train, *config.validation) for file in spec.file.values()}
+    files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
     return {f"{HASH_OF}{file}": fingerprint(file) for file in files}
 
 

@@ -26,6 +26,7 @@ __all__ = [
     "Array",
     "curve",
     "only",
+    "origin",
     "panels",
     "plain",
     "share",
@@ -38,6 +39,7 @@ INK = "#7d7d7d"
 BLUE, RED, GREEN, AMBER = "#3584e4", "#e5484d", "#2e9e5b", "#c98500"
 GRID = "rgba(128, 128, 128, 0.25)"
 PALE = "rgba(128, 128, 128, 0.5)"
+FAR = 100.0  # lengths of a log from which on its stamps are far from zero
 ALL_POINTS = 300_000  # of all curves of a page; a point takes 11 bytes there
 
 
@@ -127,6 +129,14 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
         meta="ink" if line["color"] == INK else None,
         hovertemplate="%{y:.4g}",
     )
+
+
+def origin(t: Array) -> float:
+    """Return the time (s) from which a figure counts: that of the axis, but for stamps far from zero their first one.
+
+    Such stamps count from 1970, or from when a machine was started; no reader can tell them apart at an axis.
+    """
+    return float(np.floor(t[0])) if abs(t[0]) > FAR * (t[-1] - t[0]) else 0.0
 
 
 def only(values: Array, keep: NDArray[np.bool_]) -> Array:

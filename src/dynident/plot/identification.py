@@ -9,7 +9,7 @@ import numpy as np
 
 from dynident.errors import InputError, choices
 from dynident.log import Log, Motion
-from dynident.plot.canvas import AMBER, BLUE, GREEN, INK, PALE, RED, Array, curve, only, panels, plain
+from dynident.plot.canvas import AMBER, BLUE, GREEN, INK, PALE, RED, Array, curve, only, origin, panels, plain
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -34,10 +34,11 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
     titles = [f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"]
     figure = panels(titles, 430, heights=[0.66, 0.34])
     curves = ("measured", measured, BLUE, 2.4, 1), ("predicted", predicted, RED, 1.2, 1)
+    zero = origin(log.motion.t)
     for name, values, colour, width, row in (*curves, ("residual", measured - predicted, INK, 1.0, 2)):
         line = {"color": colour, "width": width}
-        figure.add_trace(curve(log.motion.t, values, name, line, points), row=row, col=1)
-    return figure
+        figure.add_trace(curve(log.motion.t - zero, values, name, line, points), row=row, col=1)
+    return _since(figure, zero)
 
 
 def motion_figure(
@@ -52,23 +53,26 @@ def motion_figure(
     j = _column(motion, joint)
     titles = [f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     curves = {name: only(getattr(motion, name)[:, j], motion.mask) for name in ("q", "dq", "ddq")}
+    zero = origin(motion.t)
+    t = motion.t - zero
     if recorded is None:
-        return _stack(motion.t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
+        stacked = _stack(t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
+        return _since(stacked, zero)
     titles.insert(1, f"taken away, {unit}")
     figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
     measured, smoothed = recorded.q[:, recorded.joints.index(joint)], motion.delayed(-delay)
     left = only(measured - smoothed.q[:, j], motion.mask & smoothed.mask)
     drawn = (
-        (1, "measured", motion.t - delay, only(measured, motion.mask), PALE, 3.5),
-        (1, "smoothed", motion.t, curves["q"], BLUE, 1.3),
-        (2, "measured minus smoothed", motion.t - delay, left, INK, 0.8),
-        (3, "velocity", motion.t, curves["dq"], GREEN, 1.3),
-        (4, "acceleration", motion.t, curves["ddq"], RED, 1.3),
+        (1, "measured", t - delay, only(measured, motion.mask), PALE, 3.5),
+        (1, "smoothed", t, curves["q"], BLUE, 1.3),
+        (2, "measured minus smoothed", t - delay, left, INK, 0.8),
+        (3, "velocity", t, curves["dq"], GREEN, 1.3),
+        (4, "acceleration", t, curves["ddq"], RED, 1.3),
     )
-    for row, name, t, values, colour, width in drawn:
+    for row, name, times, values, colour, width in drawn:
         line = {"color": colour, "width": width}
-        figure.add_trace(curve(t, values, name, line, points).update(showlegend=row == 1), row=row, col=1)
-    return figure
+        figure.add_trace(curve(times, values, name, line, points).update(showlegend=row == 1), row=row, col=1)
+    return _since(figure, zero)
 
 
 def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) -> go.Figure:
@@ -85,9 +89,10 @@ def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) 
         simulated = only(simulated, run.q[:, j] != run.measured[:, j])
     figure = panels([f"position, {unit}", f"error, {unit}"], 430, heights=[0.66, 0.34])
     curves = ("measured", run.measured[:, j], BLUE, 2.4, 1), ("simulated", simulated, RED, 1.2, 1)
+    zero = origin(run.t)
     for name, values, colour, width, row in (*curves, ("error", run.measured[:, j] - simulated, INK, 1.0, 2)):
-        figure.add_trace(curve(run.t, values, name, {"color": colour, "width": width}, points), row=row, col=1)
-    return figure
+        figure.add_trace(curve(run.t - zero, values, name, {"color": colour, "width": width}, points), row=row, col=1)
+    return _since(figure, zero)
 
 
 def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> go.Figure:
@@ -125,8 +130,15 @@ def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> go.Fig
             )
         )
     figure.update_yaxes(type="category", autorange="reversed", showgrid=False)
-    figure.update_xaxes(title="torque error, % of the measured torque", rangemode="tozero")
+    figure.update_xaxes(title="torque error, %", rangemode="tozero")
     return figure.update_layout(barmode="group", bargap=0.25, hovermode="closest")
+
+
+def _since(figure: go.Figure, zero: float) -> go.Figure:
+    """Return the figure with its axis of time named after where it counts from."""
+    if zero:
+        figure.update_xaxes(title=f"time since {zero:.0f} s, s", selector=lambda axis: axis.title.text == "time, s")
+    return figure
 
 
 def _column(motion: Motion, joint: str) -> int:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
-from dynident.report.page import Block, Section, render, terminal
-from dynident.report.parameters import brief, parameter_results, parameter_section, terminal_parameters
+from dynident.report.page import Block, Fold, Section, render, terminal
+from dynident.report.parameters import LONGEST, brief, parameter_results, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
@@ -61,8 +61,9 @@ def _lead(identification: Identification) -> str:
 
 def _warnings(identification: Identification) -> Iterator[Block]:
     status = identification.estimate.status
-    said = (*identification.warnings, *((f"Status of the fit: {status}",) if status != "ok" else ()))
-    yield tuple(dict.fromkeys(said)) or "None."
+    yield tuple(words for words in identification.warnings if words != status) or "None."
+    if status != "ok":
+        yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
 
 
 def identification_tables(identification: Identification) -> list[rich.table.Table]:

@@ -26,14 +26,15 @@ __all__ = [
 ]
 
 FULL_LIST = 40  # a terminal shows up to this many parameters all
+ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
 VERDICTS = {"bound": "at a bound", "unidentifiable": "not identifiable"}
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
 _CAPTION = (
-    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined by these logs, or zero. "
-    "They take the motion as exactly known: the true uncertainty is larger, especially where the torque error is large."
+    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero. They "
+    "take the motion as exactly known: the true uncertainty is larger, especially where the torque error is large."
 )
 _ROBUST = (
     "Standard errors allow for residuals that are correlated in time (Newey and West); those in grey assume "
@@ -62,7 +63,10 @@ def parameter_section(identification: Identification) -> Section:
         shown = _not_inertial(parameters)
         blocks += [parameter_table(identification, shown)] if shown else []
         blocks.append(Fold(f"Table of all {len(parameters)} parameters", (table,)))
-    views = tuple(((group,), (_interval(identification, rows),)) for group, rows in _groups(parameters).items())
+    groups = _groups(parameters)
+    if len(parameters) <= ONE_FIGURE:
+        groups = {"all": list(range(len(parameters)))} if parameters else {}
+    views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
     return Section("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 

@@ -114,7 +114,7 @@ def _weight(identification: Identification, logs: list[LogValidation], said: str
         limit = number(identification.model.limits[joint].effort, 3)
         return (
             f"{number(size, 2)} %",
-            f"rms error, of the effort limit, {said}",
+            f"rms error against effort limit, {said}",
             f"{joint}: {_rms(identification, log, joint)} of {limit}",
         )
     worst = _worst([((log, joint), size) for log in logs for joint, size in log.rmse.items()])

@@ -59,7 +59,7 @@ def motion_figure(
         stacked = _stack(t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
         return _since(stacked, zero)
     titles.insert(1, f"taken away, {unit}")
-    figure = panels(titles, 640, heights=[0.28, 0.2, 0.24, 0.28])
+    figure = panels(titles, 700, heights=[0.28, 0.2, 0.24, 0.28])
     measured, smoothed = recorded.q[:, recorded.joints.index(joint)], motion.delayed(-delay)
     left = only(measured - smoothed.q[:, j], motion.mask & smoothed.mask)
     drawn = (

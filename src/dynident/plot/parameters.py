@@ -19,6 +19,7 @@ __all__ = ["interval_figure", "reference_word", "relative_std", "singular_figure
 
 WIDEST = 100.0  # % of a parameter's value at which the axis ends
 NORMAL_95 = 1.96  # two-sided 95 % quantile of the normal distribution
+LEAST = 1e-20  # relative singular values below it are zero but for rounding
 LONGEST = 30  # letters of a name at the axis; the rest shows when pointed at
 
 
@@ -99,7 +100,7 @@ def singular_figure(basis: Basis) -> go.Figure:
         ("seen by the data", order <= basis.rank, BLUE, "circle"),
         ("not seen", order > basis.rank, INK, "circle-open"),
     ):
-        rows = rows & (relative > 0)
+        rows = rows & (relative > LEAST)
         if rows.any():
             marker = {"color": colour, "size": 6, "symbol": symbol}
             figure.add_trace(

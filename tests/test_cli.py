@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -71,7 +72,10 @@ class TestIdentify:
             assert errors["relative_error"] < 2.0
             assert errors["relative_error_filtered"] is None
             assert errors["per_joint"].keys() == errors["rmse"].keys() == {"slider"}
+        digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
+        assert result["settings"][f"SHA-256 of {tmp_path / 'log.csv'}"] == digest
         report = (tmp_path / "out" / "report.html").read_text()
+        assert digest in report
         assert "http://" not in report.split("<script>")[0]
         assert "slider" in report
         for word in ("M", "Fv", "Fc", "kg", "report.html", "result.json"):

@@ -116,5 +116,5 @@ def test_warnings_hold_the_status_where_the_rank_is_deficient(log: Log) -> None:
 
 
 def test_versions_name_what_computes() -> None:
-    assert set(versions()) == {"dynident", "python", "numpy", "scipy"}
+    assert set(versions()) == {"dynident", "python", "numpy", "scipy", "pin", "clarabel", "polars", "platform"}
     assert versions()["numpy"] == np.__version__

@@ -8,7 +8,7 @@ import pytest
 
 from dynident import plot
 from dynident.errors import InputError
-from dynident.log import Motion
+from dynident.log import Log, Motion
 from dynident.plot import canvas
 from dynident.plot import study as study_figures
 from dynident.terms.term import Parameter
@@ -28,12 +28,6 @@ def motion(mask=None, n=400, spike=None, joints=("joint1", "joint2")):
 
 def validation(held):
     return SimpleNamespace(motion=held, predicted=held.tau + 0.25)
-
-
-def estimated(std, units, true=None, names=("a", "b", "c")):
-    parameters = tuple(Parameter(n, u, value=v) for n, u, v in zip(names, units, true or (None,) * 3, strict=True))
-    estimate = SimpleNamespace(names=names, value=np.array([1.0, -2.0, 3.0]), std=np.array(std), units=units)
-    return SimpleNamespace(estimate=estimate, model=SimpleNamespace(parameters=parameters))
 
 
 def study(estimates, levels=(1e-6,), methods=("raw",)):
@@ -206,41 +200,115 @@ def test_motion_figure_shows_the_three_derivatives():
     assert figure.layout.yaxis2.title.text == "velocity, m/s"
 
 
-def test_parameter_figure_has_error_bars_and_marks_what_is_not_determined():
-    figure = plot.parameter_figure(estimated([0.1, np.inf, 0.0], ("kg", "kg", "N m"), true=(1.05, -2.0, 3.0)))
+def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):
+    return plot.interval_figure(names, units, np.array([1.0, -2.0, 3.0]), np.array(std), true)
+
+
+def test_interval_figure_has_error_bars_and_marks_what_is_not_determined():
+    figure = intervals([0.1, np.inf, 0.0], true=(1.05, -2.0, None))
     bars, true = figure.data
-    assert list(bars.y) == ["a", "b", "c"]
+    assert list(figure.layout.yaxis.ticktext) == ["a", "b", "c"]
     assert list(bars.marker.symbol) == ["circle", "circle-open", "circle"]
     np.testing.assert_allclose(bars.error_x.array, [19.6, 0.0, 0.0])
-    assert bars.text[0] == "1 ± 0.2 kg"
-    assert list(true.y) == ["a", "c"]
+    assert bars.text[0] == "a: 1 ± 0.2 kg"
+    assert list(true.y) == [0]
     assert true.x[0] == pytest.approx(5.0)
     assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.6)
 
 
-def test_parameter_figure_holds_a_hundred_parameters_and_only_undetermined_ones():
-    names = tuple(f"p{k}" for k in range(100))
-    estimate = SimpleNamespace(names=names, value=np.zeros(100), std=np.full(100, np.inf), units=("kg",) * 100)
-    model = SimpleNamespace(parameters=tuple(Parameter(name, "kg", body="link") for name in names))
-    figure = plot.parameter_figure(SimpleNamespace(estimate=estimate, model=model))
+def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones():
+    names = [f"a long name of a base parameter, {k}" for k in range(100)]
+    figure = plot.interval_figure(names, ["kg"] * 100, np.zeros(100), np.full(100, np.inf))
     assert figure.layout.height > 1500
     assert set(figure.data[0].marker.symbol) == {"circle-open"}
     assert list(figure.layout.yaxis.range) == [99.5, -0.5]
+    assert max(map(len, figure.layout.yaxis.ticktext)) < 35
+    assert figure.data[0].text[99].startswith(names[99])
 
 
-def test_a_nominal_value_is_not_drawn_as_the_true_one():
-    found = estimated([0.1, 0.1, 0.1], ("kg",) * 3, true=(1.0, 2.0, 3.0))
-    assert plot.reference_word(found.model) == "true"
-    found.model.parameters = tuple(replace(parameter, body="link") for parameter in found.model.parameters)
-    assert plot.reference_word(found.model) == "nominal"
-    assert len(plot.parameter_figure(found).data) == 1
+def test_nominal_values_are_not_called_true():
+    parameters = (Parameter("a", "kg", value=1.0),)
+    assert plot.reference_word(SimpleNamespace(parameters=parameters)) == "true"
+    parameters = (replace(parameters[0], body="link"),)
+    assert plot.reference_word(SimpleNamespace(parameters=parameters)) == "nominal"
 
 
 def test_names_cannot_carry_tags_into_a_figure():
-    figure = plot.parameter_figure(estimated([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c")))
-    assert figure.data[0].y[0] == "&lt;a href='x'&gt;"
+    figure = intervals([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c"))
+    assert figure.layout.yaxis.ticktext[0] == "&lt;a href='x'&gt;"
+    assert figure.data[0].text[0].startswith("&lt;a")
     assert "&lt;b&gt;kg" in figure.data[0].text[0]
     assert "<b>" not in plot.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
+    log = SimpleNamespace(name="<b>", role="train", per_joint={"<i>": 1.0})
+    bar = plot.error_figure([log], ["<i>"]).data[0]
+    assert (bar.name, bar.y[0]) == ("&lt;b&gt; (training)", "&lt;i&gt;")
+
+
+def test_error_figure_has_a_bar_for_each_log_and_joint():
+    logs = [SimpleNamespace(name=name, role=role, per_joint={"x": 1.0, "y": 2.0}) for name, role in
+            (("a", "train"), ("b", "validation"), ("c", "validation"))]  # fmt: skip
+    bars = plot.error_figure(logs, ["x", "y"]).data
+    assert [tuple(bar.x) for bar in bars] == [(1.0, 2.0)] * 3
+    assert [bar.marker.color for bar in bars] == [canvas.PALE, canvas.BLUE, canvas.GREEN]
+
+
+def test_singular_figure_parts_what_the_data_show_from_the_rest():
+    seen, rest = plot.singular_figure(SimpleNamespace(rank=2, singular_values=np.array([4.0, 2.0, 1e-16, 0.0]))).data
+    assert list(seen.y) == [1.0, 0.5]
+    assert list(rest.x) == [3]  # a zero has no place on a logarithmic axis
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.07])
+def test_motion_figure_shows_what_smoothing_took_away(delay):
+    """Measured positions belong ``delay`` before their stamps: the difference is then the noise and nothing else."""
+    t = np.linspace(0.0, 10.0, 4000)
+    truth = Motion(t, *(f(t)[:, None] for f in (np.sin, np.cos, lambda x: -np.sin(x), np.cos)), ("x",), t < 9)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((len(t), 1))
+    log = Log(t, truth.q + noise, truth.tau, ("x",))
+    figure = plot.motion_figure(truth.delayed(delay), "x", "m", 10_000, log, delay)
+    left = next(trace for trace in figure.data if "minus" in trace.name)
+    shown = np.isfinite(left.y)
+    assert shown.sum() > 3000
+    np.testing.assert_allclose(left.x, t - delay, atol=1e-6)
+    np.testing.assert_allclose(left.y[shown], noise[shown, 0], atol=1e-6)
+    assert [figure.layout[f"yaxis{k}"].title.text for k in ("", 2, 3, 4)] == [
+        "position, m", "taken away, m", "velocity, m/s", "acceleration, m/s²",
+    ]  # fmt: skip
+
+
+def free_run(restart, q=None):
+    t = np.linspace(0.0, 4.0, 401)
+    measured = np.sin(t)[:, None]
+    q = measured + 0.1 if q is None else q
+    if restart:
+        q[::50] = measured[::50]
+    return SimpleNamespace(name="run", joints=("x",), restart=restart, t=t, q=q, measured=measured)
+
+
+def test_run_figure_breaks_where_the_simulation_starts_anew():
+    figure = plot.run_figure(free_run(0.5), "x")
+    simulated, error = figure.data[1], figure.data[2]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(simulated.y)), np.arange(0, 401, 50))
+    np.testing.assert_allclose(error.y[np.isfinite(error.y)], -0.1, rtol=1e-5)
+    assert np.isfinite(plot.run_figure(free_run(None), "x").data[1].y).all()
+    assert np.isnan(plot.run_figure(free_run(None, np.full((401, 1), np.inf)), "x").data[1].y).all()
+    with pytest.raises(InputError, match="run: no joint 'z'"):
+        plot.run_figure(free_run(None), "z")
+
+
+def test_stamps_far_from_zero_are_counted_from_the_first():
+    early = motion()
+    late = replace(early, t=early.t + 1.7e9)
+    for one, zero, title in ((early, 0.0, "time, s"), (late, 1.7e9, "time since 1700000000 s, s")):
+        figure = plot.torque_figure(validation(one), "joint1")
+        np.testing.assert_allclose(figure.data[0].x, one.t - zero, atol=1e-5)
+        assert figure.layout.xaxis2.title.text == title
+
+
+def test_points_are_shared_among_curves():
+    assert plot.share(1) == 4000
+    assert plot.share(150) * 150 <= 300_000
+    assert plot.share(100_000) == 100
 
 
 def test_figures_are_transparent_small_and_valid_json():

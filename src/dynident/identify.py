@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from dynident.model import MassMatrixCheck, Model
 from dynident.regression import Parallel, Regression, one_thread
 from dynident.smoothers import Delayed, Smoother, Spline
 from dynident.uncertainty import robust_covariance
-from dynident.validation import LogValidation, check_mass, validate
+from dynident.validation import SEED, LogValidation, check_mass, validate
 
 __all__ = ["Identification", "Recipe", "identify", "versions"]
 
@@ -68,7 +68,8 @@ class Identification:
 
     ``std_hac`` (p) and ``base_std_hac`` (r) are standard errors that allow for correlated residuals, infinite for what
     the data do not determine, None where they cannot be had. ``mass`` is the mass matrix over all logs and random
-    poses; ``runs`` are the free simulations.
+    poses; ``runs`` are the free simulations. ``recorded`` are the recordings before smoothing, one for each log; their
+    positions show the motion ``delay`` (s) later than their torques.
     """
 
     model: Model
@@ -85,6 +86,8 @@ class Identification:
     base_std_hac: Array | None = None
     mass: MassMatrixCheck | None = None
     runs: tuple[FreeRun, ...] = ()
+    recorded: tuple[Log, ...] = ()
+    delay: float = 0.0
 
 
 def identify(
@@ -117,7 +120,8 @@ def _identify(
     if not roles["train"]:
         raise ConfigError("no training log is given; name at least one.")
     roles = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
-    settings = {"recipe": repr(recipe)}
+    settings = {"recipe": repr(recipe), "estimator": repr(recipe.estimator), "low-pass": repr(recipe.parallel)}
+    settings["seed of the random poses"] = str(SEED)
     slow = recipe.slowest(joints)
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
     trained = tuple(roles["train"].values())
@@ -155,6 +159,8 @@ def _identify(
         versions(),
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
         runs=_runs(model, estimate, judged, roles, recipe, smoother, progress),
+        recorded=tuple(roles[log.role][log.name] for log in judged),
+        delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
     )
     weighted = getattr(recipe.estimator, "weights", "equal") != "equal"
     weights = 1.0 / estimate.sigma if weighted and (estimate.sigma > 0).all() else None
@@ -226,9 +232,14 @@ def _used(smoother: Smoother) -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computes the numbers."""
-    packages = {name: version(name) for name in ("numpy", "scipy")}
-    return {"dynident": __version__, "python": platform.python_version(), **packages}
+    """Return the versions of what computes the numbers, and the platform."""
+    found = {"dynident": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # pin, where there is no wheel for it, may come from elsewhere
+            found[name] = "not installed as a package"
+    return {**found, "platform": platform.platform()}
 
 
 def _named(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:

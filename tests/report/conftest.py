@@ -9,6 +9,7 @@ import pytest
 from dynident.log import Motion
 from dynident.model import MassMatrixCheck
 from dynident.residuals import examine
+from dynident.terms.robot_xml import Limits
 from dynident.terms.term import Joint, Parameter
 
 PARAMETERS = (
@@ -121,7 +122,10 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         eigenvalues={},
         costs={},
     )
-    model = SimpleNamespace(name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS)
+    model = SimpleNamespace(
+        name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}
+    )
+    model.limits[joints[0]] = Limits(5.0, 2.0, -1.5, 1.5)
     model.regressor = lambda q, dq, ddq: np.ones((*q.shape, len(model.parameters)))
     return SimpleNamespace(
         model=model,
@@ -139,6 +143,8 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         base_std_hac=None,
         mass=MassMatrixCheck(0.5, np.array([0.0, 1.0]), True),
         runs=(),
+        recorded=(),
+        delay=0.0,
         settings={"smoother": "spline", "estimator": "least squares"},
         versions={"dynident": "0.1.0", "numpy": "2.0"},
     )

@@ -9,7 +9,21 @@ import rich.console
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from dynident.report.page import Column, Facts, Figure, Section, Table, number, pairs, render, terminal
+from dynident.report.page import (
+    Badge,
+    Code,
+    Column,
+    Facts,
+    Figure,
+    Fold,
+    Gallery,
+    Section,
+    Table,
+    number,
+    pairs,
+    render,
+    terminal,
+)
 
 EVIL = "</script><script>alert(1)</script><b>\u2028&"
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -90,21 +104,44 @@ def test_every_kind_of_block_is_shown():
     blocks = (
         "plain & simple, 3 %",
         ("first", "second"),
-        Facts((("4.2 %", "error"),)),
+        Facts((("4.2 %", "error"), ("3", "joints", "of `7`, +- 1")), large=True),
+        Fold("more", ("hidden",)),
+        Code("a: 1\nb: 2"),
         Table((Column("name", numeric=False), Column("value", muted=True)), (("a-b", "-1e-5"), ("c", "-"))),
         Section("Inner", (Markup("<em>kept</em>"), figure())),
     )
-    page = render("Title", "Lead", [Section("One", blocks), Section("Two", ())])
+    page = render("Title", "Lead", [Section("One", blocks, Badge("good", "good")), Section("Two", ())])
     outline = Outline(page)
     assert "<p>plain &amp; simple, 3\u00a0%</p>" in page
     assert "<li>second</li>" in page
     assert "<dt>error</dt><dd>4.2 %</dd>" in page
+    assert '<dt>joints</dt><dd>3</dd><dd class="note">of <code>7</code>, ± 1</dd>' in page
+    assert "<summary>more</summary>\n<p>hidden</p>" in page
+    assert '<pre tabindex="0">a: 1\nb: 2</pre>' in page
+    assert '<h2>One <span class="badge good">good</span></h2>' in page
     assert '<td class="words">a-b</td><td class="number muted">\u22121e\u22125</td>' in page
     assert '<td class="number muted">-</td>' in page
     assert "<em>kept</em>" in page
-    assert '<section id="part-1-5">\n<h3>Inner</h3>' in page
+    assert '<section id="part-1-7">\n<h3>Inner</h3>' in page
     assert [attrs["href"] for tag, attrs in outline.tags if tag == "a"] == ["#part-1", "#part-2"]
     assert '<section id="part-2">' in page
+
+
+def test_a_gallery_offers_each_option_once():
+    views = tuple(((log, joint), (figure(f"{log} {joint}"),)) for log in ("a", "b") for joint in ("x", "y", "z"))
+    gallery = Gallery(("log", "joint"), views)
+    assert gallery.options == (("log", ("a", "b")), ("joint", ("x", "y", "z")))
+    page = render("t", "l", [Section("s", (gallery,))])
+    assert re.findall(r'data-at="([^"]*)"', page) == [f"{i} {j} " for i in range(2) for j in range(3)]
+    outline = Outline(page)
+    assert (outline.count("button"), outline.count("figure")) == (5, 6)
+    assert page.count('<div class="choices" role="group" aria-label="joint" hidden>') == 1
+
+
+def test_a_table_without_titles_has_no_head():
+    page = render("t", "l", [Section("s", (pairs("", [("file", "arm.urdf")]),))])
+    assert "<tr hidden>" in page
+    assert "<tr hidden>" not in render("t", "l", [Section("s", (pairs("setting", [("a", "b")]),))])
 
 
 def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
@@ -118,8 +155,10 @@ def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
 
 def test_names_cannot_break_out_of_texts_tables_and_figures():
     table = Table((Column(EVIL, EVIL, numeric=False),), ((EVIL,),), EVIL)
-    blocks = (EVIL, (EVIL,), Facts(((EVIL, EVIL),)), table, figure(EVIL), Section(EVIL, (EVIL,)))
-    page = render(EVIL, EVIL, [Section(EVIL, blocks)])
+    quoted = f"`{EVIL}`"
+    blocks = (EVIL, (quoted,), Facts(((EVIL, EVIL, quoted),)), table, figure(EVIL), Section(EVIL, (EVIL,)))
+    blocks += (Fold(EVIL, (Code(EVIL),)), Gallery((EVIL,), (((EVIL,), (EVIL,)), ((quoted,), (quoted,)))))
+    page = render(EVIL, EVIL, [Section(EVIL, blocks, Badge(EVIL, "bad"))])
     outline = Outline(page)
     assert outline.count("script") == 3
     assert outline.count("b") == 0

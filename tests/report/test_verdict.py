@@ -15,16 +15,21 @@ from .test_page import EVIL
 
 def run(name="reach.csv", joints=("shoulder", "elbow"), failure=""):
     each = dict.fromkeys(joints, np.inf if failure else 3.5)
+    t = np.linspace(0.0, 1.0, 50)
+    q = np.outer(t, np.arange(1.0, len(joints) + 1))
     return SimpleNamespace(
-        name=name, joints=joints, driver="torque", restart=0.5, relative_error=each, motion_error=each, rms=each,
-        torque_error={}, failure=failure,
+        t=t, q=np.full_like(q, np.inf) if failure else q + 0.01, measured=q, name=name, joints=joints, driver="torque",
+        restart=0.5, relative_error=each, motion_error=each, rms=each, torque_error={}, failure=failure,
     )  # fmt: skip
 
 
 def test_the_page_begins_with_the_verdict(identification):
     page = identification_page(identification)
-    assert "<h2>Verdict: do not use</h2>" in page
-    assert page.index("Verdict: do not use") < page.index("What was found")
+    assert '<h2>Verdict <span class="badge bad">do not use</span></h2>' in page
+    assert page.index('class="badge bad"') < page.index('<dl class="facts large">') < page.index("Robot and data</h2>")
+    assert "<dt>torque error, held out</dt><dd>5.10 %</dd>" in page
+    assert "<dt>worst joint, held out</dt><dd>4.50 %</dd>" in page
+    assert '<dd>0.40 %</dd><dd class="note">shoulder: 0.0200 N m of 5.00</dd>' in page
     assert "The mass matrix is positive definite" in page
     assert "What to do next" in page
     assert "What is left of the torque, unfiltered" in page
@@ -42,10 +47,27 @@ def test_free_simulations_are_shown_with_their_failures(identification):
     identification.runs = (run(), run("swing.csv", failure="it runs away"))
     page = identification_page(identification)
     assert "torque, 0.5 s" in page
+    assert '<dd>fails</dd><dd class="note">swing.csv: it runs away</dd>' in page
+    assert page.count("elbow: measured and simulated position.") == 2  # the figure's label and its caption
     assert "swing.csv: it runs away" in page
     kept = result_dict(identification)["simulation"]
     assert kept["reach.csv"]["rms"] == {"shoulder": 3.5, "elbow": 3.5}
     assert kept["swing.csv"]["failure"] == "it runs away"
+
+
+def test_of_a_single_joint_the_error_is_told_in_its_unit():
+    found = identification_of(joints=("slider",))
+    found.model.limits.clear()
+    for log in found.logs:
+        log.effort_share = {}
+    page = identification_page(found)
+    assert '<dt>largest rms error, held out</dt><dd>0.0200 N m</dd><dd class="note">slider, reach.csv</dd>' in page
+    assert "worst joint" not in page
+
+
+def test_the_free_simulation_is_one_of_the_three_numbers(identification):
+    identification.runs = (run(),)
+    assert "<dt>position error, free simulation</dt><dd>3.5 %</dd>" in identification_page(identification)
 
 
 def test_names_cannot_break_out_of_the_verdict():

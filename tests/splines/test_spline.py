@@ -311,3 +311,12 @@ def test_any_grid_and_values(steps: list[float], values: list[float], level: flo
     assert reached == pytest.approx(S, rel=1e-7) or (reached < S and fit.p == 0)
     assert fit.c[0] == fit.c[-1] == 0
     assert 2 - 1e-6 <= fit.edf <= len(t) + 1e-6
+
+
+@pytest.mark.parametrize("lam", [1e-3, 1.0])
+def test_of_the_cut_off_frequency_71_percent_pass(lam: float) -> None:
+    t = np.arange(20_000) * 1e-3
+    cutoff = float(smooth(t, np.sin(t), Fixed(lam=lam)).cutoff)
+    passed = smooth(t, np.sin(2 * np.pi * cutoff * t), Fixed(lam=lam)).values[8000:12_000]
+    assert np.abs(passed).max() == pytest.approx(np.sqrt(0.5), rel=1e-5)
+    assert smooth(t, np.sin(t), Interpolation()).cutoff == np.inf

@@ -78,7 +78,7 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_roles
     from dynident.io.recipe import build_recipe
-    from dynident.io.saved import model_settings
+    from dynident.io.saved import log_hashes, model_settings
 
     config = read_config(path)
     say("building the model")
@@ -86,7 +86,6 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     recipe = build_recipe(config)
     warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
     logs, remarks = read_roles(config, model.joints, say)
+    read = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **log_hashes(config)}
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
-    text = path.read_text(encoding="utf-8-sig")
-    settings = {"configuration": text, **model_settings(config, path), **found.settings}
-    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings=settings)
+    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings={**read, **found.settings})

@@ -41,11 +41,17 @@ def model_file(spec: str | RobotSettings, folder: Path) -> Path | None:
 
 
 def fingerprint(path: Path) -> str:
-    """Return the SHA-256 of a file; ModelError where it cannot be read."""
+    """Return the SHA-256 of a file, or of a folder's files one after the other; ModelError where one cannot be read."""
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    digest = hashlib.sha256()
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        for file in files:
+            with file.open("rb") as content:
+                while part := content.read(1 << 20):
+                    digest.update(part)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}.") from error
+    return digest.hexdigest()
 
 
 def load_robot(settings: RobotSettings) -> Model:

@@ -20,10 +20,22 @@ from dynident.io.settings import Config, LogSpec
 from dynident.model import Model
 from dynident.smoothers import Delayed, Smoother
 
-__all__ = ["Saved", "check_targets", "log_spec", "model_settings", "read_result"]
+__all__ = [
+    "FILE",
+    "HASH",
+    "HASH_OF",
+    "ORIGIN",
+    "Saved",
+    "check_targets",
+    "log_hashes",
+    "log_spec",
+    "model_settings",
+    "read_result",
+]
 
 Array = NDArray[np.float64]
 FILE, HASH, ORIGIN = "model file", "model file SHA-256", "configuration file"
+HASH_OF = "SHA-256 of "
 SMOOTHER, DELAY, LEAN = "smoother used", "delay used", "lean used"
 
 
@@ -46,6 +58,12 @@ def model_settings(config: Config, path: Path) -> dict[str, str]:
     found = {ORIGIN: str(path.resolve())}
     file = model_file(config.model, path.parent)
     return found if file is None else found | {FILE: str(file.resolve()), HASH: fingerprint(file)}
+
+
+def log_hashes(config: Config) -> dict[str, str]:
+    """Return the SHA-256 of every file of the recordings, by ``SHA-256 of FILE``; each file is read once more."""
+    files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
+    return {f"{HASH_OF}{file}": fingerprint(file) for file in files}
 
 
 def check_targets(folder: Path, names: Iterable[str], settings: Mapping[str, str]) -> None:

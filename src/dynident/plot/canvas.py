@@ -15,13 +15,32 @@ from dynident.errors import InputError
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-__all__ = ["AMBER", "BLUE", "GREEN", "GRID", "INK", "RED", "Array", "curve", "only", "panels", "plain", "thin"]
+__all__ = [
+    "AMBER",
+    "BLUE",
+    "GREEN",
+    "GRID",
+    "INK",
+    "PALE",
+    "RED",
+    "Array",
+    "curve",
+    "only",
+    "origin",
+    "panels",
+    "plain",
+    "share",
+    "thin",
+]
 
 Array = NDArray[np.float64]
 
 INK = "#7d7d7d"
 BLUE, RED, GREEN, AMBER = "#3584e4", "#e5484d", "#2e9e5b", "#c98500"
 GRID = "rgba(128, 128, 128, 0.25)"
+PALE = "rgba(128, 128, 128, 0.5)"
+FAR = 100.0  # lengths of a log from which on its stamps are far from zero
+ALL_POINTS = 300_000  # of all curves of a page; a point takes 11 bytes there
 
 
 def thin(t: Array, y: Array, points: int = 2000) -> tuple[Array, Array]:
@@ -112,6 +131,14 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
     )
 
 
+def origin(t: Array) -> float:
+    """Return the time (s) from which a figure counts: that of the axis, but for stamps far from zero their first one.
+
+    Such stamps count from 1970, or from when a machine was started; no reader can tell them apart at an axis.
+    """
+    return float(np.floor(t[0])) if abs(t[0]) > FAR * (t[-1] - t[0]) else 0.0
+
+
 def only(values: Array, keep: NDArray[np.bool_]) -> Array:
     """Return values (N) with nan where they are not kept."""
     return np.where(keep, values, np.nan)
@@ -120,3 +147,8 @@ def only(values: Array, keep: NDArray[np.bool_]) -> Array:
 def plain(name: str) -> str:
     """Escape a name for plotly, which reads a few HTML tags in its texts."""
     return escape(name, quote=False)
+
+
+def share(curves: int) -> int:
+    """Return the points for each of so many curves, at most 4000, so that a page of all of them stays near 3 MB."""
+    return int(np.clip(ALL_POINTS // max(curves, 1), 100, 4000))

@@ -1,35 +1,25 @@
-"""Figures of an identification: torques, motions and parameters."""
+"""Figures of an identification over time, and its errors: torques, motions, free simulations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynident.errors import InputError, choices
-from dynident.log import Motion
-from dynident.plot.canvas import BLUE, GREEN, GRID, INK, RED, Array, curve, only, panels, plain
+from dynident.log import Log, Motion
+from dynident.plot.canvas import AMBER, BLUE, GREEN, INK, PALE, RED, Array, curve, only, origin, panels, plain
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from dynident.estimators import Estimate
-    from dynident.identify import Identification
-    from dynident.model import Model
+    from dynident.control import FreeRun
     from dynident.validation import LogValidation
 
-__all__ = [
-    "motion_figure",
-    "parameter_figure",
-    "reference_word",
-    "relative_std",
-    "smoothing_figure",
-    "torque_figure",
-]
+__all__ = ["error_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
 
-WIDEST = 100.0  # % of a parameter's value at which the axis ends
-NORMAL_95 = 1.96  # two-sided 95 % quantile of the normal distribution
+HELD_OUT = (BLUE, GREEN, AMBER, RED)
 
 
 def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 2000) -> go.Figure:
@@ -41,23 +31,68 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
     j = _column(log.motion, joint)
     measured = only(log.motion.tau[:, j], log.motion.mask)
     predicted = only(log.predicted[:, j], log.motion.mask)
-    figure = panels([f"{'force' if unit == 'N' else 'torque'}, {unit}", "residual"], 430, heights=[0.68, 0.32])
+    titles = [f"{'force' if unit == 'N' else 'torque'}, {unit}", f"residual, {unit}"]
+    figure = panels(titles, 430, heights=[0.66, 0.34])
     curves = ("measured", measured, BLUE, 2.4, 1), ("predicted", predicted, RED, 1.2, 1)
+    zero = origin(log.motion.t)
     for name, values, colour, width, row in (*curves, ("residual", measured - predicted, INK, 1.0, 2)):
         line = {"color": colour, "width": width}
-        figure.add_trace(curve(log.motion.t, values, name, line, points), row=row, col=1)
-    return figure
+        figure.add_trace(curve(log.motion.t - zero, values, name, line, points), row=row, col=1)
+    return _since(figure, zero)
 
 
-def motion_figure(motion: Motion, joint: str, unit: str = "rad", points: int = 2000) -> go.Figure:
+def motion_figure(
+    motion: Motion, joint: str, unit: str = "rad", points: int = 2000, recorded: Log | None = None, delay: float = 0.0
+) -> go.Figure:
     """Draw a joint's smoothed position, velocity and acceleration over time, one panel each.
 
-    Samples outside the mask are gaps. Raises InputError where the motion has no such joint.
+    Samples outside the mask are gaps. Where the recording is given, its positions are drawn too, each ``delay`` (s)
+    before its stamp, and what the smoothing took away, measured minus smoothed, has a panel of its own.
+    Raises InputError where the motion has no such joint.
     """
     j = _column(motion, joint)
     titles = [f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²"]
     curves = {name: only(getattr(motion, name)[:, j], motion.mask) for name in ("q", "dq", "ddq")}
-    return _stack(motion.t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
+    zero = origin(motion.t)
+    t = motion.t - zero
+    if recorded is None:
+        stacked = _stack(t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
+        return _since(stacked, zero)
+    titles.insert(1, f"taken away, {unit}")
+    figure = panels(titles, 700, heights=[0.28, 0.2, 0.24, 0.28])
+    measured, smoothed = recorded.q[:, recorded.joints.index(joint)], motion.delayed(-delay)
+    left = only(measured - smoothed.q[:, j], motion.mask & smoothed.mask)
+    drawn = (
+        (1, "measured", t - delay, only(measured, motion.mask), PALE, 3.5),
+        (1, "smoothed", t, curves["q"], BLUE, 1.3),
+        (2, "measured minus smoothed", t - delay, left, INK, 0.8),
+        (3, "velocity", t, curves["dq"], GREEN, 1.3),
+        (4, "acceleration", t, curves["ddq"], RED, 1.3),
+    )
+    for row, name, times, values, colour, width in drawn:
+        line = {"color": colour, "width": width}
+        figure.add_trace(curve(times, values, name, line, points).update(showlegend=row == 1), row=row, col=1)
+    return _since(figure, zero)
+
+
+def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) -> go.Figure:
+    """Draw a joint's measured and simulated position over time, and their difference below.
+
+    A simulation that starts anew is broken at each start, and one that ran away is missing.
+    Raises InputError where the run has no such joint.
+    """
+    if joint not in run.joints:
+        raise InputError(f"{run.name}: no joint {joint!r}; {choices(joint, run.joints)}")
+    j = run.joints.index(joint)
+    simulated = only(run.q[:, j], np.isfinite(run.q[:, j]))
+    if run.restart is not None:  # each piece begins at the measured state: its first sample is left out as a break
+        simulated = only(simulated, run.q[:, j] != run.measured[:, j])
+    figure = panels([f"position, {unit}", f"error, {unit}"], 430, heights=[0.66, 0.34])
+    curves = ("measured", run.measured[:, j], BLUE, 2.4, 1), ("simulated", simulated, RED, 1.2, 1)
+    zero = origin(run.t)
+    for name, values, colour, width, row in (*curves, ("error", run.measured[:, j] - simulated, INK, 1.0, 2)):
+        figure.add_trace(curve(run.t - zero, values, name, {"color": colour, "width": width}, points), row=row, col=1)
+    return _since(figure, zero)
 
 
 def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> go.Figure:
@@ -75,70 +110,35 @@ def _stack(t: Array, titles: Sequence[str], curves: Mapping[str, Array], points:
     return figure
 
 
-def parameter_figure(identification: Identification) -> go.Figure:
-    """Draw the 95 % interval (1.96 standard errors) of each parameter in % of its value, one row per parameter.
-
-    The axis ends at 100 %: a bar that leaves it means that not even the sign is known. Parameters that the data do not
-    determine (infinite standard error, or a value of zero) are hollow and have no bar; a blue cross is the distance
-    of the true value, where the model knows it, in % of the estimate.
-    """
-    figure = panels([""], 110 + 20 * len(identification.estimate.names), shared=False)
-    for trace in _errors(identification):
-        figure.add_trace(trace, row=1, col=1)
-    last = len(identification.estimate.names) - 0.5
-    half = NORMAL_95 * relative_std(identification.estimate)
-    reach = float(np.clip(1.2 * half[np.isfinite(half)].max(initial=0.0), 0.01, WIDEST))
-    figure.update_yaxes(type="category", range=[last, -0.5], dtick=1)
-    figure.update_xaxes(range=[-reach, reach], title="95 % interval, % of the value", zeroline=True, zerolinecolor=GRID)
-    return figure.update_layout(hovermode="closest")
-
-
-def relative_std(estimate: Estimate) -> Array:
-    """Return the standard errors (p) in % of the values; infinite where the value is zero."""
-    value, std = np.asarray(estimate.value), np.asarray(estimate.std)
-    relative: Array = np.full(len(value), np.inf)
-    with np.errstate(over="ignore"):
-        np.divide(100 * std, np.abs(value), out=relative, where=value != 0)
-    return relative
-
-
-def reference_word(model: Model) -> str:
-    """Return what the parameters' known values are: "nominal" from a robot file, which knows bodies, else "true"."""
-    return "nominal" if any(parameter.body for parameter in model.parameters) else "true"
-
-
-def _errors(identification: Identification) -> Iterable[Any]:
+def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> go.Figure:
+    """Draw the unfiltered relative error (%) by joint as bars, one for each log; training logs are grey."""
     import plotly.graph_objects as go
 
-    estimate, model = identification.estimate, identification.model
-    names = [plain(name) for name in estimate.names]
-    relative = relative_std(estimate)
-    sure = np.isfinite(relative)
-    half = np.where(sure, np.minimum(NORMAL_95 * relative, 1e6), 0.0)
-    signs = zip(estimate.value, estimate.std, estimate.units, strict=True)
-    yield go.Scatter(
-        x=np.zeros(len(names)),
-        y=names,
-        error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
-        mode="markers",
-        name="estimate with its 95 % interval (hollow: not determined)",
-        marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in sure]},
-        text=[f"{value:.4g} ± {NORMAL_95 * std:.2g} {plain(unit)}" for value, std, unit in signs],
-        hovertemplate="%{y}: %{text} (95 % interval)<extra></extra>",
-    )
-    known = [k for k, parameter in enumerate(model.parameters) if parameter.value is not None and sure[k]]
-    if known and reference_word(model) == "true":
-        true = np.array([model.parameters[k].value for k in known], dtype=float)
-        value = np.asarray(estimate.value)[known]
-        yield go.Scatter(
-            x=100 * (true - value) / np.abs(value),
-            y=[names[k] for k in known],
-            mode="markers",
-            name="true value",
-            marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
-            customdata=true,
-            hovertemplate="%{y}: true value %{customdata:.4g}<extra></extra>",
+    height = 110 + len(joints) * (16 + 16 * len(logs))
+    figure = panels([""], height, shared=False)
+    held = [log.name for log in logs if log.role != "train"]
+    for log in logs:
+        train = log.role == "train"
+        figure.add_trace(
+            go.Bar(
+                y=[plain(joint) for joint in joints],
+                x=[log.per_joint.get(joint) for joint in joints],
+                orientation="h",
+                name=f"{plain(log.name)} ({'training' if train else 'held out'})",
+                marker={"color": PALE if train else HELD_OUT[held.index(log.name) % len(HELD_OUT)]},
+                hovertemplate="%{y}: %{x:.3g} %",
+            )
         )
+    figure.update_yaxes(type="category", autorange="reversed", showgrid=False)
+    figure.update_xaxes(title="torque error, %", rangemode="tozero")
+    return figure.update_layout(barmode="group", bargap=0.25, hovermode="closest")
+
+
+def _since(figure: go.Figure, zero: float) -> go.Figure:
+    """Return the figure with its axis of time named after where it counts from."""
+    if zero:
+        figure.update_xaxes(title=f"time since {zero:.0f} s, s", selector=lambda axis: axis.title.text == "time, s")
+    return figure
 
 
 def _column(motion: Motion, joint: str) -> int:

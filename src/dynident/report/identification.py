@@ -6,21 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from dynident import plot
+from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
-from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render, terminal
-from dynident.report.parameters import (
-    base_section,
-    brief,
-    consistency_section,
-    parameter_blocks,
-    parameter_results,
-    rank_sentence,
-    terminal_parameters,
-)
-from dynident.report.verdict import residual_table, simulation_section, verdict_results, verdict_section
+from dynident.report.page import Block, Fold, Section, render, terminal
+from dynident.report.parameters import LONGEST, brief, parameter_results, parameter_section, terminal_parameters
+from dynident.report.repeat import repeat_section
+from dynident.report.structure import base_section, condition_section, consistency_section
+from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
+from dynident.report.verdict import verdict_results, verdict_section
+from dynident.report.words import ROLES, count, listed, logs_of
 
 if TYPE_CHECKING:
     import rich.table
@@ -31,35 +25,51 @@ if TYPE_CHECKING:
 
 __all__ = ["identification_notes", "identification_page", "identification_tables", "result_dict"]
 
-WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-MOST_NAMES = 12  # names of uncertain parameters in a sentence
-ALL_POINTS = 70_000  # points of all curves of a page together, so that it stays near 1 MB
-
 
 def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
-    """Return the identification as one HTML page: findings, parameters, errors, torques, smoothing, settings."""
+    """Return the identification as one HTML page: the verdict, what was measured and found, and how to repeat it."""
     sections = [
         verdict_section(identification),
-        Section("What was found", tuple(_found(identification))),
-        Section("Parameters", parameter_blocks(identification)),
-        *base_section(identification),
-        *consistency_section(identification),
-        Section("Errors", (_ERRORS, *_error_tables(identification), *residual_table(identification))),
+        data_section(identification),
+        error_section(identification),
+        torque_section(identification),
         *simulation_section(identification),
-        Section("Torques", (_TORQUES, *_torques(identification))),
-        Section("Smoothing", (_SMOOTHING, *_smoothing(identification), *_motions(identification))),
+        parameter_section(identification),
+        *base_section(identification),
+        condition_section(identification),
+        *consistency_section(identification),
+        smoothing_section(identification),
         *export_section(exports),
-        Section("Warnings", (tuple(identification.warnings) or "None.",)),
-        Section("Settings and versions", tuple(_settings(identification))),
+        Section("Warnings", tuple(_warnings(identification))),
+        repeat_section(identification),
     ]
-    lead = f"Dynamic parameters from {_count(len(identification.logs), 'log')}: {_names(identification.logs)}."
-    return render(f"Identification of {identification.model.name}", lead, sections)
+    return render(f"Identification of {identification.model.name}", _lead(identification), sections)
+
+
+def _lead(identification: Identification) -> str:
+    model = identification.model
+    logs = "; ".join(
+        f"{word}: {listed(log.name for log in logs)}"
+        for role, word in ROLES.items()
+        if (logs := logs_of(identification, role))
+    )
+    return (
+        f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
+        f"{count(len(identification.logs), 'log')}. {logs[:1].upper()}{logs[1:]}."
+    )
+
+
+def _warnings(identification: Identification) -> Iterator[Block]:
+    status = identification.estimate.status
+    yield tuple(words for words in identification.warnings if words != status) or "None."
+    if status != "ok":
+        yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
 
 
 def identification_tables(identification: Identification) -> list[rich.table.Table]:
     """Return for a terminal: the parameters, the errors per log, and the errors per log and joint."""
     parameters, _ = terminal_parameters(identification)
-    return [terminal(table) for table in (parameters, _error_table(identification), _joint_table(identification))]
+    return [terminal(table) for table in (parameters, error_table(identification), joint_table(identification))]
 
 
 def identification_notes(identification: Identification) -> list[str]:
@@ -83,8 +93,8 @@ def result_dict(identification: Identification, exports: Sequence[Export] = ()) 
         **parameter_results(identification),
         "rank": int(estimate.rank),
         "condition": float(estimate.condition),
-        "train": {log.name: _errors(log) for log in _role(identification, "train")},
-        "validation": {log.name: _errors(log) for log in _role(identification, "validation")},
+        "train": {log.name: _errors(log) for log in logs_of(identification, "train")},
+        "validation": {log.name: _errors(log) for log in logs_of(identification, "validation")},
         "exports": export_results(exports),
         "status": estimate.status,
         "warnings": list(identification.warnings),
@@ -105,180 +115,3 @@ def _errors(log: LogValidation) -> dict[str, Any]:
         "explained": dict(log.explained),
         "residuals": {joint: {**asdict(test), "words": test.words} for joint, test in log.residuals.items()},
     }
-
-
-def _found(identification: Identification) -> Iterator[Block]:
-    train, held_out = _role(identification, "train"), _role(identification, "validation")
-    estimate = identification.estimate
-    relative = plot.relative_std(estimate)
-    well = int((relative <= WELL).sum())
-    yield Facts(
-        (
-            (_span(train), "torque error, training"),
-            (_span(held_out), "torque error, held out"),
-            (f"{well} of {len(relative)}", f"parameters within {WELL:g} % standard error"),
-            (number(estimate.condition, 3), "condition number"),
-        )
-    )
-    size = f"{_count(len(relative), 'parameter')} ({_count(estimate.rank, 'independent combination')})"
-    fit = (
-        f"From {_count(len(train), 'log')}, {size} of {identification.model.name} were estimated; the model leaves "
-        f"{_span(train)} of the measured torque there unexplained (unfiltered, in the norm over all joints)."
-    )
-    test = "No log was held out, so nothing here says how well the model predicts motions that it has not seen."
-    if held_out:
-        test = f"On {_count(len(held_out), 'log')} that the fit has not seen, it leaves {_span(held_out)} unexplained."
-    unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
-    more = f" and {len(unsure) - MOST_NAMES} more" if len(unsure) > MOST_NAMES else ""
-    rest = f"; less certain: {', '.join(unsure[:MOST_NAMES])}{more}" if unsure else ""
-    sure = f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
-    yield (fit, test, sure, *rank_sentence(identification))
-    if estimate.status not in identification.warnings:
-        yield f"Status of the fit: {estimate.status}"
-    if identification.warnings:
-        yield f"{_count(len(identification.warnings), 'warning')}, listed below."
-
-
-_ERRORS = (
-    "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
-    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used."
-)
-
-
-def _error_tables(identification: Identification) -> tuple[Table, Table]:
-    return _error_table(identification), _joint_table(identification)
-
-
-def _error_table(identification: Identification) -> Table:
-    words = (Column("log", numeric=False), Column("role", numeric=False))
-    columns = (*words, Column("samples"), Column("unfiltered, %"), Column("filtered, %"))
-    rows = [
-        (
-            log.name,
-            _ROLES.get(log.role, log.role),
-            str(int(log.motion.mask.sum())),
-            number(log.relative_error, 3),
-            number(log.relative_error_filtered, 3),
-        )
-        for log in identification.logs
-    ]
-    return Table(columns, tuple(rows), "Relative torque error per log")
-
-
-_ROLES = {"train": "training", "validation": "held out"}
-
-
-def _joint_table(identification: Identification) -> Table:
-    columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
-    rows = [
-        (
-            log.name,
-            joint.name,
-            number(log.per_joint.get(joint.name), 3),
-            number(log.rmse.get(joint.name), 3),
-            joint.effort,
-        )
-        for log in identification.logs
-        for joint in identification.model.joints
-    ]
-    return Table((*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered")
-
-
-_TORQUES = (
-    "Measured and predicted torque, and below their difference. Drag over a part to zoom, double-click to return."
-)
-
-
-def _torques(identification: Identification) -> Iterator[Section]:
-    points = _points(identification)
-    for log in identification.logs:
-        figures = (
-            Figure(
-                plot.torque_figure(log, joint.name, joint.effort, points),
-                f"{joint.name}: relative error {number(log.per_joint.get(joint.name), 3)} %, "
-                f"rmse {number(log.rmse.get(joint.name), 3)} {joint.effort}.",
-            )
-            for joint in identification.model.joints
-        )
-        yield Section(f"{log.name} ({_ROLES.get(log.role, log.role)})", tuple(figures))
-
-
-_HEADS = {"sigma": "sigma, rad or m", "noise": "noise, rad or m", "bandwidth": "bandwidth, s"}
-_SMOOTHING = "How positions were smoothed, per log and joint, and the motion that the regression has seen."
-
-
-def _smoothing(identification: Identification) -> Iterator[Block]:
-    """Yield one table of what the smoothers say in one number per joint, and their words below it."""
-    motions = [(log.name, log.motion) for log in identification.logs]
-    keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
-    if keys:
-        rows = [
-            (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
-            for name, motion in motions
-            for j, joint in enumerate(motion.joints)
-        ]
-        columns = (
-            Column("log", numeric=False),
-            Column("joint", numeric=False),
-            *(Column(_HEADS.get(key, key)) for key in keys),
-        )
-        yield Table(columns, tuple(rows), "Smoothing per log and joint")
-    words = [
-        f"{name}: " + ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))
-        for name, motion in motions
-        if any(isinstance(value, str) for value in motion.smoothing.values())
-    ]
-    if words:
-        yield tuple(words)
-
-
-def _per_joint(motion: Any, key: str) -> bool:
-    value = motion.smoothing.get(key)
-    return value is not None and not isinstance(value, str) and np.shape(value) == (len(motion.joints),)
-
-
-def _smoothing_cell(motion: Any, key: str, j: int) -> str:
-    return number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-"
-
-
-def _motions(identification: Identification) -> Iterator[Section]:
-    points = _points(identification)
-    for log in identification.logs:
-        figures = (
-            Figure(plot.motion_figure(log.motion, joint.name, joint.unit, points), f"{joint.name}.")
-            for joint in identification.model.joints
-        )
-        yield Section(log.name, tuple(figures))
-
-
-def _settings(identification: Identification) -> Iterator[Block]:
-    yield pairs("setting", list(identification.settings.items()), "Settings")
-    yield pairs("package", list(identification.versions.items()), "Versions")
-    residual = zip(identification.model.joints, identification.estimate.sigma, strict=True)
-    rows = tuple((joint.name, number(float(sigma)), joint.effort) for joint, sigma in residual)
-    columns = (Column("joint", numeric=False), Column("sigma"), Column("unit", numeric=False))
-    yield Table(columns, rows, "Standard deviation of the torque residual")
-
-
-def _points(identification: Identification) -> int:
-    """Share the page's points among its curves: six per log and joint."""
-    curves = 6 * max(len(identification.logs) * len(identification.model.joints), 1)
-    return int(np.clip(ALL_POINTS // curves, 100, 2000))
-
-
-def _role(identification: Identification, role: str) -> list[LogValidation]:
-    return [log for log in identification.logs if log.role == role]
-
-
-def _span(logs: Sequence[LogValidation]) -> str:
-    """Word the relative error of one log, or the range over several."""
-    texts = [number(bound(log.relative_error for log in logs), 3) for bound in (min, max)] if logs else ["-"]
-    return " to ".join(dict.fromkeys(texts)) + (" %" if logs else "")
-
-
-def _names(logs: Sequence[LogValidation]) -> str:
-    return ", ".join(log.name for log in logs) or "none"
-
-
-def _count(number_of: int, noun: str) -> str:
-    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"

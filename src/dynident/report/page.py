@@ -7,6 +7,7 @@ and the styles are part of the page, which needs no network.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -19,7 +20,22 @@ if TYPE_CHECKING:
     import rich.table
     from markupsafe import Markup
 
-__all__ = ["Block", "Column", "Facts", "Figure", "Section", "Table", "number", "pairs", "render", "terminal"]
+__all__ = [
+    "Badge",
+    "Block",
+    "Code",
+    "Column",
+    "Facts",
+    "Figure",
+    "Fold",
+    "Gallery",
+    "Section",
+    "Table",
+    "number",
+    "pairs",
+    "render",
+    "terminal",
+]
 
 
 @dataclass(frozen=True)
@@ -53,12 +69,33 @@ class Table:
         runs = tuple((name, len(list(run))) for name, run in groupby(column.group for column in self.columns))
         return runs if any(name for name, _ in runs) else ()
 
+    @property
+    def titled(self) -> bool:
+        """Whether any column has a title."""
+        return any(column.title for column in self.columns)
+
 
 @dataclass(frozen=True)
 class Facts:
-    """The few numbers to see first: pairs of a value and what it is."""
+    """The few numbers to see first: a value, what it is and, where there is more to say, a note below it."""
 
-    facts: tuple[tuple[str, str], ...]
+    facts: tuple[tuple[str, ...], ...]
+    large: bool = False
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A word to see first, in the colour of its tone."""
+
+    text: str
+    tone: Literal["good", "fair", "bad"]
+
+
+@dataclass(frozen=True)
+class Code:
+    """A text that is shown as it is, line by line."""
+
+    text: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +112,35 @@ class Section:
 
     title: str
     blocks: tuple[Block, ...]
+    badge: Badge | None = None
 
 
-Block = str | tuple[str, ...] | Table | Facts | Figure | Section
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Blocks behind their title, which a reader opens."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """Views of which a reader sees one at a time: each has one option per label, such as its log and its joint.
+
+    A choice holds for all galleries of the page that offer it.
+    """
+
+    labels: tuple[str, ...]
+    views: tuple[tuple[tuple[str, ...], tuple[Block, ...]], ...]
+
+    @property
+    def options(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Each label with the options among which there is a choice."""
+        columns = zip(*(keys for keys, _ in self.views), strict=True)
+        return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
+
+
+Block = str | tuple[str, ...] | Table | Facts | Code | Figure | Section | Fold | Gallery
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -97,7 +160,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> Table:
     """Return a table of names and texts, such as settings or versions."""
-    columns = (Column(title, numeric=False), Column("value", numeric=False))
+    columns = (Column(title, numeric=False), Column("value" if title else "", numeric=False))
     return Table(columns, tuple((str(name), str(text)) for name, text in content), caption)
 
 
@@ -143,7 +206,7 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json}
+    environment.filters |= {"kind": _kind, "minus": _minus, "json": _json, "words": _words}
     return environment
 
 
@@ -161,7 +224,9 @@ def _kind(block: Block) -> str:
 
 
 def _has_figure(block: Block) -> bool:
-    if isinstance(block, Section):
+    if isinstance(block, Gallery):
+        return any(_has_figure(inner) for _, blocks in block.views for inner in blocks)
+    if isinstance(block, Section | Fold):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
 
@@ -169,6 +234,14 @@ def _has_figure(block: Block) -> bool:
 def _minus(cell: str) -> str:
     """Return a number with a true minus sign; a lone hyphen means that there is none and stays."""
     return cell.replace("-", "\u2212") if len(cell) > 1 else cell
+
+
+def _words(text: str) -> Markup:
+    """Return a sentence, escaped, with its `code` set as such, ± for +-, and no line break before %."""
+    from markupsafe import Markup, escape
+
+    safe = str(escape(text.replace("+-", "±").replace(" %", "\u00a0%")))
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
 def _json(figure: Any) -> Markup:

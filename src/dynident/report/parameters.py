@@ -1,92 +1,168 @@
-"""The parameters of an identification in a report: values, base parameters, and what physics demands of them."""
+"""The parameters of an identification in a report: values, standard errors, and what determined them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynident import plot
-from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number
+from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
+from dynident.report.words import listed
 from dynident.terms.term import INERTIAL
 
 if TYPE_CHECKING:
-    from dynident.basis import Basis
     from dynident.identify import Identification
+    from dynident.terms.term import Parameter
 
 __all__ = [
-    "base_section",
     "brief",
-    "consistency_section",
-    "parameter_blocks",
     "parameter_results",
+    "parameter_section",
     "parameter_table",
     "rank_sentence",
+    "standard_errors",
     "terminal_parameters",
 ]
 
 FULL_LIST = 40  # a terminal shows up to this many parameters all
+ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
+WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
+VERDICTS = {"bound": "at a bound", "unidentifiable": "not identifiable"}
+FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
 _CAPTION = (
-    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined by these logs. "
-    "They assume independent residuals and an exactly known motion: the true uncertainty is larger, especially where "
-    "the torque error is large."
+    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero. They "
+    "take the motion as exactly known: the true uncertainty is larger, especially where the torque error is large."
+)
+_ROBUST = (
+    "Standard errors allow for residuals that are correlated in time (Newey and West); those in grey assume "
+    "independent ones, and are then too small."
 )
 _VERDICT = (
-    "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; bound, a "
-    "limit of physics or of the configuration; unidentifiable, nothing."
+    "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; at a bound, a "
+    "limit of physics or of the configuration; not identifiable, nothing."
 )
-_BASE = (
-    "Base parameters are the combinations of parameters that act on the torque each in its own way; unlike the single "
-    "parameters in them, their values follow from the data alone."
-)
-_EIGENVALUES = (
-    "The pseudo-inertia of a body of real mass has no negative eigenvalue (Wensing, Kim and Slotine, 2018). "
-    "It is scaled by the body's usual mass and length; a zero lies on the boundary of what is possible."
+_COMBINED = (
+    "Determined by: data, the measured torques; in combination, only together with others (see the base parameters): "
+    "the single value is then one of many, and means nothing by itself; not identifiable, no effect on the torque."
 )
 
 
-def parameter_blocks(identification: Identification) -> tuple[Block, ...]:
-    """Return the table of all parameters and, where there is one, the figure of their standard errors."""
-    blocks: list[Block] = [parameter_table(identification)]
-    if identification.estimate.verdict:
-        blocks.append(_VERDICT)
-    if len(identification.estimate.names):
-        blocks.append(Figure(plot.parameter_figure(identification), _CAPTION))
-    return tuple(blocks)
+def parameter_section(identification: Identification) -> Section:
+    """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
+    parameters = identification.model.parameters
+    blocks: list[Block] = [" ".join((_certain(identification), *rank_sentence(identification)))]
+    blocks += [_ROBUST] if identification.std_hac is not None else []
+    blocks += [_VERDICT] if identification.estimate.verdict else [_COMBINED] if identification.basis else []
+    table = parameter_table(identification)
+    if len(parameters) <= FULL_LIST:
+        blocks.append(table)
+    else:
+        shown = _not_inertial(parameters)
+        blocks += [parameter_table(identification, shown)] if shown else []
+        blocks.append(Fold(f"Table of all {len(parameters)} parameters", (table,)))
+    groups = _groups(parameters)
+    if len(parameters) <= ONE_FIGURE:
+        groups = {"all": list(range(len(parameters)))} if parameters else {}
+    views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
+    return Section("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+
+
+def standard_errors(identification: Identification) -> plot.Array:
+    """Return the standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
+    plain, robust = np.asarray(identification.estimate.std), identification.std_hac
+    return plain if robust is None else np.where(np.isfinite(robust), robust, plain)
 
 
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> Table:
     """Return the table of the ``chosen`` parameters, by default all; columns without content are left out."""
     estimate, parameters = identification.estimate, identification.model.parameters
     shown = range(len(parameters)) if chosen is None else chosen
-    relative = plot.relative_std(estimate)
+    errors = standard_errors(identification)
+    relative = plot.relative_std(estimate.value, errors)
+    robust = identification.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
-    meant = any(parameters[k].expression for k in shown)
-    verdict = bool(estimate.verdict)
+    meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
+    verdict = _verdicts(identification)
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
+    columns += [Column("if independent", muted=True)] * robust
     columns += [Column(plot.reference_word(identification.model))] * known + [Column("unit", numeric=False)]
-    columns += [Column("determined by", numeric=False)] * verdict + [Column("meaning", numeric=False)] * meant
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
     rows = []
     for k in shown:
-        row = [estimate.names[k], number(float(estimate.value[k])), number(float(estimate.std[k]), 2)]
-        row += [number(float(relative[k]), 2)] + [number(parameters[k].value)] * known + [estimate.units[k]]
-        row += list(estimate.verdict[k : k + 1]) + [parameters[k].expression] * meant
+        row = [estimate.names[k], number(float(estimate.value[k])), number(float(errors[k]), 2)]
+        row += [number(float(relative[k]) if estimate.value[k] else None, 2)] + [
+            number(float(estimate.std[k]), 2)
+        ] * robust
+        row += [number(parameters[k].value)] * known + [estimate.units[k]]
+        row += list(verdict[k : k + 1]) + [parameters[k].expression] * meant
         rows.append(tuple(row))
     return Table(tuple(columns), tuple(rows), "Parameters with their standard errors")
+
+
+def _verdicts(identification: Identification) -> tuple[str, ...]:
+    """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
+    estimate, basis = identification.estimate, identification.basis
+    if estimate.verdict or basis is None:
+        return tuple(VERDICTS.get(word, word) for word in estimate.verdict)
+    alone, none = set(basis.determined), set(basis.without_effect)
+    return tuple(
+        "data" if name in alone else "not identifiable" if name in none else "in combination" for name in estimate.names
+    )
+
+
+def _certain(identification: Identification) -> str:
+    estimate = identification.estimate
+    relative = plot.relative_std(estimate.value, standard_errors(identification))
+    well = int((relative <= WELL).sum())
+    unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
+    rest = f"; less certain: {listed(unsure)}" if unsure and not identification.basis else ""
+    return f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
+
+
+def _groups(parameters: tuple[Parameter, ...]) -> dict[str, list[int]]:
+    """Return the columns of the parameters by what they are, those of the bodies last."""
+    found: dict[str, list[int]] = {}
+    for k in sorted(range(len(parameters)), key=lambda k: parameters[k].role in INERTIAL):
+        found.setdefault(_group(parameters[k]), []).append(k)
+    return found
+
+
+def _group(parameter: Parameter) -> str:
+    role = parameter.role
+    if role in INERTIAL:
+        return "mass" if role == "mass" else "first moments" if role in INERTIAL[1:4] else "inertia"
+    return FRICTION.get(role, "offsets and others" if parameter.unit in ("N m", "N") else "others")
+
+
+def _interval(identification: Identification, rows: list[int]) -> Figure:
+    estimate, model = identification.estimate, identification.model
+    true = plot.reference_word(model) == "true"
+    figure = plot.interval_figure(
+        [estimate.names[k] for k in rows],
+        [estimate.units[k] for k in rows],
+        np.asarray(estimate.value)[rows],
+        standard_errors(identification)[rows],
+        [model.parameters[k].value for k in rows] if true else (),
+    )
+    return Figure(figure, _CAPTION)
 
 
 def terminal_parameters(identification: Identification) -> tuple[Table, tuple[str, ...]]:
     """Return the table for a terminal, which of a large model shows what is not inertial, and what to say below it."""
     parameters = identification.model.parameters
-    shown = tuple(k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL)
+    shown = _not_inertial(parameters)
     hidden = len(parameters) - len(shown)
     if len(parameters) <= FULL_LIST or not hidden:
         return parameter_table(identification), rank_sentence(identification)
     table = parameter_table(identification, shown)
     return table, (f"{hidden} inertial parameters are in the report.", *rank_sentence(identification))
+
+
+def _not_inertial(parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
+    return tuple(k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL)
 
 
 def rank_sentence(identification: Identification) -> tuple[str, ...]:
@@ -96,8 +172,8 @@ def rank_sentence(identification: Identification) -> tuple[str, ...]:
     standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
     if rank == count or not standard:
         return ()
-    listed = "; the report lists the base parameters" if basis else ""
-    return (f"{rank} of {count} parameters act on the torque on their own in these data{listed}.",)
+    rest = "; the report lists the base parameters" if basis else ""
+    return (f"{rank} of {count} parameters act on the torque on their own in these data{rest}.",)
 
 
 def brief(warning: str) -> str:
@@ -105,53 +181,6 @@ def brief(warning: str) -> str:
     if len(warning) <= LONGEST:
         return warning
     return f"{warning[:LONGEST].rsplit(' ', 1)[0]} ... (in full in the report)"
-
-
-def base_section(identification: Identification) -> Iterator[Section]:
-    """Yield the section of the base parameters where the identification has found them."""
-    basis, structural = identification.basis, identification.structural
-    if basis is None:
-        return
-    facts = [(f"{basis.rank} of {len(basis.names)}", "rank on the data")]
-    facts += [(str(structural.rank), "rank that any motion could show")] if structural else []
-    facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
-    blocks: list[Block] = [_BASE, Facts(tuple(facts)), _base_table(identification, basis)]
-    missing = tuple(one.words for one in identification.missing)
-    if missing:
-        blocks.append(Section("What these data do not show", (missing,)))
-    yield Section("Base parameters", tuple(blocks))
-
-
-def _base_table(identification: Identification, basis: Basis) -> Table:
-    units = [identification.estimate.units[k] for k in basis.independent]
-    values = basis.to_base(identification.estimate.value)
-    rows = tuple(
-        (name, number(float(value)), number(float(std), 2), unit)
-        for name, value, std, unit in zip(basis.groupings, values, _base_std(identification, basis), units, strict=True)
-    )
-    heads = (Column("base parameter", numeric=False), Column("value"), Column("std. error"))
-    return Table((*heads, Column("unit", numeric=False)), rows, "Base parameters and their values")
-
-
-def _base_std(identification: Identification, basis: Basis) -> plot.Array:
-    found = identification.base_std
-    return np.full(basis.rank, np.nan) if found is None else found
-
-
-def consistency_section(identification: Identification) -> Iterator[Section]:
-    """Yield the section on what physics demands, where the estimator has looked."""
-    eigenvalues, costs = identification.estimate.eigenvalues, identification.estimate.costs
-    blocks: list[Block] = []
-    if eigenvalues:
-        columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
-        rows = tuple((body, number(float(value), 3)) for body, value in eigenvalues.items())
-        blocks += [_EIGENVALUES, Table(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
-    if costs:
-        columns = (Column("constraints", numeric=False), Column("cost, % of the torque"))
-        rows = tuple((family, number(float(value), 3)) for family, value in costs.items())
-        blocks.append(Table(columns, rows, "What the constraints add to the weighted error of the training data"))
-    if blocks:
-        yield Section("Consistency", tuple(blocks))
 
 
 def parameter_results(identification: Identification) -> dict[str, Any]:
@@ -169,9 +198,10 @@ def parameter_results(identification: Identification) -> dict[str, Any]:
     found: dict[str, Any] = {"parameters": rows}
     if basis:
         values = np.asarray(basis.to_base(estimate.value)).tolist()
+        plain = np.full(basis.rank, np.nan) if identification.base_std is None else identification.base_std
         found["base_parameters"] = [
             {"name": name, "value": value, "std": float(std)}
-            for name, value, std in zip(basis.groupings, values, _base_std(identification, basis), strict=True)
+            for name, value, std in zip(basis.groupings, values, plain, strict=True)
         ]
         if identification.base_std_hac is not None:
             for row, std in zip(found["base_parameters"], identification.base_std_hac, strict=True):

@@ -1,29 +1,30 @@
-"""The verdict on an identification in a report: words first, then the mass matrix, residuals and free simulations."""
+"""The head of an identification's report: the verdict, its three numbers, and what to do next."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from dynident.report.page import Block, Column, Section, Table, number
+import numpy as np
+
+from dynident.report.page import Badge, Block, Facts, Fold, Section, number
+from dynident.report.words import logs_of
 from dynident.verdict import judge
 
 if TYPE_CHECKING:
     from dynident.identify import Identification
+    from dynident.validation import LogValidation
 
-__all__ = ["residual_table", "simulation_section", "verdict_results", "verdict_section", "verdict_text"]
+__all__ = ["verdict_results", "verdict_section", "verdict_text"]
 
-_RESIDUALS = (
-    "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
-    "robot file allows the joint. Independent after: the time after which samples of the residual count as new ones; "
-    "where it is longer than one step, standard errors that assume independence are too small. White: the p-value of "
-    "Ljung and Box; real residuals are hardly ever white. The last columns tell where the residual is."
-)
-_RUNS = (
-    "The model is simulated instead of the robot and its position compared with the measured one. In the loop of a "
-    "controller, which holds almost any model on its way, look at the torque it asks for too."
-)
+TONES: dict[str, Literal["good", "fair", "bad"]] = {
+    "good for simulation": "good",
+    "good for control": "fair",
+    "do not use": "bad",
+}
+FIRST_STEPS = 3  # in sight; the others are behind a fold
+IN_SENTENCES = 2  # reasons that the verdict's second sentence names
 
 
 def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
@@ -33,65 +34,16 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
 
 
 def verdict_section(identification: Identification) -> Section:
-    """Return the verdict with its reasons, what to do next, and the sentence on the mass matrix."""
+    """Return the verdict in three sentences, three numbers, what to do next, and all reasons behind a fold."""
     verdict = judge(identification)
-    blocks: list[Block] = [*verdict.sentences]
-    if identification.mass:
-        blocks.append(identification.mass.sentence)
-    if verdict.reasons:
-        blocks.append(Section("Against more", (verdict.reasons,)))
-    if verdict.next_steps:
-        blocks.append(Section("What to do next", (verdict.next_steps,)))
-    return Section(f"Verdict: {verdict.word}", tuple(blocks))
-
-
-def residual_table(identification: Identification) -> tuple[Block, ...]:
-    """Return what is left of the torque, per log and joint, with the words that explain the columns."""
-    heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
-    columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, heads))
-    rows = [
-        (
-            log.name,
-            joint,
-            number(log.explained.get(joint), 4),
-            number(log.effort_share.get(joint), 2),
-            number(test.decorrelation, 2),
-            number(test.p_value, 2),
-            number(100 * test.low_share, 2),
-            number(test.peak, 3),
-            number(100 * test.reversal_share, 2),
-            test.words or "-",
-        )
-        for log in identification.logs
-        for joint, test in log.residuals.items()
-    ]
-    more = (Column("at reversals, %"), Column("points to", numeric=False))
-    return (_RESIDUALS, Table((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")) if rows else ()
-
-
-def simulation_section(identification: Identification) -> Iterator[Section]:
-    """Yield the section of the free simulations, where there are any."""
-    if not identification.runs:
-        return
-    words = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
-    columns = (*words, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
-    units = {joint.name: joint.unit for joint in identification.model.joints}
-    rows = [
-        (
-            run.name,
-            run.driver if run.restart is None else f"{run.driver}, {run.restart:g} s",
-            joint,
-            number(run.relative_error[joint], 3),
-            number(run.motion_error[joint], 3),
-            f"{number(run.rms[joint], 3)} {units[joint]}",
-            number(run.torque_error.get(joint), 3),
-        )
-        for run in identification.runs
-        for joint in run.joints
-    ]
-    failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
-    table = Table(columns, tuple(rows), "Free simulation beside the measured position")
-    yield Section("Free simulation", (_RUNS, table, *((failures,) if failures else ())))
+    steps, reasons = verdict.next_steps, verdict.reasons
+    blocks: list[Block] = [*verdict.sentences, Facts(tuple(_numbers(identification)), large=True)]
+    if steps:
+        more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
+        blocks.append(Section("What to do next", (steps[:FIRST_STEPS], *more)))
+    if len(reasons) > IN_SENTENCES:
+        blocks.append(Fold(f"All {len(reasons)} reasons against more use", (reasons,)))
+    return Section("Verdict", tuple(blocks), Badge(verdict.word, TONES[verdict.word]))
 
 
 def verdict_results(identification: Identification) -> dict[str, Any]:
@@ -105,3 +57,88 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
     keys = ("driver", "restart", "relative_error", "motion_error", "rms", "torque_error", "failure")
     found["simulation"] = {run.name: {key: getattr(run, key) for key in keys} for run in identification.runs}
     return found
+
+
+def _numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
+    """Yield the three numbers: held-out error, its worst joint, and the free simulation or what the error weighs.
+
+    Of a single joint the second is what the error weighs.
+    """
+    held, train = logs_of(identification, "validation"), logs_of(identification, "train")
+    yield _whole(held, train)
+    logs, said = (held, "held out") if held else (train, "training")
+    worst = _worst([((log, joint), size) for log in logs for joint, size in _joints(log).items()])
+    if worst is None:
+        return
+    (log, joint), size = worst
+    weight = _weight(identification, logs, said)
+    if len(identification.model.joints) > 1:
+        rms = f"{joint}, rms {_rms(identification, log, joint)}{' as measured' * bool(log.per_joint_filtered)}"
+        yield f"{number(size, 3)} %", f"worst joint, {said}", rms
+        yield _run(identification) if identification.runs else weight
+    else:
+        yield weight
+        if identification.runs:
+            yield _run(identification)
+
+
+def _whole(held: list[LogValidation], train: list[LogValidation]) -> tuple[str, ...]:
+    trained = max(map(_error, train))
+    if not held:
+        return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
+    log = max(held, key=_error)
+    note = f"training {number(trained, 3)} %"
+    if log.relative_error_filtered is not None:
+        note = f"after the low-pass of the fit; {note}; as measured {number(log.relative_error, 3)} %"
+    return f"{number(_error(log), 3)} %", "torque error, held out", note
+
+
+def _run(identification: Identification) -> tuple[str, ...]:
+    words = "position error, free simulation"
+    if failed := [run for run in identification.runs if run.failure]:
+        return "fails", words, f"{failed[0].name}: {failed[0].failure}"
+    errors = [((run, joint), size) for run in identification.runs for joint, size in run.motion_error.items()]
+    found = _worst(errors)
+    if found is None:
+        return "-", words, "nothing moved"
+    (run, joint), size = found
+    how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
+    return f"{number(size, 2)} %", words, f"of the way of {joint} ({run.name}), {how}"
+
+
+def _weight(identification: Identification, logs: list[LogValidation], said: str) -> tuple[str, ...]:
+    """Return the largest rms error in % of what a joint may exert, or, where no limit is known, in its unit."""
+    worst = _worst([((log, joint), size) for log in logs for joint, size in log.effort_share.items()])
+    if worst is not None:
+        (log, joint), size = worst
+        limit = number(identification.model.limits[joint].effort, 3)
+        return (
+            f"{number(size, 2)} %",
+            f"rms error against effort limit, {said}",
+            f"{joint}: {_rms(identification, log, joint)} of {limit}",
+        )
+    worst = _worst([((log, joint), size) for log in logs for joint, size in log.rmse.items()])
+    if worst is None:
+        return "-", f"largest rms error, {said}"
+    (log, joint), _ = worst
+    return _rms(identification, log, joint), f"largest rms error, {said}", f"{joint}, {log.name}"
+
+
+def _worst(sizes: list[tuple[Any, float]]) -> tuple[Any, float] | None:
+    """Return what has the largest size, and the size; None where there is none."""
+    known = [pair for pair in sizes if not np.isnan(pair[1])]
+    return max(known, key=lambda pair: pair[1]) if known else None
+
+
+def _rms(identification: Identification, log: LogValidation, joint: str) -> str:
+    unit = next(one.effort for one in identification.model.joints if one.name == joint)
+    return f"{number(log.rmse[joint], 3)} {unit}"
+
+
+def _error(log: LogValidation) -> float:
+    """Return the error that the verdict judges: after the low-pass of the fit, where one is used."""
+    return log.relative_error if log.relative_error_filtered is None else log.relative_error_filtered
+
+
+def _joints(log: LogValidation) -> dict[str, float]:
+    return dict(log.per_joint_filtered or log.per_joint)

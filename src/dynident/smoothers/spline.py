@@ -38,7 +38,7 @@ class Spline:
             raise ConfigError(f"factor is {self.factor}: give a positive multiple of sigma.")
 
     def __call__(self, log: Log) -> Motion:
-        """Smooth; the motion's ``smoothing`` holds per joint sigma, S, lam, effective degrees of freedom, bandwidth."""
+        """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
         try:
             fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log))
         except InputError as error:
@@ -46,7 +46,7 @@ class Spline:
             raise InputError(f"{log.source}: {words}") from error
         widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
-        told = ("sigma", "S", "lam", "edf", "noise", "bandwidth")
+        told = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in told}
         how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
         mask = ends_mask(log, reach, reach)

@@ -70,6 +70,12 @@ class SmoothingSpline:
         h = (self.t[-1] - self.t[0]) / (len(self.t) - 1)
         return self._like((np.atleast_1d(self.lam) * np.atleast_1d(self.sigma) ** 2 * h) ** 0.25)
 
+    @property
+    def cutoff(self) -> Array:
+        """Frequency (Hz) of which 1/sqrt(2) of the amplitude passes: the gain is 1 / (1 + (2 pi f bandwidth)^4)."""
+        with np.errstate(divide="ignore"):
+            return self._like((np.sqrt(2.0) - 1.0) ** 0.25 / (2.0 * np.pi * np.atleast_1d(self.bandwidth)))
+
     def _like(self, value: Array) -> Array:
         return value if self.values.ndim == 2 else np.asarray(value[0])[()]
 

@@ -4,9 +4,10 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
   const inked = (traces) => traces.flatMap((trace, i) => (trace.meta === "ink" ? [i] : []));
+  const shown = (box) => box.offsetParent !== null;
 
   function draw(box) {
-    if (box.drawn) return;
+    if (box.drawn || !shown(box)) return;
     box.drawn = true;
     const { data, layout } = JSON.parse(box.nextElementSibling.textContent);
     layout.font = { ...layout.font, color: ink() };
@@ -32,11 +33,60 @@
     }
   }
 
+  // Of a gallery one view is shown; a choice is passed on to all galleries that offer it.
+  const galleries = [...document.querySelectorAll(".gallery")].map((gallery) => {
+    const rows = [...gallery.querySelectorAll(":scope > .choices")];
+    const views = [...gallery.querySelectorAll(":scope > .view")];
+    const places = views.map((view) => view.dataset.at.trim().split(" ").map(Number));
+    const at = [...places[0]];
+    const show = () => {
+      const wanted = places.findIndex((place) => place.every((value, i) => value === at[i]));
+      views.forEach((view, i) => (view.hidden = i !== wanted));
+      rows.forEach((row, i) =>
+        row.querySelectorAll("button").forEach((button, k) => button.setAttribute("aria-pressed", k === at[i])),
+      );
+      for (const box of views[wanted]?.querySelectorAll(".plot") ?? []) if (box.drawn) Plotly.Plots.resize(box);
+    };
+    const choose = (label, option) => {
+      rows.forEach((row, i) => {
+        const k = [...row.querySelectorAll("button")].findIndex((button) => button.textContent === option);
+        if (row.getAttribute("aria-label") !== label || k < 0) return;
+        const next = [...at];
+        next[i] = k;
+        if (places.some((place) => place.every((value, j) => value === next[j]))) at[i] = k;
+      });
+      show();
+    };
+    for (const row of rows) {
+      row.hidden = row.querySelectorAll("button").length < 2;
+      row.addEventListener("click", (event) => {
+        if (event.target.tagName !== "BUTTON") return;
+        const top = row.getBoundingClientRect().top;
+        for (const one of galleries) one.choose(row.getAttribute("aria-label"), event.target.textContent);
+        scrollBy({ top: row.getBoundingClientRect().top - top, behavior: "instant" });
+      });
+    }
+    gallery.classList.add("chosen");
+    show();
+    return { choose };
+  });
+
   const near = new IntersectionObserver(
     (entries) => entries.filter((entry) => entry.isIntersecting).forEach((entry) => draw(entry.target)),
     { rootMargin: "1000px" },
   );
   boxes.forEach((box) => near.observe(box));
+
+  // The contents show where the reader is.
+  const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
+  const here = new IntersectionObserver(
+    (entries) => {
+      for (const entry of entries) links.get(entry.target.id).classList.toggle("here", entry.isIntersecting);
+    },
+    { rootMargin: "-20% 0px -75% 0px" },
+  );
+  document.querySelectorAll("main > section").forEach((part) => here.observe(part));
+
   dark.addEventListener("change", () => paint(ink()));
   addEventListener("beforeprint", () => {
     boxes.forEach(draw);

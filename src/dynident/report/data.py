@@ -1,0 +1,202 @@
+"""The robot and the recordings in a report: joints and their limits, logs, excitation, smoothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynident import plot
+from dynident.examination.motion import Excitation, excitation
+from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number, pairs
+from dynident.report.words import ROLES, count, labelled, logs_of, points
+
+if TYPE_CHECKING:
+    from dynident.identify import Identification
+    from dynident.log import Motion
+
+__all__ = ["data_section", "excitation_table", "smoothing_section"]
+
+MANY = 24  # rows from which on a table is folded
+_EXCITATION = (
+    "What the training motions do: the range they use (in % of what the robot file allows), and velocity and "
+    "acceleration, whose peaks are those of 99.9 % of the samples. Slow: the share of samples below 2 % of the peak "
+    "velocity. Held out over training: a peak well above 1 asks the model for more than it was fitted to."
+)
+_SMOOTHING = (
+    "How the positions were smoothed, and the motion that the fit has seen. What the smoothing took away should look "
+    "like noise: a pattern that follows the motion means too much smoothing, accelerations full of spikes too little. "
+    "Cut-off: the frequency of which 71 % of the amplitude pass."
+)
+_HEADS = {
+    "sigma": "sigma, rad or m",
+    "noise": "noise left, rad or m",
+    "bandwidth": "bandwidth, s",
+    "cutoff": "cut-off, Hz",
+}
+
+
+def data_section(identification: Identification) -> Section:
+    """Return the section of the robot and the logs: what was found before the fit, joints, recordings."""
+    blocks: list[Block] = [pairs("", list(_facts(identification)), "Robot")]
+    return Section("Robot and data", (*blocks, _joint_table(identification), _log_table(identification)))
+
+
+def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
+    settings, model = identification.settings, identification.model
+    if file := settings.get("model file"):
+        yield "file", file.replace("\\", "/").rpartition("/")[2]
+    kinds = [joint.kind for joint in model.joints]
+    yield "joints", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    yield "parameters", str(len(identification.estimate.names))
+    for term in model.terms:
+        if gravity := getattr(term, "gravity", None):
+            yield "gravity in the base frame", f"({', '.join(number(float(x)) for x in gravity)}) m/s²"
+    for key, meaning in (("lean", "lean of the base"), ("delay", "delay of the positions")):
+        if key in settings:
+            yield meaning, settings[key]
+    for key, meaning in (
+        ("estimator", "estimator"),
+        ("low-pass", "low-pass of the fit"),
+        ("smoother used", "smoother"),
+    ):
+        if settings.get(key, "None") != "None":
+            yield meaning, settings[key]
+
+
+def _joint_table(identification: Identification) -> Table:
+    limits = identification.model.limits
+    heads = [Column("joint", numeric=False), Column("kind", numeric=False)]
+    if limits:
+        heads += [Column(title, "limits of the file") for title in ("from", "to", "velocity", "torque")]
+    rows = []
+    for joint in identification.model.joints:
+        limit, unit = limits.get(joint.name), joint.unit
+        cells = [joint.name, joint.kind]
+        if limits:
+            named = ("lower", unit), ("upper", unit), ("velocity", f"{unit}/s"), ("effort", joint.effort)
+            cells += [_with_unit(getattr(limit, key, None), unit) for key, unit in named]
+        rows.append(tuple(cells))
+    return Table(tuple(heads), tuple(rows), "Joints")
+
+
+def _with_unit(value: float | None, unit: str) -> str:
+    return "-" if value is None else f"{number(value)} {unit}"
+
+
+def _log_table(identification: Identification) -> Table:
+    heads = ("rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s")
+    columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
+    rows = []
+    for log in identification.logs:
+        t, mask = log.motion.t, log.motion.mask
+        steps, used = np.diff(t), t[mask]
+        cells = [
+            number(1.0 / float(np.median(steps))),
+            number(100.0 * float(np.std(steps) / np.mean(steps)) if np.ptp(steps) > 1e-6 * steps.mean() else 0.0, 2),
+            number(float(t[-1] - t[0])),
+            str(len(t)),
+            str(len(used)),
+            number(100.0 * float(mask.mean()), 3),
+            number(float(used[0] - t[0]), 2),
+            number(float(t[-1] - used[-1]), 2),
+        ]
+        rows.append((log.name, ROLES.get(log.role, log.role), *cells))
+    return Table(columns, tuple(rows), "Recordings")
+
+
+def excitation_table(identification: Identification) -> tuple[Block, ...]:
+    """Return how the joints move in training, how far they go beyond it when held out, and the words for it."""
+    train, held = ([log.motion for log in logs_of(identification, role)] for role in ("train", "validation"))
+    limits = identification.model.limits
+    groups = [
+        *[("from", "position"), ("to", "position")],
+        *[("range, %", "position")] * bool(limits),
+        *[("peak", "velocity"), ("rms", "velocity"), ("peak", "acceleration"), ("rms", "acceleration")],
+        *[("turns", ""), ("slow, %", ""), ("peak", "torque")],
+        *[("limit, %", "torque")] * bool(limits),
+        *[("peak vel.", "held out / training"), ("acc.", "held out / training")] * bool(held),
+    ]
+    rows = []
+    for joint in identification.model.joints:
+        moved = excitation(train, joint.name)
+        cells = _excited(moved, limits.get(joint.name), bool(limits))
+        if held:
+            other = excitation(held, joint.name)
+            cells += [_ratio(getattr(other, key), getattr(moved, key)) for key in ("peak_speed", "peak_acceleration")]
+        rows.append((joint.name, *cells))
+    columns = (Column("joint", numeric=False), *(Column(*group) for group in groups))
+    lengths, efforts = (
+        {getattr(joint, key): None for joint in identification.model.joints} for key in ("unit", "effort")
+    )
+    caption = f"Motion in training; {' or '.join(lengths)}, s, {' or '.join(efforts)}"
+    return _EXCITATION, Table(columns, tuple(rows), caption)
+
+
+def _excited(moved: Excitation, limit: Any, limited: bool) -> list[str]:
+    cells = [number(moved.lower, 3), number(moved.upper, 3)]
+    if limited:
+        whole = None
+        if limit is not None and limit.lower is not None and limit.upper is not None and limit.lower < limit.upper:
+            whole = 100.0 * (moved.upper - moved.lower) / (limit.upper - limit.lower)
+        cells.append(number(whole, 2))
+    sizes = (moved.peak_speed, moved.rms_speed, moved.peak_acceleration, moved.rms_acceleration)
+    cells += [number(size, 3) for size in sizes]
+    cells += [str(moved.reversals), number(100 * moved.slow, 2), number(moved.torque, 3)]
+    if limited:
+        cells.append(number(100.0 * moved.torque / limit.effort if limit is not None and limit.effort else None, 2))
+    return cells
+
+
+def _ratio(one: float, other: float) -> str:
+    return number(one / other if other > 0 else None, 2)
+
+
+def smoothing_section(identification: Identification) -> Section:
+    """Return the section of the smoothing: a table, and the motion of one log and joint at a time."""
+    fine, views = points(identification), []
+    for label, k in labelled(identification):
+        log, recorded = identification.logs[k], identification.recorded[k] if identification.recorded else None
+        for joint in identification.model.joints:
+            figure = plot.motion_figure(log.motion, joint.name, joint.unit, fine, recorded, identification.delay)
+            caption = f"{joint.name}: position and its derivatives, samples that were used."
+            views.append(((label, joint.name), (Figure(figure, caption),)))
+    gallery = Gallery(("log", "joint"), tuple(views))
+    return Section("Smoothing", (_SMOOTHING, *_smoothing(identification), gallery))
+
+
+def _smoothing(identification: Identification) -> Iterator[Block]:
+    """Yield one table of what the smoothers say in one number per joint, and their words below it."""
+    motions = [(log.name, log.motion) for log in identification.logs]
+    keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
+    if keys:
+        rows = [
+            (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
+            for name, motion in motions
+            for j, joint in enumerate(motion.joints)
+        ]
+        words = (Column("log", numeric=False), Column("joint", numeric=False))
+        table = Table(
+            (*words, *(Column(_HEADS.get(key, key)) for key in keys)), tuple(rows), "Smoothing per log and joint"
+        )
+        yield (
+            table if len(rows) < MANY else Fold(f"Smoothing of {count(len(motions), 'log')}, joint by joint", (table,))
+        )
+    said = {
+        name: ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))
+        for name, motion in motions
+    }
+    if len(set(said.values())) == 1:
+        yield from filter(None, (f"{words[:1].upper()}{words[1:]}." for words in set(said.values()) if words))
+    else:
+        yield tuple(f"{name}: {words}" for name, words in said.items())
+
+
+def _per_joint(motion: Motion, key: str) -> bool:
+    value = motion.smoothing.get(key)
+    return value is not None and not isinstance(value, str) and np.shape(value) == (len(motion.joints),)
+
+
+def _smoothing_cell(motion: Motion, key: str, j: int) -> str:
+    return number(float(motion.smoothing[key][j])) if _per_joint(motion, key) else "-"

@@ -1,0 +1,33 @@
+"""What repeats a run, in a report: the configuration, the hashes of what was read, versions and settings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.io.saved import FILE, HASH, HASH_OF, ORIGIN
+from dynident.report.page import Block, Code, Fold, Section, pairs
+
+if TYPE_CHECKING:
+    from dynident.identify import Identification
+
+__all__ = ["repeat_section"]
+
+_LEAD = "The same files, configuration and versions give the same result: apart from the seed below, nothing is drawn."
+
+
+def repeat_section(identification: Identification) -> Section:
+    """Return the section with everything needed to repeat the run."""
+    settings = dict(identification.settings)
+    text, origin = settings.pop("configuration", ""), settings.pop(ORIGIN, "")
+    hashes = []
+    if FILE in settings and HASH in settings:
+        hashes.append((settings.pop(FILE), settings.pop(HASH)))
+    hashes += [(key.removeprefix(HASH_OF), settings.pop(key)) for key in list(settings) if key.startswith(HASH_OF)]
+    blocks: list[Block] = [_LEAD]
+    if text:
+        blocks.append(Fold(f"Configuration: {origin}" if origin else "Configuration", (Code(text),)))
+    if hashes:
+        blocks.append(pairs("file", hashes, "SHA-256 of the files that were read"))
+    blocks.append(pairs("package", list(identification.versions.items()), "Versions"))
+    blocks.append(Fold("All settings", (pairs("setting", list(settings.items())),)))
+    return Section("To repeat the run", tuple(blocks))

@@ -1,0 +1,113 @@
+"""What the data show of a model, in a report: base parameters, excitation and condition, and what physics demands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident import plot
+from dynident.report.data import excitation_table
+from dynident.report.page import Block, Column, Facts, Figure, Fold, Section, Table, number
+
+if TYPE_CHECKING:
+    from dynident.basis import Basis
+    from dynident.identify import Identification
+
+__all__ = ["base_errors", "base_section", "condition_section", "consistency_section"]
+
+MANY = 24  # base parameters from which on they are folded
+_BASE = (
+    "Base parameters are the combinations of parameters that act on the torque each in its own way; unlike the single "
+    "parameters in them, their values follow from the data alone. The standard errors allow for correlated residuals, "
+    "those to their right assume independent ones; both take the motion as exactly known, and the true uncertainty is "
+    "larger."
+)
+_SINGULAR = (
+    "Singular values of the regressor with its columns scaled to equal length. A clear step where they become hollow "
+    "means a clear rank; filled ones far below 1 are combinations that these motions hardly show."
+)
+_EIGENVALUES = (
+    "The pseudo-inertia of a body of real mass has no negative eigenvalue (Wensing, Kim and Slotine, 2018). "
+    "It is scaled by the body's usual mass and length; a zero lies on the boundary of what is possible."
+)
+
+
+def base_section(identification: Identification) -> Iterator[Section]:
+    """Yield the section of the base parameters where the identification has found them."""
+    basis = identification.basis
+    if basis is None:
+        return
+    units = [identification.estimate.units[k] for k in basis.independent]
+    figure = plot.interval_figure(
+        basis.groupings, units, basis.to_base(identification.estimate.value), base_errors(identification)
+    )
+    caption = "Base parameters: 95 % intervals (1.96 standard errors to both sides) in % of the values."
+    table, drawn = _base_table(identification, basis), Figure(figure, caption)
+    if basis.rank > MANY:
+        yield Section("Base parameters", (_BASE, Fold(table.caption, (table,)), Fold("Their intervals", (drawn,))))
+    else:
+        yield Section("Base parameters", (_BASE, table, drawn))
+
+
+def base_errors(identification: Identification) -> plot.Array:
+    """Return the standard errors (r) of the base parameters to believe; nan where there are none."""
+    robust, plain, basis = identification.base_std_hac, identification.base_std, identification.basis
+    if robust is not None:
+        return robust
+    return np.full(0 if basis is None else basis.rank, np.nan) if plain is None else plain
+
+
+def _base_table(identification: Identification, basis: Basis) -> Table:
+    robust, plain = identification.base_std_hac is not None, identification.base_std
+    values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
+    heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
+    heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
+    rows = []
+    for k, lead in enumerate(basis.independent):
+        relative = float(plot.relative_std(values[k : k + 1], errors[k : k + 1])[0])
+        cells = [basis.groupings[k], number(float(values[k])), number(float(errors[k]), 2), number(relative, 2)]
+        cells += [number(None if plain is None else float(plain[k]), 2)] * robust
+        rows.append((*cells, identification.estimate.units[lead]))
+    return Table(tuple(heads), tuple(rows), "Base parameters and their values")
+
+
+def condition_section(identification: Identification) -> Section:
+    """Return the section of excitation and condition: how the joints moved, and what that shows of the model."""
+    basis, estimate = identification.basis, identification.estimate
+    words, table = excitation_table(identification)
+    facts, blocks = [], list[Block]()
+    if basis is None:
+        facts += [(f"{estimate.rank} of {len(estimate.names)}", "rank on the data")]
+        facts += [(number(float(estimate.condition), 3), "condition of the regressor, columns scaled")]
+    else:
+        values, structural = basis.singular_values, identification.structural
+        condition = float(values[0] / values[basis.rank - 1]) if basis.rank else float("inf")
+        facts += [(f"{basis.rank} of {len(basis.names)}", "rank on the data")]
+        facts += [(str(structural.rank), "rank that any motion could show")] if structural else []
+        facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
+        facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
+        blocks.append(Figure(plot.singular_figure(basis), _SINGULAR))
+    missing = tuple(one.words for one in identification.missing)
+    if missing:
+        blocks.append(Section("What these data do not show", (missing,)))
+    return Section("Excitation and condition", (Facts(tuple(facts)), words, table, *blocks))
+
+
+def consistency_section(identification: Identification) -> Iterator[Section]:
+    """Yield the section on what physics demands: the mass matrix, the bodies, and what the demands cost."""
+    eigenvalues, costs = identification.estimate.eigenvalues, identification.estimate.costs
+    blocks: list[Block] = [identification.mass.sentence] if identification.mass else []
+    if eigenvalues:
+        columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
+        rows = tuple((body, number(float(value), 3)) for body, value in eigenvalues.items())
+        blocks += [_EIGENVALUES, Table(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
+    if costs:
+        columns = (Column("constraints", numeric=False), Column("cost, % of the torque"))
+        rows = tuple(
+            ("all together" if family == "all" else family, number(float(value), 3)) for family, value in costs.items()
+        )
+        blocks.append(Table(columns, rows, "What the constraints add to the weighted error of the training data"))
+    if blocks:
+        yield Section("Physical consistency", tuple(blocks))

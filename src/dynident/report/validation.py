@@ -1,0 +1,175 @@
+"""How well an identified model does, in a report: errors, what is left of the torque, torques, free simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from dynident import plot
+from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
+from dynident.report.words import ROLES, labelled, points
+
+if TYPE_CHECKING:
+    from dynident.identify import Identification
+    from dynident.validation import LogValidation
+
+__all__ = ["error_section", "error_table", "joint_table", "simulation_section", "torque_section"]
+
+_ERRORS = (
+    "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used."
+)
+_RESIDUALS = (
+    "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
+    "robot file allows the joint. Independent after: the time after which samples of the residual count as new ones; "
+    "where it is longer than one step, standard errors that assume independence are too small. White: the p-value of "
+    "Ljung and Box; real residuals are hardly ever white. The last columns tell where the residual is."
+)
+_RUNS = (
+    "The model is simulated instead of the robot and its position compared with the measured one. In the loop of a "
+    "controller, which holds almost any model on its way, look at the torque it asks for too."
+)
+_TORQUES = (
+    "Measured and predicted torque, and below their difference. Drag over a part to zoom, double-click to return. "
+    "Long curves are thinned such that every extreme stays."
+)
+
+
+def error_section(identification: Identification) -> Section:
+    """Return the section of the errors: per log, per joint, and what is left of the torque."""
+    joints = [joint.name for joint in identification.model.joints]
+    figure = Figure(plot.error_figure(identification.logs, joints), "Torque error by joint, unfiltered.")
+    bars = (figure,) if len(joints) > 1 else ()
+    blocks: list[Block] = [_ERRORS, error_table(identification), *bars, _matrix(identification)]
+    if any(log.residuals for log in identification.logs):
+        blocks.append(Fold("What is left of the torque: tests of the residuals", (_RESIDUALS, _left(identification))))
+    return Section("Errors", tuple(blocks))
+
+
+def error_table(identification: Identification) -> Table:
+    """Return the relative errors per log."""
+    words = (Column("log", numeric=False), Column("role", numeric=False))
+    columns = (*words, Column("samples"), Column("unfiltered, %"), Column("filtered, %"))
+    rows = [
+        (
+            log.name,
+            ROLES.get(log.role, log.role),
+            str(int(log.motion.mask.sum())),
+            number(log.relative_error, 3),
+            number(log.relative_error_filtered, 3),
+        )
+        for log in identification.logs
+    ]
+    return Table(columns, tuple(rows), "Relative torque error per log")
+
+
+def joint_table(identification: Identification) -> Table:
+    """Return the errors with one row per log and joint, as a terminal shows them."""
+    columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
+    rows = [
+        (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
+        for log in identification.logs
+        for joint in identification.model.joints
+    ]
+    return Table((*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered")
+
+
+def _matrix(identification: Identification) -> Table:
+    """Return the errors with one row per joint and the logs side by side."""
+    heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
+    for log in identification.logs:
+        name = f"{log.name} ({ROLES.get(log.role, log.role)})"
+        heads += [Column("error, %", name), Column("rmse", name)]
+        heads += [Column("of limit, %", name)] * bool(log.effort_share)
+    rows = []
+    for joint in identification.model.joints:
+        row = [joint.name, joint.effort]
+        for log in identification.logs:
+            row += _joint_errors(log, joint.name)
+            row += [number(log.effort_share.get(joint.name), 2)] * bool(log.effort_share)
+        rows.append(tuple(row))
+    return Table(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
+
+
+def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str]:
+    return number(log.per_joint.get(joint), 3), number(log.rmse.get(joint), 3)
+
+
+def _left(identification: Identification) -> Table:
+    heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
+    columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, heads))
+    rows = [
+        (
+            log.name,
+            joint,
+            number(log.explained.get(joint), 4),
+            number(log.effort_share.get(joint), 2),
+            number(test.decorrelation, 2),
+            number(test.p_value, 2),
+            number(100 * test.low_share, 2),
+            number(test.peak, 3),
+            number(100 * test.reversal_share, 2),
+            test.words or "-",
+        )
+        for log in identification.logs
+        for joint, test in log.residuals.items()
+    ]
+    more = (Column("at reversals, %"), Column("points to", numeric=False))
+    return Table((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
+
+
+def torque_section(identification: Identification) -> Section:
+    """Return the section of the torques: one figure at a time, by log and joint."""
+    fine = points(identification)
+    views = []
+    for label, k in labelled(identification):
+        log = identification.logs[k]
+        for joint in identification.model.joints:
+            caption = (
+                f"{joint.name}: relative error {number(log.per_joint.get(joint.name), 3)} %, "
+                f"rmse {number(log.rmse.get(joint.name), 3)} {joint.effort}."
+            )
+            figure = Figure(plot.torque_figure(log, joint.name, joint.effort, fine), caption)
+            views.append(((label, joint.name), (figure,)))
+    return Section("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
+
+
+def simulation_section(identification: Identification) -> Iterator[Section]:
+    """Yield the section of the free simulations, where there are any."""
+    if not identification.runs:
+        return
+    words = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
+    columns = (*words, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
+    units = {joint.name: joint.unit for joint in identification.model.joints}
+    rows = [
+        (
+            run.name,
+            run.driver if run.restart is None else f"{run.driver}, {run.restart:g} s",
+            joint,
+            number(run.relative_error[joint], 3),
+            number(run.motion_error[joint], 3),
+            f"{number(run.rms[joint], 3)} {units[joint]}",
+            number(run.torque_error.get(joint), 3),
+        )
+        for run in identification.runs
+        for joint in run.joints
+    ]
+    failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
+    table = Table(columns, tuple(rows), "Free simulation beside the measured position")
+    yield Section("Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_runs(identification)))
+
+
+def _runs(identification: Identification) -> Iterator[Gallery]:
+    units, fine = {joint.name: joint.unit for joint in identification.model.joints}, points(identification)
+    runs = {run.name: run for run in identification.runs if not run.failure}
+    views = tuple(
+        (
+            (label, joint),
+            (Figure(plot.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
+        )
+        for label, k in labelled(identification)
+        if (run := runs.get(identification.logs[k].name))
+        for joint in run.joints
+    )
+    if views:
+        yield Gallery(("log", "joint"), views)

@@ -1,0 +1,45 @@
+"""What the parts of an identification's report share: its logs by role, counts in words, and how fine curves are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from dynident import plot
+
+if TYPE_CHECKING:
+    from dynident.identify import Identification
+    from dynident.validation import LogValidation
+
+__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "points"]
+
+ROLES = {"train": "training", "validation": "held out"}
+CURVES = 11  # of a log and joint: torques, motion, free simulation
+
+
+def logs_of(identification: Identification, role: str) -> list[LogValidation]:
+    """Return the logs of a role, "train" or "validation"."""
+    return [log for log in identification.logs if log.role == role]
+
+
+def labelled(identification: Identification) -> list[tuple[str, int]]:
+    """Return the logs as a reader chooses among them: a label, and the index in ``logs``; those held out come first."""
+    order = sorted(range(len(identification.logs)), key=lambda k: identification.logs[k].role == "train")
+    logs = identification.logs
+    return [(f"{logs[k].name} ({ROLES.get(logs[k].role, logs[k].role)})", k) for k in order]
+
+
+def count(number_of: int, noun: str) -> str:
+    """Word a count, such as "1 log" or "2 logs"."""
+    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Return names in a row, no more than ``most`` of them, and how many more there are."""
+    every = list(names)
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+
+
+def points(identification: Identification) -> int:
+    """Return the points of each curve such that the page stays small."""
+    return plot.share(CURVES * len(identification.logs) * len(identification.model.joints))

@@ -105,7 +105,7 @@ def identify(
     fitted = tuple(motions["train"].values())
     slow = recipe.slowest(joints)
     regression = Regression(model, fitted, recipe.parallel, slow)
-    estimate = recipe.estimator(Problem(model, fitted, regression))
+    estimate = recipe.estimator(Problem(model, fitted, regression, tuple(roles["train"].values())))
     progress("validating")
     judged = tuple(
         validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.log import Motion
+from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
@@ -21,11 +21,15 @@ Verdict = Literal["data", "prior", "bound", "unidentifiable"]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What an estimator may need: the model, the motions to fit, and their linear problem."""
+    """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
+
+    ``logs`` may be empty: the positions of the motions then stand for the measured ones.
+    """
 
     model: Model
     motions: tuple[Motion, ...]
     regression: Regression
+    logs: tuple[Log, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

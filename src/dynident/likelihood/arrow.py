@@ -77,6 +77,24 @@ class Arrow:
         found = self.border.T @ self.turned
         return np.asarray((found + found.T) / 2)
 
+    @cached_property
+    def inverse(self) -> Array:
+        """The band of N^-1, stored like N's: Takahashi's recursion, from the last column to the first."""
+        factor, scale = self._factor
+        w, m = factor.shape
+        out = np.zeros((w, m))
+        window = np.zeros((w, w))  # N^-1 at the unknowns i + 1 ... i + w
+        for i in range(m - 1, -1, -1):
+            pivot, below = factor[0, i], factor[1:, i] / factor[0, i]
+            column = -window[:-1, :-1] @ below
+            window[1:, 1:] = window[:-1, :-1].copy()
+            window[0, 0] = 1.0 / pivot**2 - below @ column
+            window[0, 1:] = window[1:, 0] = column
+            out[:, i] = window[:, 0]
+        for d in range(w):
+            out[d, : m - d] *= scale[: m - d] * scale[d:]
+        return out
+
     @property
     def log_det(self) -> float:
         """The logarithm of the determinant of N."""

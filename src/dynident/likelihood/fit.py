@@ -10,35 +10,13 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.likelihood.arrow import Arrow
+from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.segment import Equations, Segment, State
 from dynident.model import Model
 
-__all__ = ["Barrier", "Fitted", "Settings", "maximise"]
+__all__ = ["Fitted", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Barrier:
-    """-weight * sum of log det of matrices that are linear in theta: ``matrices`` (K, s, s, p) must stay positive."""
-
-    matrices: tuple[Array, ...] = ()
-    weight: float = 1e-3
-
-    def inside(self, theta: Array) -> bool:
-        """Return whether all matrices are positive definite."""
-        return all(float(np.linalg.eigvalsh(M @ theta)[..., 0].min()) > 0 for M in self.matrices)
-
-    def terms(self, theta: Array) -> tuple[float, Array, Array]:
-        """Return value, gradient (p) and Hessian (p, p)."""
-        value, gradient, hessian = 0.0, np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        for M in self.matrices:
-            at = M @ theta
-            turned = np.linalg.solve(at[..., None, :, :], np.moveaxis(M, -1, 1))  # (K, p, s, s)
-            value -= float(np.linalg.slogdet(at)[1].sum()) / len(M)
-            gradient -= np.trace(turned, axis1=-2, axis2=-1).sum(axis=0) / len(M)
-            hessian += np.einsum("kpij,krji->pr", turned, turned) / len(M)
-        return self.weight * value, self.weight * gradient, self.weight * hessian
 
 
 @dataclass(frozen=True)

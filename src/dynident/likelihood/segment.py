@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
-from dynident.likelihood.arrow import gather
+from dynident.likelihood.arrow import Arrow, gather
 from dynident.likelihood.trajectory import Trajectory
 from dynident.log import Log
 from dynident.model import Model
@@ -16,8 +17,9 @@ from dynident.model import Model
 __all__ = ["Equations", "Segment", "State"]
 
 Array = NDArray[np.float64]
+NUDGE = 1e-6  # of a state, for differences of the regressor
 GAUSS = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the middle of an interval of length one
-TIGHT = 0.02  # standard deviation of the torque's straight line after a step, in units of the torque's noise
+TIGHT = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +60,24 @@ class Segment:
     trajectory: Trajectory
     torque_knots: tuple[Array, ...] = ()
     rest: bool = False
-    used: NDArray[np.bool_] | None = None
+    trust: Array | None = None
 
     @cached_property
     def points(self) -> Array:
-        """The samples' times, and after them those at which only the equations of motion are demanded."""
+        """All times (P), sorted: the samples', and those at which only the equations of motion are demanded."""
+        return self._ordered[0]
+
+    @cached_property
+    def sample(self) -> NDArray[np.bool_]:
+        """Which (P) of the points are samples."""
+        return self._ordered[1]
+
+    @cached_property
+    def _ordered(self) -> tuple[Array, NDArray[np.bool_]]:
         extra = [self._collocation(knots) for knots in self.torque_knots]
-        return np.concatenate([self.log.t, *extra])
+        t = np.concatenate([self.log.t, *extra])
+        order = np.argsort(t, kind="stable")
+        return t[order], order < len(self.log)
 
     def _collocation(self, knots: Array) -> Array:
         """Gauss's points of the trajectory's intervals, and the torque knots themselves, without which W could hang."""
@@ -76,16 +89,11 @@ class Segment:
     @cached_property
     def hats(self) -> Array:
         """Share (P, k) of each torque knot in the torque at each point; zero at samples."""
-        N = len(self.log)
-        out = np.zeros((len(self.points), sum(map(len, self.torque_knots))))
-        at = 0
+        t, columns = self.points, []
         for knots in self.torque_knots:
-            t = self.points[N:]
-            inside = (t >= knots[0]) & (t <= knots[-1])
-            for unit in np.eye(len(knots)):
-                out[N:, at] = np.where(inside, np.interp(t, knots, unit), 0.0)
-                at += 1
-        return out
+            inside = ~self.sample & (t >= knots[0]) & (t <= knots[-1])
+            columns += [np.where(inside, np.interp(t, knots, unit), 0.0) for unit in np.eye(len(knots))]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
 
     @cached_property
     def local(self) -> Array:
@@ -103,47 +111,57 @@ class Segment:
         return self.trajectory.interval(self.points)
 
     @cached_property
-    def _sorted(self) -> tuple[NDArray[np.intp], list[tuple[int, int, int]]]:
-        """The points in order of their intervals, and (interval, start, stop) of the intervals that have any."""
-        order = np.argsort(self.interval, kind="stable")
-        there, start = np.unique(self.interval[order], return_index=True)
-        stop = [*start[1:].tolist(), len(order)]
-        return order, list(zip(there.tolist(), start.tolist(), stop, strict=True))
+    def _groups(self) -> tuple[NDArray[np.intp], NDArray[np.intp], list[int]]:
+        """The intervals that have points, where in the points each begins, and where it ends."""
+        there, start = np.unique(self.interval, return_index=True)
+        return there, start, [*start[1:].tolist(), len(self.interval)]
 
     @cached_property
     def _gram(self) -> Array:
         """Sum of products (I, 5, 5) of the basis over the samples of each interval."""
-        N = len(self.log)
-        out = np.zeros((len(self.trajectory.first), 5, 5))
-        V = self.local[0].copy()
-        V[N:] = 0.0
-        order, groups = self._sorted
-        V = V[order]
-        for i, lo, hi in groups:
-            out[i] = V[lo:hi].T @ V[lo:hi]
+        V = self.local[0] * self.sample[:, None]
+        return self._products(V, V)
+
+    def _products(self, left: Array, right: Array) -> Array:
+        """Return the sums (I, a, b) of left' right over the rows (P, ..., a), (P, ..., b) of each interval."""
+        a, b = left.shape[-1], right.shape[-1]
+        out = np.zeros((len(self.trajectory.first), a, b))
+        for i, lo, hi in zip(*self._groups, strict=True):
+            np.matmul(left[lo:hi].reshape(-1, a).T, right[lo:hi].reshape(-1, b), out=out[i])
         return out
+
+    @cached_property
+    def _maps(self) -> tuple[csr_array, ...]:
+        """The basis at the points as sparse matrices (P, m): positions, velocities, accelerations."""
+        P = len(self.points)
+        columns = (self.trajectory.first[self.interval][:, None] + np.arange(5)).ravel()
+        rows = np.arange(0, 5 * P + 1, 5)
+        return tuple(csr_array((V.ravel(), columns, rows), shape=(P, self.trajectory.size)) for V in self.local)
 
     def motion(self, state: State) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (P, n) at the points."""
-        columns = self.trajectory.first[self.interval][:, None] + np.arange(5)
-        C = state.C[columns]
-        q, dq, ddq = (np.einsum("pa,paj->pj", V, C) for V in self.local)
+        q, dq, ddq = (basis @ state.C for basis in self._maps)
         return q, dq, ddq
 
     def weights(self, sigma_tau: Array) -> Array:
         """Return one over the standard deviation (P, n) of each row of the torque."""
         out = np.empty((len(self.points), len(sigma_tau)))
         out[:] = 1.0 / sigma_tau
-        out[len(self.log) :] /= TIGHT
+        out[~self.sample] /= TIGHT
+        if self.trust is not None:
+            out[self.sample] *= self.trust
         return out
 
     def residuals(self, model: Model, state: State, theta: Array) -> tuple[Array, Array]:
         """Return what is left of the positions (N, n) and of the torques (P, n), in their units."""
-        N = len(self.log)
         q, dq, ddq = self.motion(state)
+        return self.log.q - q[self.sample], self._wanted(state) - model.torque(q, dq, ddq, theta)
+
+    def _wanted(self, state: State) -> Array:
+        """Return the torque (P, n) that the model should have at the points."""
         wanted = self.hats @ state.W
-        wanted[:N] = self.log.tau
-        return self.log.q - q[:N], wanted - model.torque(q, dq, ddq, theta)
+        wanted[self.sample] = self.log.tau
+        return np.asarray(wanted)
 
     def cost(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> float:
         """Return half the sum of the weighted squares."""
@@ -154,66 +172,73 @@ class Segment:
         self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array, *, bend: bool = True
     ) -> Equations:
         """Return the normal equations about a state."""
-        N, n, p = len(self.log), len(sigma_q), len(theta)
-        k = self.hats.shape[1]
-        q, dq, ddq = self.motion(state)
-        Z, slopes = model.regressor(q, dq, ddq), model.partials(q, dq, ddq, theta)
-        by = np.stack([slopes.q, slopes.dq, slopes.ddq])
+        n, p, k = len(sigma_q), len(theta), self.hats.shape[1]
+        states = self.motion(state)
+        Z, slopes = model.regressor(*states), model.partials(*states, theta)
         weight = self.weights(sigma_tau)
-        wanted = self.hats @ state.W
-        wanted[:N] = self.log.tau
-        left = weight * (wanted - Z @ theta)
-        w, b = 5 * n, k * n + p
-        P = len(q)
-        rows = np.empty((P, n, w + b + 1))
-        # rows of -residual: d tau by C, minus the hats, d tau by theta
-        rows[:, :, :w] = np.einsum("dpa,dpjk->pjak", self.local, by, optimize=True).reshape(P, n, w)
-        rows[:, :, w : w + k * n] = 0.0
+        left = weight * (self._wanted(state) - Z @ theta)
+        left_q = np.zeros_like(left)
+        left_q[self.sample] = (self.log.q - states[0][self.sample]) / sigma_q**2
+        P, w, b = len(left), 5 * n, k * n + p
+        rows = np.zeros((P, n, w + b + 1))  # minus the derivatives of the residuals by C, W and theta; residuals
+        for V, by in zip(self.local, (slopes.q, slopes.dq, slopes.ddq), strict=True):
+            rows[:, :, :w] += (V[:, None, :, None] * by[:, :, None, :]).reshape(P, n, w)
         for j in range(n):
             rows[:, j, w + j : w + k * n : n] = -self.hats
         rows[:, :, w + k * n : -1] = Z
         rows[:, :, :-1] *= weight[:, :, None]
         rows[:, :, -1] = left
-        order, groups = self._sorted
-        rows = rows[order]
-        I = len(self.trajectory.first)  # noqa: E741
-        blocks = np.zeros((I, w + b + 1, w + b + 1))
-        for i, lo, hi in groups:
-            part = rows[lo:hi].reshape(-1, w + b + 1)
-            blocks[i] = part.T @ part
-        left_q = np.zeros((P, n))
-        left_q[:N] = (self.log.q - q[:N]) / sigma_q**2
-        along = np.zeros((I, w, 1))
-        bends = np.zeros((I, w, p))
-        pull = np.einsum("pa,pj->paj", self.local[0], left_q).reshape(P, w, 1)
-        self._sum(along, pull)
-        if bend:
-            self._sum(bends, self._bends(model, (q, dq, ddq), left * weight, p))
+        blocks = self._products(rows, rows)
         for j in range(n):
             blocks[:, j:w:n, j:w:n] += self._gram / sigma_q[j] ** 2
-        wide = np.concatenate([blocks[:, :w, w:-1], bends, blocks[:, :w, -1:] + along], axis=2)
+        pull = self._products(self.local[0], left_q).reshape(-1, w, 1)
+        bends = self._bends(model, states, Z, left * weight) if bend else np.zeros((len(blocks), w, p))
+        wide = np.concatenate([blocks[:, :w, w:-1], bends, blocks[:, :w, -1:] + pull], axis=2)
         band, side = gather(blocks[:, :w, :w], wide, self.trajectory.first * n, self.trajectory.size * n)
         if self.rest:
             band[0, :n] = 1.0  # the first coefficients are the second ones
         total = blocks[:, w:, w:].sum(axis=0)
-        cost = 0.5 * float(total[-1, -1] + ((self.log.q - q[:N]) ** 2 / sigma_q**2).sum())
+        cost = 0.5 * float(total[-1, -1] + (left_q**2 * sigma_q**2).sum())
         return Equations(band, side[:, :b], total[:-1, :-1], side[:, b:-1], side[:, -1], total[:-1, -1], cost)
 
-    def _sum(self, out: Array, rows: Array) -> None:
-        """Add up rows (P, ...) by interval."""
-        order, groups = self._sorted
-        starts = [lo for _, lo, _ in groups]
-        out[[i for i, _, _ in groups]] = np.add.reduceat(rows[order], starts, axis=0)
+    def _bends(self, model: Model, states: tuple[Array, Array, Array], Z: Array, pull: Array) -> Array:
+        """Return the sums (I, w, p) of -sum_j pull_j d^2 tau_j / dC dtheta, by differences of the regressor."""
+        (P, n), p = pull.shape, Z.shape[2]
+        slopes = np.empty((P, 3, n, p))
+        for d in range(3):
+            for j in range(n):
+                size = NUDGE * (1.0 + float(np.abs(states[d][:, j]).max()))
+                nudged = [*states]
+                nudged[d] = states[d].copy()
+                nudged[d][:, j] += size
+                change = (model.regressor(*nudged) - Z) / size
+                slopes[:, d, j] = (pull[:, None] @ change)[:, 0]
+        basis = np.moveaxis(self.local, 0, 1)
+        return -self._products(basis, slopes.reshape(P, 3, n * p)).reshape(-1, 5 * n, p)
 
-    def _bends(self, model: Model, states: tuple[Array, Array, Array], pull: Array, p: int) -> Array:
-        """Return the rows (P, w, p) of -sum_j pull_j d^2 tau_j / dC dtheta."""
-        P, n = pull.shape
-        out = np.empty((P, 5, n, p))
-        for k, unit in enumerate(np.eye(p)):
-            by = model.partials(*states, unit)
-            E = np.stack([np.einsum("pj,pjk->pk", pull, part) for part in (by.q, by.dq, by.ddq)])
-            np.einsum("dpa,dpk->pak", self.local, E, out=out[..., k])
-        return -out.reshape(P, 5 * n, p)
+    def leverage(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> Array:
+        """Return how many degrees of freedom (2, n) the trajectory takes from the positions and torques of each joint.
+
+        These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.
+        """
+        n = len(sigma_q)
+        found = self.equations(model, state, theta, sigma_q, sigma_tau, bend=False)
+        inverse = Arrow(found.band, found.border).inverse
+        at = self.trajectory.first[:, None] * n + np.arange(5 * n)
+        low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])
+        Z = inverse[high - low, low]
+        states = self.motion(state)
+        slopes, weight = model.partials(*states, theta), self.weights(sigma_tau) * self.sample[:, None]
+        out = np.empty((2, n))
+        for j in range(n):
+            out[0, j] = (Z[:, j::n, j::n] * self._gram).sum() / sigma_q[j] ** 2
+            row = sum(
+                V[:, :, None] * by[:, j, None, :]
+                for V, by in zip(self.local, (slopes.q, slopes.dq, slopes.ddq), strict=True)
+            )
+            row = np.reshape(row, (len(weight), 5 * n)) * weight[:, j, None]
+            out[1, j] = (Z * self._products(row, row)).sum()
+        return out
 
     def moved(self, state: State, dC: Array, dW: Array) -> State:
         """Return the state after a step, given flat."""
@@ -225,17 +250,11 @@ class Segment:
 
     def start(self, sigma_q: Array, sigma_ddq: Array, sigma_tau: Array) -> State:
         """Return the smooth start: positions fitted with accelerations of about ``sigma_ddq`` (n) kept down."""
-        from dynident.likelihood.arrow import Arrow
-
-        N, n = len(self.log), len(sigma_q)
-        size = self.trajectory.size
+        n, size = len(sigma_q), self.trajectory.size
         C = np.empty((size, n))
-        bend = np.einsum("pa,pb->pab", self.local[2], self.local[2])
-        smooth, along = np.zeros_like(self._gram), np.zeros((len(self._gram), 5, n))
-        self._sum(smooth, bend)
-        pull = np.zeros((len(self.points), 5, n))
-        pull[:N] = self.local[0][:N, :, None] * self.log.q[:, None, :]
-        self._sum(along, pull)
+        measured = np.zeros((len(self.points), n))
+        measured[self.sample] = self.log.q
+        smooth, along = self._products(self.local[2], self.local[2]), self._products(self.local[0], measured)
         for j in range(n):
             blocks = self._gram / sigma_q[j] ** 2 + smooth / sigma_ddq[j] ** 2
             band, rhs = gather(blocks, along[:, :, j : j + 1] / sigma_q[j] ** 2, self.trajectory.first, size)

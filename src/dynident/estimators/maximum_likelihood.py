@@ -1,0 +1,266 @@
+"""Maximum likelihood of eq. (7): errors in positions and torques alike, on a spline trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError, ModelError, choices
+from dynident.estimators.consistent import Consistent
+from dynident.estimators.constraints import bodies_of
+from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.least_squares import LeastSquares
+from dynident.likelihood import (
+    Barrier,
+    Demand,
+    Fitted,
+    Segment,
+    Settings,
+    State,
+    demands,
+    maximise,
+    noise,
+    plan,
+    steps_of,
+    whiteness,
+)
+from dynident.log import Log
+
+__all__ = ["MaximumLikelihood"]
+
+Array = NDArray[np.float64]
+Rest = Literal["no", "yes", "test"]
+MARGIN = 0.05  # room to the boundary that a start is given, relative to the usual size
+NULL = 1e-12  # relative information below which a direction counts as not excited
+
+
+@dataclass(frozen=True)
+class MaximumLikelihood:
+    """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
+
+    ``rest``: "yes" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
+    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 20 until the residuals are
+    white, or 2.5 is reached. ``steps``: whether steps of the torque are looked for (the start always counts as one).
+    ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of estimating the
+    noise of each joint's position and torque. The start is a fit of least squares, or the consistent one for bodies;
+    where the iteration fails it is returned, and the status says so. The barrier ``weight`` that keeps inertia and
+    friction physical is in units of half a squared standard deviation.
+    """
+
+    rest: Rest = "no"
+    spacing: float | None = None
+    steps: bool = True
+    huber: float | None = None
+    rounds: int = 2
+    weight: float = 1e-3
+    tolerance: float = 1e-3
+    iterations: int = 60
+
+    def __post_init__(self) -> None:
+        if self.rest not in get_args(Rest):
+            raise ConfigError(f"rest = {self.rest!r}; {choices(self.rest, get_args(Rest))}")
+        for name in ("spacing", "huber"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise ConfigError(f"{name} = {value}; give a positive number, or leave it out.")
+        for name in ("rounds", "iterations"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1.")
+        for name in ("weight", "tolerance"):
+            if not 0 < getattr(self, name) < 1:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; the status says how it went. Raises ConfigError, InputError and ModelError as the start does."""
+        model = problem.model
+        start = Consistent(costs=False)(problem) if bodies_of(model.parameters) else LeastSquares()(problem)
+        try:
+            return _Run.begin(self, problem, start).estimate()
+        except (ModelError, InputError, np.linalg.LinAlgError) as error:
+            words = f"maximum likelihood failed, this is the least-squares start: {error}"
+            return replace(start, status=words)
+
+
+@dataclass(eq=False)
+class _Run:
+    """One estimation on its way."""
+
+    settings: MaximumLikelihood
+    problem: Problem
+    start: Estimate
+    logs: tuple[Log, ...]
+    barrier: Barrier
+    theta: Array
+    sigma_q: Array
+    sigma_tau: Array
+    segments: tuple[Segment, ...] = ()
+    states: tuple[State, ...] = ()
+
+    @classmethod
+    def begin(cls, settings: MaximumLikelihood, problem: Problem, start: Estimate) -> _Run:
+        logs = problem.logs or _logs(problem)
+        sizes = [len(log) for log in logs]
+        q, tau = ([noise(getattr(log, name)) for log in logs] for name in ("q", "tau"))
+        sigma_q, sigma_tau = (np.sqrt(np.average(np.square(x), axis=0, weights=sizes)) for x in (q, tau))
+        wanted = demands(problem.model, logs, start.value)
+        barrier = Barrier(wanted, settings.weight)
+        theta = _feasible(start.value, problem, wanted)
+        return cls(settings, problem, start, logs, barrier, theta, sigma_q, sigma_tau)
+
+    def estimate(self) -> Estimate:
+        spacing, notes = self.settings.spacing or 20.0, []
+        rest = self.settings.rest != "no"
+        while True:
+            fitted = self.fitted(spacing, rest=rest)
+            if self.settings.spacing is not None or spacing <= 2.5 or self.white() > 1e-4:
+                break
+            spacing /= 2
+        if self.settings.rest == "test":
+            fitted, word = self.tested(fitted, spacing)
+            notes += word
+        if not fitted.converged:
+            notes.append(f"not converged after {fitted.iterations} steps (expected fall {fitted.decrement:.1e})")
+        return self.told(fitted, notes)
+
+    def fitted(self, spacing: float, *, rest: bool) -> Fitted:
+        found = tuple(steps_of(log, self.sigma_tau) if self.settings.steps else () for log in self.logs)
+        self.segments = tuple(
+            plan(log, steps, spacing, rest=rest) for log, steps in zip(self.logs, found, strict=True)
+        )
+        bend = np.max([10 * motion.ddq.std(axis=0) + 1e-9 for motion in self.problem.motions], axis=0)
+        self.states = tuple(one.start(self.sigma_q, bend, self.sigma_tau) for one in self.segments)
+        fitted = self.maximised(hold=2)
+        for _ in range(self.settings.rounds - 1):
+            self.reweighted()
+            fitted = self.maximised(hold=0)
+        return fitted
+
+    def maximised(self, hold: int) -> Fitted:
+        settings = Settings(self.settings.tolerance, self.settings.iterations)
+        fitted = maximise(
+            self.problem.model, self.segments, self.states, self.theta, self.sigma_q, self.sigma_tau, self.barrier,
+            settings, hold,
+        )  # fmt: skip
+        self.theta, self.states = fitted.theta, fitted.states
+        return fitted
+
+    def left(self) -> tuple[list[Array], list[Array]]:
+        """Return the residuals of positions and torques (N, n) by segment, in units of their deviations."""
+        pairs = [
+            one.residuals(self.problem.model, state, self.theta)
+            for one, state in zip(self.segments, self.states, strict=True)
+        ]
+        q = [a / self.sigma_q for a, _ in pairs]
+        return q, [b[one.sample] / self.sigma_tau for (_, b), one in zip(pairs, self.segments, strict=True)]
+
+    def reweighted(self) -> None:
+        """Estimate the noise from the residuals and the degrees of freedom left; with Huber, the trust too."""
+        q, tau = self.left()
+        taken = sum(
+            one.leverage(self.problem.model, state, self.theta, self.sigma_q, self.sigma_tau)
+            for one, state in zip(self.segments, self.states, strict=True)
+        )
+        N = sum(map(len, self.logs))
+        free = np.maximum(N - np.asarray(taken), 0.05 * N)
+        if self.settings.huber is not None:
+            c = self.settings.huber
+            trust = [np.sqrt(np.minimum(1.0, c / np.maximum(np.abs(x), 1e-300))) for x in tau]
+            self.segments = tuple(replace(one, trust=x) for one, x in zip(self.segments, trust, strict=True))
+            scale = 1.4826 * np.median(np.abs(np.concatenate(tau)), axis=0) * np.sqrt(N / free[1])
+        else:
+            scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
+        self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
+        self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
+
+    def white(self) -> float:
+        """Return the probability that the residuals of the worst segment are white."""
+        q, tau = self.left()
+        return min(whiteness(x) for x in [*q, *tau])
+
+    def tested(self, fitted: Fitted, spacing: float) -> tuple[Fitted, list[str]]:
+        """Free the initial velocity, and keep it free where the likelihood ratio says so."""
+        from scipy.stats import chi2
+
+        held = (self.segments, self.states, self.theta)
+        self.segments = tuple(replace(one, rest=False) for one in self.segments)
+        free = self.maximised(hold=0)
+        gain, degrees = 2 * (fitted.cost - free.cost), len(self.logs) * len(self.sigma_q)
+        chance = float(chi2.sf(max(gain, 0.0), degrees))
+        if chance < 0.01:
+            return free, [f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})"]
+        self.segments, self.states, self.theta = held
+        return fitted, []
+
+    def told(self, fitted: Fitted, notes: Sequence[str]) -> Estimate:
+        model, (q, tau) = self.problem.model, self.left()
+        covariance, rank, condition, lost = _inverted(fitted.information)
+        words = list(notes)
+        if lost.any():
+            names = [name for name, gone in zip(model.names, lost, strict=True) if gone]
+            words.append(f"rank {rank} of {len(lost)}: not determined alone: {', '.join(names)}")
+        deviation = np.sqrt(np.mean(np.concatenate(tau) ** 2, axis=0)) * self.sigma_tau
+        return Estimate(
+            value=fitted.theta,
+            covariance=covariance,
+            names=model.names,
+            units=tuple(parameter.unit for parameter in model.parameters),
+            sigma=deviation,
+            rank=rank,
+            condition=condition,
+            samples=sum(map(len, self.logs)),
+            status="; ".join(words) or "ok",
+        )
+
+
+def _logs(problem: Problem) -> tuple[Log, ...]:
+    """Return the runs of usable samples of the motions as logs: where no measured logs are given."""
+    out = []
+    for motion in problem.motions:
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], motion.mask.astype(int), [0]])))
+        for lo, hi in zip(edges[::2], edges[1::2], strict=True):
+            if hi - lo >= 20:
+                part = slice(lo, hi)
+                out.append(Log(motion.t[part], motion.q[part], motion.tau[part], motion.joints, motion.source))
+    if not out:
+        raise InputError("maximum likelihood needs a run of at least 20 usable samples.")
+    return tuple(out)
+
+
+def _feasible(theta: Array, problem: Problem, wanted: tuple[Demand, ...]) -> Array:
+    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary."""
+    from dynident.estimators.cone import positive
+
+    compressed = problem.regression.compressed
+    factor = compressed.stacked(1.0 / np.maximum(np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1)), 1e-12))
+    hessian = factor[:, :-1].T @ factor[:, :-1]
+    matrices, room = [], []
+    for one in wanted:
+        usual = np.abs(np.diagonal(one.slopes @ theta, axis1=1, axis2=2)).max(axis=0)
+        usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
+        scale = 1.0 / np.sqrt(usual)
+        matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
+        room.append(MARGIN if one.centre is None else 1e-9)
+    inside = all(
+        np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True)
+    )
+    return theta if inside else positive(theta, hessian, matrices, room)
+
+
+def _inverted(information: Array) -> tuple[Array, int, float, NDArray[np.bool_]]:
+    """Return covariance, rank, condition, and which parameters are not determined (their variance is infinite)."""
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    empty = scale <= 1e-15 * scale.max()
+    scale[empty] = 1.0
+    values, vectors = np.linalg.eigh(np.where(empty | empty[:, None], 0.0, information / np.outer(scale, scale)))
+    kept = values > NULL * values[-1]
+    half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+    covariance = half @ half.T
+    lost = (vectors[:, ~kept] ** 2).sum(axis=1) > 1e-6
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else np.inf
+    return (covariance + covariance.T) / 2, int(kept.sum()), condition, lost

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from dynident.model import Model
 __all__ = ["Fitted", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
+SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
+SHORTEST = 1e-3  # share of a step below which the search gives up
 
 
 @dataclass(frozen=True)
@@ -41,74 +43,98 @@ class Fitted:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Step:
-    dC: list[Array]
-    dW: list[Array]
-    dtheta: Array
-    decrement: float
-    information: Array
-    observed: Array
-    newton: bool
+def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, float]:
+    """Eliminate a segment's trajectory, then its torque knots (k columns of the border).
 
-
-def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, Array]:
-    """Eliminate a segment's trajectory, then its torque knots.
-
-    Returns the information (p, p) and gradient (p) that it leaves for theta, and the maps back: d(C, W) = a - A dtheta.
+    Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
+    d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
     """
     arrow = Arrow(one.band, np.concatenate([bordered, one.by_C[:, None]], axis=1))
     turned = arrow.turned
     S = one.corner - bordered.T @ turned[:, :-1]
-    g = one.by_border - bordered.T @ turned[:, -1]
     S = (S + S.T) / 2
-    if k:
-        inner = np.linalg.solve(S[:k, :k], np.concatenate([S[:k, k:], g[:k, None]], axis=1))
-    else:
-        inner = np.zeros((0, S.shape[0] + 1))
-    information = S[k:, k:] - S[k:, :k] @ inner[:, :-1]
-    gradient = g[k:] - S[k:, :k] @ inner[:, -1]
-    by_theta = turned[:, k:-1] - turned[:, :k] @ inner[:, :-1]
-    free = turned[:, -1] - turned[:, :k] @ inner[:, -1]
-    constant = np.concatenate([free, inner[:, -1]])
-    slope = np.concatenate([by_theta, inner[:, :-1]])
-    decrement = float(one.by_C @ free + one.by_border[:k] @ inner[:, -1])
-    return information, gradient, np.column_stack([constant, slope]), np.array(decrement)
+    g = one.by_border - bordered.T @ turned[:, -1]
+    inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
+    free = np.column_stack([turned[:, -1], turned[:, k:-1]]) - turned[:, :k] @ inner
+    information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
+    gradient = g[k:] - S[k:, :k] @ inner[:, 0]
+    fall = float(one.by_C @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
+    return information, gradient, np.concatenate([free, inner]), fall
 
 
-def _step(model: Model, found: Sequence[Equations], theta: Array, barrier: Barrier, *, hold: bool) -> _Step:
-    p, n = len(theta), len(model.joints)
-    _, pull, push = barrier.terms(theta)
-    gauss = newton = push
-    gradient = -pull
-    maps = []
-    decrement = 0.0
-    for one in found:
-        k = one.border.shape[1] - p
-        information, g, back, fall = _schur(one, one.border, k)
-        gauss = gauss + information
-        bent = one.border.copy()
-        bent[:, k:] += one.bend
-        observed, g2, back2, _ = _schur(one, bent, k)
-        newton = newton + observed
-        gradient = gradient + g2
-        decrement += float(fall)
-        maps.append((k, back, back2, g))
-    del n
-    scale = np.sqrt(np.diag(gauss))
-    good = np.linalg.eigvalsh(newton / np.outer(scale, scale))[0] > 0.02 * np.linalg.eigvalsh(gauss / np.outer(scale, scale))[0]
-    if not good:
-        gradient = -pull + sum(g for *_, g in maps)
-    H = newton if good else gauss
-    dtheta = np.zeros(p) if hold else np.linalg.solve(H / np.outer(scale, scale), gradient / scale) / scale
-    dC, dW = [], []
-    for k, back, back2, _ in maps:
-        use = back2 if good else back
-        move = use[:, 0] - use[:, 1:] @ dtheta
-        dC.append(move[: len(move) - k])
-        dW.append(move[len(move) - k :])
-    decrement += 0.0 if hold else float(gradient @ dtheta)
-    return _Step(dC, dW, dtheta, decrement, gauss - push, newton - push, bool(good))
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of theta and, as maps [a, A] with the number k of torques, of each segment's (C, W)."""
+
+    theta: Array
+    maps: tuple[tuple[Array, int], ...]
+    decrement: float
+    information: Array
+    observed: Array
+
+
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier) -> _Step:
+    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
+    p = len(theta)
+    _, push, stiff = barrier.terms(theta)
+    reduced = []
+    for bend in (True, False):
+        information, gradient, fall, maps = stiff, -push, 0.0, []
+        for one in found:
+            k, border = one.border.shape[1] - p, one.border
+            if bend:
+                border = border.copy()
+                border[:, k:] += one.bend
+            S, g, back, extra = _schur(one, border, k)
+            information, gradient, fall = information + S, gradient + g, fall + extra
+            maps.append((back, k))
+        reduced.append((information, gradient, fall, tuple(maps)))
+    observed, gauss = reduced[0][0], reduced[1][0]
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-300))
+    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
+    H, gradient, fall, maps_used = reduced[0] if weakest[0] > SAFE * weakest[1] else reduced[1]
+    dtheta = np.linalg.solve(H / np.outer(scale, scale), gradient / scale) / scale
+    return _Step(dtheta, maps_used, fall + float(gradient @ dtheta), gauss - stiff, observed - stiff)
+
+
+@dataclass(eq=False)
+class _Search:
+    """The problem, and where the search stands."""
+
+    model: Model
+    segments: tuple[Segment, ...]
+    sigma_q: Array
+    sigma_tau: Array
+    barrier: Barrier
+
+    def cost(self, states: Sequence[State], theta: Array) -> float:
+        """Return half the weighted squares and the barrier; infinite outside of it."""
+        if not self.barrier.inside(theta):
+            return np.inf
+        pairs = zip(self.segments, states, strict=True)
+        data = sum(one.cost(self.model, state, theta, self.sigma_q, self.sigma_tau) for one, state in pairs)
+        return data + self.barrier.terms(theta)[0]
+
+    def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+        pairs = zip(self.segments, states, strict=True)
+        return [one.equations(self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+
+    def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
+        """Return the states after one step of Gauss and Newton at this theta."""
+        p, out = len(theta), []
+        for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
+            k = found.border.shape[1] - p
+            move = _schur(found, found.border, k)[2][:, 0]
+            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+        return tuple(out)
+
+    def tried(self, states: Sequence[State], theta: Array, step: _Step, size: float) -> tuple[State, ...]:
+        """Return the states that a share ``size`` of the step leads to."""
+        out = []
+        for one, state, (back, k) in zip(self.segments, states, step.maps, strict=True):
+            move = size * (back[:, 0] - back[:, 1:] @ step.theta)
+            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+        return tuple(out)
 
 
 def maximise(
@@ -119,50 +145,51 @@ def maximise(
     sigma_q: Array,
     sigma_tau: Array,
     barrier: Barrier,
-    settings: Settings = Settings(),  # noqa: B008
+    settings: Settings | None = None,
     hold: int = 2,
-    trace: list | None = None,
+    trace: Callable[[int, float, float, Array], None] = lambda *_: None,
 ) -> Fitted:
     """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
 
-    In the first ``hold`` steps theta stays where it is. Raises ModelError where the equations cannot be solved.
+    Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
+    valley is curved is followed by one at fixed theta before it is halved. ``trace`` is called with each iteration's
+    number, cost, expected fall and theta. Raises ModelError where the equations cannot be solved.
     """
-    states, iteration, converged = tuple(states), 0, False
-    def total(states: Sequence[State], theta: Array) -> float:
-        if not barrier.inside(theta):
-            return np.inf
-        data = sum(s.cost(model, x, theta, sigma_q, sigma_tau) for s, x in zip(segments, states, strict=True))
-        return data + barrier.terms(theta)[0]
-    cost = total(states, theta)
+    settings = settings or Settings()
+    search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
+    states, iteration = tuple(states), 0
+    for _ in range(hold):
+        states = search.followed(states, theta)
+    cost = search.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{model.name}: the start is outside of what physics allows.")
     while True:
-        found = [
-            s.equations(model, x, theta, sigma_q, sigma_tau, bend=iteration >= hold)
-            for s, x in zip(segments, states, strict=True)
-        ]
-        step = _step(model, found, theta, barrier, hold=iteration < hold)
-        if trace is not None:
-            trace.append((iteration, cost, step.decrement, step.newton, theta.copy()))
-        converged = iteration >= hold and abs(step.decrement) < settings.tolerance
+        step = _step(search.equations(states, theta, bend=True), theta, barrier)
+        trace(iteration, cost, step.decrement, theta)
+        converged = 0 <= step.decrement < settings.tolerance
         if converged or iteration >= settings.iterations:
             break
-        size = 1.0
-        while not barrier.inside(theta + size * step.dtheta / 0.9):
-            size *= 0.7
-        while True:
-            new = tuple(
-                s.moved(x, size * c, size * w) for s, x, c, w in zip(segments, states, step.dC, step.dW, strict=True)
-            )
-            tried = total(new, theta + size * step.dtheta)
-            if tried < cost - 1e-4 * size * step.decrement or size < 1e-3:
-                break
-            size *= 0.5
-        iteration += 1
-        if not tried < cost:
-            if iteration < hold:
-                iteration = hold
-                continue
+        found = _descend(search, states, theta, step, cost)
+        if found is None:
             break
-        states, theta, cost = new, theta + size * step.dtheta, tried
+        states, theta, cost = found
+        iteration += 1
     return Fitted(theta, states, step.information, step.observed, cost, step.decrement, iteration, converged)
+
+
+def _descend(
+    search: _Search, states: tuple[State, ...], theta: Array, step: _Step, cost: float
+) -> tuple[tuple[State, ...], Array, float] | None:
+    """Return states, theta and cost after a share of the step that lowers the cost; None where there is none."""
+    size = 1.0
+    while not search.barrier.inside(theta + size * step.theta / 0.9):
+        size *= 0.7
+    while size > SHORTEST:
+        moved, aim = search.tried(states, theta, step, size), theta + size * step.theta
+        for _ in range(3):
+            value = search.cost(moved, aim)
+            if value < cost - 1e-2 * size * min(step.decrement, 1.0):
+                return moved, aim, value
+            moved = search.followed(moved, aim)
+        size *= 0.4
+    return None

@@ -35,6 +35,11 @@ __all__ = ["MaximumLikelihood"]
 Array = NDArray[np.float64]
 Rest = Literal["no", "yes", "test"]
 MARGIN = 0.05  # room to the boundary that a start is given, relative to the usual size
+WIDEST, NARROWEST = 20.0, 1.25  # spacings of the knots, in samples
+CLOSE = 3e-7  # residual of a position, relative to its range, that is as good as none
+LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
+WHITE = 1e-3  # probability below which residuals are not white
+LEAST = {"q": 1e-7, "tau": 1e-5}  # least noise, relative to the largest value: the spline is no more exact
 NULL = 1e-12  # relative information below which a direction counts as not excited
 
 
@@ -43,8 +48,9 @@ class MaximumLikelihood:
     """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
 
     ``rest``: "yes" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
-    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 20 until the residuals are
-    white, or 2.5 is reached. ``steps``: whether steps of the torque are looked for (the start always counts as one).
+    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 20 until the positions
+    are fitted to white residuals, or 1.25 is reached. ``steps``: whether steps of the torque are looked
+    for; None does so unless the model has Coulomb friction, whose reversals look like steps. A start from rest is one.
     ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of estimating the
     noise of each joint's position and torque. The start is a fit of least squares, or the consistent one for bodies;
     where the iteration fails it is returned, and the status says so. The barrier ``weight`` that keeps inertia and
@@ -53,7 +59,7 @@ class MaximumLikelihood:
 
     rest: Rest = "no"
     spacing: float | None = None
-    steps: bool = True
+    steps: bool | None = None
     huber: float | None = None
     rounds: int = 2
     weight: float = 1e-3
@@ -104,7 +110,7 @@ class _Run:
     def begin(cls, settings: MaximumLikelihood, problem: Problem, start: Estimate) -> _Run:
         logs = problem.logs or _logs(problem)
         sizes = [len(log) for log in logs]
-        q, tau = ([noise(getattr(log, name)) for log in logs] for name in ("q", "tau"))
+        q, tau = ([noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
         sigma_q, sigma_tau = (np.sqrt(np.average(np.square(x), axis=0, weights=sizes)) for x in (q, tau))
         wanted = demands(problem.model, logs, start.value)
         barrier = Barrier(wanted, settings.weight)
@@ -112,32 +118,51 @@ class _Run:
         return cls(settings, problem, start, logs, barrier, theta, sigma_q, sigma_tau)
 
     def estimate(self) -> Estimate:
-        spacing, notes = self.settings.spacing or 20.0, []
-        rest = self.settings.rest != "no"
-        while True:
-            fitted = self.fitted(spacing, rest=rest)
-            if self.settings.spacing is not None or spacing <= 2.5 or self.white() > 1e-4:
-                break
-            spacing /= 2
+        notes: list[str] = []
+        fitted = self.fitted(rest=self.settings.rest != "no")
         if self.settings.rest == "test":
-            fitted, word = self.tested(fitted, spacing)
+            fitted, word = self.tested(fitted)
             notes += word
         if not fitted.converged:
             notes.append(f"not converged after {fitted.iterations} steps (expected fall {fitted.decrement:.1e})")
         return self.told(fitted, notes)
 
-    def fitted(self, spacing: float, *, rest: bool) -> Fitted:
-        found = tuple(steps_of(log, self.sigma_tau) if self.settings.steps else () for log in self.logs)
-        self.segments = tuple(
-            plan(log, steps, spacing, rest=rest) for log, steps in zip(self.logs, found, strict=True)
-        )
-        bend = np.max([10 * motion.ddq.std(axis=0) + 1e-9 for motion in self.problem.motions], axis=0)
-        self.states = tuple(one.start(self.sigma_q, bend, self.sigma_tau) for one in self.segments)
+    def fitted(self, *, rest: bool) -> Fitted:
+        """Lay out the segments, and fit with the noise known better each round."""
+        look = self.settings.steps
+        if look is None:
+            look = all(parameter.role != "coulomb" for parameter in self.problem.model.parameters)
+        found = tuple(steps_of(log, self.sigma_tau) if look else () for log in self.logs)
+        self.lay_out(found, rest=rest)
         fitted = self.maximised(hold=2)
         for _ in range(self.settings.rounds - 1):
             self.reweighted()
             fitted = self.maximised(hold=0)
         return fitted
+
+    def lay_out(self, steps: Sequence[Sequence[float]], *, rest: bool) -> None:
+        """Choose the knots' spacing by fits to the positions alone, whose residuals must be white."""
+        bend = np.max([10 * motion.ddq.std(axis=0) + 1e-9 for motion in self.problem.motions], axis=0)
+        spacing = self.settings.spacing or WIDEST
+        while True:
+            pairs = zip(self.logs, steps, strict=True)
+            self.segments = tuple(plan(log, times, spacing, self.sigma_tau, rest=rest) for log, times in pairs)
+            if self.settings.spacing or spacing <= NARROWEST:
+                break
+            left = [one.offset(one.start(self.sigma_q, LOOSE * bend)) for one in self.segments]
+            power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
+            close = (power < (CLOSE * np.ptp(np.concatenate([log.q for log in self.logs]), axis=0)) ** 2).all()
+            if close or self.white(left):
+                # what the spline cannot follow counts as noise
+                self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))
+                break
+            spacing /= 2
+        self.states = tuple(one.start(self.sigma_q, bend) for one in self.segments)
+
+    def white(self, left: Sequence[Array]) -> bool:
+        """Return whether the residuals of all positions are as good as white."""
+        pairs = zip(left, self.segments, strict=True)
+        return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
 
     def maximised(self, hold: int) -> Fitted:
         settings = Settings(self.settings.tolerance, self.settings.iterations)
@@ -176,12 +201,7 @@ class _Run:
         self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
         self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
 
-    def white(self) -> float:
-        """Return the probability that the residuals of the worst segment are white."""
-        q, tau = self.left()
-        return min(whiteness(x) for x in [*q, *tau])
-
-    def tested(self, fitted: Fitted, spacing: float) -> tuple[Fitted, list[str]]:
+    def tested(self, fitted: Fitted) -> tuple[Fitted, list[str]]:
         """Free the initial velocity, and keep it free where the likelihood ratio says so."""
         from scipy.stats import chi2
 

@@ -16,6 +16,7 @@ __all__ = ["Arrow", "gather"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has spoilt it
 
 
 def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
@@ -55,10 +56,13 @@ class Arrow:
         for d in range(len(scaled)):
             scaled[d, : m - d] *= scale[d:]
             scaled[d, m - d :] = 0.0
-        try:
-            return cholesky_banded(scaled, lower=True, check_finite=False), scale
-        except LinAlgError as error:
-            raise ModelError("the normal equations of the trajectory are not positive definite.") from error
+        for extra in JITTER:
+            scaled[0] = 1.0 + extra
+            try:
+                return cholesky_banded(scaled, lower=True, check_finite=False), scale
+            except LinAlgError:
+                continue
+        raise ModelError("the normal equations of the trajectory are not positive definite.")
 
     def inner(self, rhs: Array) -> Array:
         """Return N^-1 rhs for rhs (m, k)."""

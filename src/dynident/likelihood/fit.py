@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ __all__ = ["Fitted", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
+NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
 SHORTEST = 1e-3  # share of a step below which the search gives up
 
 
@@ -73,7 +75,7 @@ class _Step:
     observed: Array
 
 
-def _step(found: Sequence[Equations], theta: Array, barrier: Barrier) -> _Step:
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
     _, push, stiff = barrier.terms(theta)
@@ -93,7 +95,10 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier) -> _Step:
     scale = np.sqrt(np.maximum(np.diag(gauss), 1e-300))
     weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
     H, gradient, fall, maps_used = reduced[0] if weakest[0] > SAFE * weakest[1] else reduced[1]
-    dtheta = np.linalg.solve(H / np.outer(scale, scale), gradient / scale) / scale
+    free = np.array([k for k in range(p) if k != fixed], dtype=int)
+    dtheta = np.zeros(p)
+    dtheta[free] = np.linalg.solve((H / np.outer(scale, scale))[np.ix_(free, free)], (gradient / scale)[free])
+    dtheta /= scale
     return _Step(dtheta, maps_used, fall + float(gradient @ dtheta), gauss - stiff, observed - stiff)
 
 
@@ -147,11 +152,12 @@ def maximise(
     barrier: Barrier,
     settings: Settings | None = None,
     hold: int = 2,
+    fixed: int | None = None,
     trace: Callable[[int, float, float, Array], None] = lambda *_: None,
 ) -> Fitted:
     """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
 
-    Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
+    The parameter with the index ``fixed`` stays as it is. Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
     valley is curved is followed by one at fixed theta before it is halved. ``trace`` is called with each iteration's
     number, cost, expected fall and theta. Raises ModelError where the equations cannot be solved.
     """
@@ -163,8 +169,15 @@ def maximise(
     cost = search.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{model.name}: the start is outside of what physics allows.")
+    equations: list[Equations] = []
+    step: _Step | None = None
     while True:
-        step = _step(search.equations(states, theta, bend=True), theta, barrier)
+        near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
+        bends = [one.bend for one in equations]
+        equations = search.equations(states, theta, bend=not near)
+        if near:
+            equations = [replace(one, bend=bend) for one, bend in zip(equations, bends, strict=True)]
+        step = _step(equations, theta, barrier, fixed)
         trace(iteration, cost, step.decrement, theta)
         converged = 0 <= step.decrement < settings.tolerance
         if converged or iteration >= settings.iterations:
@@ -186,10 +199,11 @@ def _descend(
         size *= 0.7
     while size > SHORTEST:
         moved, aim = search.tried(states, theta, step, size), theta + size * step.theta
-        for _ in range(3):
-            value = search.cost(moved, aim)
-            if value < cost - 1e-2 * size * min(step.decrement, 1.0):
-                return moved, aim, value
-            moved = search.followed(moved, aim)
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
+            for _ in range(3):
+                value = search.cost(moved, aim)
+                if value < cost - 1e-2 * size * min(step.decrement, 1.0):
+                    return moved, aim, value
+                moved = search.followed(moved, aim)
         size *= 0.4
     return None

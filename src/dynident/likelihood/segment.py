@@ -157,6 +157,10 @@ class Segment:
         q, dq, ddq = self.motion(state)
         return self.log.q - q[self.sample], self._wanted(state) - model.torque(q, dq, ddq, theta)
 
+    def offset(self, state: State) -> Array:
+        """Return what is left of the positions (N, n)."""
+        return np.asarray(self.log.q - (self._maps[0] @ state.C)[self.sample])
+
     def _wanted(self, state: State) -> Array:
         """Return the torque (P, n) that the model should have at the points."""
         wanted = self.hats @ state.W
@@ -248,7 +252,7 @@ class Segment:
             C[0] = C[1]
         return replace(state, C=C, W=state.W + dW.reshape(-1, n))
 
-    def start(self, sigma_q: Array, sigma_ddq: Array, sigma_tau: Array) -> State:
+    def start(self, sigma_q: Array, sigma_ddq: Array) -> State:
         """Return the smooth start: positions fitted with accelerations of about ``sigma_ddq`` (n) kept down."""
         n, size = len(sigma_q), self.trajectory.size
         C = np.empty((size, n))

@@ -23,7 +23,7 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
     The spacing is ``fine`` after each of the ``steps`` and grows by the factor ``growth`` from one to the next up to
     ``coarse``; the part before the first step is coarse.
     """
-    marks = sorted({start, *(s for s in steps if start < s < stop), stop})
+    marks = sorted({start, *(s for s in steps if start <= s < stop), stop})
     parts = []
     for left, right in zip(marks[:-1], marks[1:], strict=True):
         size = fine if left in steps else coarse

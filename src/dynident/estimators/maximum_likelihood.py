@@ -34,12 +34,15 @@ __all__ = ["MaximumLikelihood"]
 
 Array = NDArray[np.float64]
 Rest = Literal["no", "yes", "test"]
-MARGIN = 0.05  # room to the boundary that a start is given, relative to the usual size
-WIDEST, NARROWEST = 20.0, 1.25  # spacings of the knots, in samples
-CLOSE = 3e-7  # residual of a position, relative to its range, that is as good as none
+MARGIN, DEEP = 0.3, 0.8  # room to the boundary that a first and a second start are given, relative to the usual size
+WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
+CLOSE = 1e-6  # residual of a position, relative to its range, that is as good as none
+LIMIT = 1.959964  # of a normal deviate, for 95 %
+LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
+ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 WHITE = 1e-3  # probability below which residuals are not white
-LEAST = {"q": 1e-7, "tau": 1e-5}  # least noise, relative to the largest value: the spline is no more exact
+LEAST = {"q": 1e-6, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 NULL = 1e-12  # relative information below which a direction counts as not excited
 
 
@@ -48,13 +51,16 @@ class MaximumLikelihood:
     """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
 
     ``rest``: "yes" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
-    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 20 until the positions
+    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 80 until the positions
     are fitted to white residuals, or 1.25 is reached. ``steps``: whether steps of the torque are looked
     for; None does so unless the model has Coulomb friction, whose reversals look like steps. A start from rest is one.
     ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of estimating the
-    noise of each joint's position and torque. The start is a fit of least squares, or the consistent one for bodies;
-    where the iteration fails it is returned, and the status says so. The barrier ``weight`` that keeps inertia and
-    friction physical is in units of half a squared standard deviation.
+    noise of each joint's position and torque. Parameters whose standard error exceeds the share ``profile`` of their
+    value get intervals by profile likelihood, which need not be symmetric; None leaves all symmetric.
+
+    The start is a fit of least squares, or the consistent one for bodies, moved to where physics allows it; where the
+    iteration fails it is returned, and the status says so. The barrier ``weight`` that keeps inertia and friction
+    physical is in units of half a squared standard deviation.
     """
 
     rest: Rest = "no"
@@ -62,6 +68,7 @@ class MaximumLikelihood:
     steps: bool | None = None
     huber: float | None = None
     rounds: int = 2
+    profile: float | None = 0.15
     weight: float = 1e-3
     tolerance: float = 1e-3
     iterations: int = 60
@@ -69,7 +76,7 @@ class MaximumLikelihood:
     def __post_init__(self) -> None:
         if self.rest not in get_args(Rest):
             raise ConfigError(f"rest = {self.rest!r}; {choices(self.rest, get_args(Rest))}")
-        for name in ("spacing", "huber"):
+        for name in ("spacing", "huber", "profile"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise ConfigError(f"{name} = {value}; give a positive number, or leave it out.")
@@ -84,11 +91,13 @@ class MaximumLikelihood:
         """Estimate; the status says how it went. Raises ConfigError, InputError and ModelError as the start does."""
         model = problem.model
         start = Consistent(costs=False)(problem) if bodies_of(model.parameters) else LeastSquares()(problem)
+        fallback = start
         try:
-            return _Run.begin(self, problem, start).estimate()
+            run = _Run.begin(self, problem, start)
+            fallback = replace(start, value=run.theta)  # as near to it as physics allows
+            return run.estimate()
         except (ModelError, InputError, np.linalg.LinAlgError) as error:
-            words = f"maximum likelihood failed, this is the least-squares start: {error}"
-            return replace(start, status=words)
+            return replace(fallback, status=f"maximum likelihood failed, this is the least-squares start: {error}")
 
 
 @dataclass(eq=False)
@@ -120,6 +129,8 @@ class _Run:
     def estimate(self) -> Estimate:
         notes: list[str] = []
         fitted = self.fitted(rest=self.settings.rest != "no")
+        if not fitted.converged or _inverted(fitted.information)[3].any():
+            fitted = self.again(fitted)
         if self.settings.rest == "test":
             fitted, word = self.tested(fitted)
             notes += word
@@ -134,11 +145,19 @@ class _Run:
             look = all(parameter.role != "coulomb" for parameter in self.problem.model.parameters)
         found = tuple(steps_of(log, self.sigma_tau) if look else () for log in self.logs)
         self.lay_out(found, rest=rest)
-        fitted = self.maximised(hold=2)
+        fitted = self.maximised(hold=2, loose=ROUGH if self.settings.rounds > 1 else 1.0)
         for _ in range(self.settings.rounds - 1):
             self.reweighted()
-            fitted = self.maximised(hold=0)
+            fitted = self.maximised()
         return fitted
+
+    def again(self, fitted: Fitted) -> Fitted:
+        """Search once more from well inside of what physics allows, and keep the more likely end."""
+        deep = _feasible(self.start.value, self.problem, self.barrier.demands, DEEP)
+        other = self.searched(deep, self.states, hold=3)
+        better = other if other.converged and (other.cost < fitted.cost or not fitted.converged) else fitted
+        self.theta, self.states = better.theta, better.states
+        return better
 
     def lay_out(self, steps: Sequence[Sequence[float]], *, rest: bool) -> None:
         """Choose the knots' spacing by fits to the positions alone, whose residuals must be white."""
@@ -164,14 +183,62 @@ class _Run:
         pairs = zip(left, self.segments, strict=True)
         return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
 
-    def maximised(self, hold: int) -> Fitted:
-        settings = Settings(self.settings.tolerance, self.settings.iterations)
-        fitted = maximise(
-            self.problem.model, self.segments, self.states, self.theta, self.sigma_q, self.sigma_tau, self.barrier,
-            settings, hold,
-        )  # fmt: skip
+    def maximised(self, hold: int = 0, loose: float = 1.0) -> Fitted:
+        """Search from where the run stands, and move there."""
+        fitted = self.searched(self.theta, self.states, hold, loose)
         self.theta, self.states = fitted.theta, fitted.states
         return fitted
+
+    def searched(
+        self, theta: Array, states: tuple[State, ...], hold: int = 0, loose: float = 1.0, fixed: int | None = None
+    ) -> Fitted:
+        """Search from a theta and states, with one parameter fixed or none."""
+        settings = Settings(loose * self.settings.tolerance, self.settings.iterations)
+        model, noise = self.problem.model, (self.sigma_q, self.sigma_tau)
+        return maximise(model, self.segments, states, theta, *noise, self.barrier, settings, hold, fixed)
+
+    def intervals(self, fitted: Fitted, covariance: Array) -> Array:
+        """Return 95 % intervals (p, 2): by profile likelihood where the standard error is large, else symmetric."""
+        std = np.sqrt(np.diag(covariance))
+        out = fitted.theta[:, None] + LIMIT * std[:, None] * np.array([-1.0, 1.0])
+        share = self.settings.profile
+        if share is not None and np.isfinite(std).all():
+            for k in np.flatnonzero(std > share * np.abs(fitted.theta)):
+                out[k] = [self.crossing(fitted, covariance, int(k), sign) for sign in (-1, 1)]
+        return out
+
+    def crossing(self, fitted: Fitted, covariance: Array, k: int, sign: int) -> float:
+        """Return where the profile likelihood of parameter k falls to its 95 % limit, on one side.
+
+        The root of the deviance is nearly linear in the logarithm of the parameter: regula falsi finds the crossing.
+        A value at which the deviance stays low to the last is returned as it is.
+        """
+        value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
+        along = covariance[:, k] / covariance[k, k]
+        size = std / abs(value)
+        known, x, theta, states = [(0.0, 0.0)], LIMIT * size, fitted.theta, fitted.states
+        for _ in range(6):
+            aim = value * float(np.exp(sign * np.sign(value) * x))
+            start = theta + along * (aim - theta[k])
+            start[k] = aim
+            if not self.barrier.inside(start):
+                start = theta.copy()
+                start[k] = aim
+            if not self.barrier.inside(start):
+                x = (x + known[-1][0]) / 2
+                continue
+            found = self.searched(start, states, hold=1, loose=10.0, fixed=k)
+            theta, states = found.theta, found.states
+            known.append((x, float(np.sqrt(2 * max(found.cost - fitted.cost, 0.0)))))
+            if abs(known[-1][1] - LIMIT) < 0.03 or x > LONGEST:
+                break
+            low = max((pair for pair in known if pair[1] < LIMIT), default=known[0])
+            high = min((pair for pair in known if pair[1] >= LIMIT), default=None)
+            if high is None:
+                x = low[0] * min(LIMIT / max(low[1], 0.5), 2.0) if low[0] else 2 * x
+            else:
+                x = low[0] + (high[0] - low[0]) * (LIMIT - low[1]) / (high[1] - low[1])
+        return value * float(np.exp(sign * np.sign(value) * x))
 
     def left(self) -> tuple[list[Array], list[Array]]:
         """Return the residuals of positions and torques (N, n) by segment, in units of their deviations."""
@@ -207,7 +274,7 @@ class _Run:
 
         held = (self.segments, self.states, self.theta)
         self.segments = tuple(replace(one, rest=False) for one in self.segments)
-        free = self.maximised(hold=0)
+        free = self.maximised()
         gain, degrees = 2 * (fitted.cost - free.cost), len(self.logs) * len(self.sigma_q)
         chance = float(chi2.sf(max(gain, 0.0), degrees))
         if chance < 0.01:
@@ -216,7 +283,7 @@ class _Run:
         return fitted, []
 
     def told(self, fitted: Fitted, notes: Sequence[str]) -> Estimate:
-        model, (q, tau) = self.problem.model, self.left()
+        model, tau = self.problem.model, self.left()[1]
         covariance, rank, condition, lost = _inverted(fitted.information)
         words = list(notes)
         if lost.any():
@@ -233,6 +300,7 @@ class _Run:
             condition=condition,
             samples=sum(map(len, self.logs)),
             status="; ".join(words) or "ok",
+            interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
         )
 
 
@@ -250,12 +318,14 @@ def _logs(problem: Problem) -> tuple[Log, ...]:
     return tuple(out)
 
 
-def _feasible(theta: Array, problem: Problem, wanted: tuple[Demand, ...]) -> Array:
+def _feasible(theta: Array, problem: Problem, wanted: tuple[Demand, ...], margin: float = MARGIN) -> Array:
     """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary."""
     from dynident.estimators.cone import positive
 
     compressed = problem.regression.compressed
-    factor = compressed.stacked(1.0 / np.maximum(np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1)), 1e-12))
+    factor = compressed.stacked(
+        1.0 / np.maximum(np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1)), 1e-12)
+    )
     hessian = factor[:, :-1].T @ factor[:, :-1]
     matrices, room = [], []
     for one in wanted:
@@ -263,10 +333,8 @@ def _feasible(theta: Array, problem: Problem, wanted: tuple[Demand, ...]) -> Arr
         usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
         scale = 1.0 / np.sqrt(usual)
         matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
-        room.append(MARGIN if one.centre is None else 1e-9)
-    inside = all(
-        np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True)
-    )
+        room.append(margin if one.centre is None else 1e-9)
+    inside = all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
     return theta if inside else positive(theta, hessian, matrices, room)
 
 

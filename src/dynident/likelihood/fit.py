@@ -1,4 +1,4 @@
-"""Newton's method on eq. (7): the trajectory eliminated by its band, the parameters kept inside of what physics allows."""
+"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay inside of what physics allows."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array
     Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
     d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
     """
-    arrow = Arrow(one.band, np.concatenate([bordered, one.by_C[:, None]], axis=1))
+    arrow = Arrow(one.band, np.concatenate([bordered, one.by_coefficients[:, None]], axis=1))
     turned = arrow.turned
     S = one.corner - bordered.T @ turned[:, :-1]
     S = (S + S.T) / 2
@@ -60,7 +60,7 @@ def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array
     free = np.column_stack([turned[:, -1], turned[:, k:-1]]) - turned[:, :k] @ inner
     information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
     gradient = g[k:] - S[k:, :k] @ inner[:, 0]
-    fall = float(one.by_C @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
+    fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
     return information, gradient, np.concatenate([free, inner]), fall
 
 
@@ -75,7 +75,9 @@ class _Step:
     observed: Array
 
 
-def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None) -> _Step:
+def _step(
+    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, *, newton: bool = True
+) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
     _, push, stiff = barrier.terms(theta)
@@ -92,9 +94,11 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int
             maps.append((back, k))
         reduced.append((information, gradient, fall, tuple(maps)))
     observed, gauss = reduced[0][0], reduced[1][0]
-    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
+    if not (np.isfinite(gauss).all() and np.isfinite(observed).all()):
+        raise ModelError("the normal equations of the parameters are not finite.")
     weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
-    H, gradient, fall, maps_used = reduced[0] if weakest[0] > SAFE * weakest[1] else reduced[1]
+    H, gradient, fall, maps_used = reduced[0] if newton and weakest[0] > SAFE * weakest[1] else reduced[1]
     free = np.array([k for k in range(p) if k != fixed], dtype=int)
     dtheta = np.zeros(p)
     dtheta[free] = np.linalg.solve((H / np.outer(scale, scale))[np.ix_(free, free)], (gradient / scale)[free])
@@ -133,7 +137,7 @@ class _Search:
             out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
         return tuple(out)
 
-    def tried(self, states: Sequence[State], theta: Array, step: _Step, size: float) -> tuple[State, ...]:
+    def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
         """Return the states that a share ``size`` of the step leads to."""
         out = []
         for one, state, (back, k) in zip(self.segments, states, step.maps, strict=True):
@@ -157,9 +161,10 @@ def maximise(
 ) -> Fitted:
     """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
 
-    The parameter with the index ``fixed`` stays as it is. Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
-    valley is curved is followed by one at fixed theta before it is halved. ``trace`` is called with each iteration's
-    number, cost, expected fall and theta. Raises ModelError where the equations cannot be solved.
+    Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
+    valley is curved is followed by one at fixed theta before it is halved. The parameter with the index ``fixed`` stays
+    as it is. ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where
+    the equations cannot be solved.
     """
     settings = settings or Settings()
     search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
@@ -182,7 +187,10 @@ def maximise(
         converged = 0 <= step.decrement < settings.tolerance
         if converged or iteration >= settings.iterations:
             break
-        found = _descend(search, states, theta, step, cost)
+        found = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
+        if found is None:  # far from the solution Newton's matrix may mislead
+            step = _step(equations, theta, barrier, fixed, newton=False)
+            found = _descend(search, states, theta, step, cost)
         if found is None:
             break
         states, theta, cost = found
@@ -198,7 +206,7 @@ def _descend(
     while not search.barrier.inside(theta + size * step.theta / 0.9):
         size *= 0.7
     while size > SHORTEST:
-        moved, aim = search.tried(states, theta, step, size), theta + size * step.theta
+        moved, aim = search.tried(states, step, size), theta + size * step.theta
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
             for _ in range(3):
                 value = search.cost(moved, aim)

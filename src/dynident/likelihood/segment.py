@@ -35,15 +35,15 @@ class Equations:
     """Gauss-Newton equations of one segment about a state; border columns: W (k n), theta (p).
 
     ``band`` (w, m n), ``border`` (m n, k n + p), ``corner`` of the border with itself, ``bend`` (m n, p) the second
-    derivatives of the cost by trajectory and theta that Gauss-Newton leaves out; gradients ``by_C`` (m n) and
-    ``by_border``. ``cost`` is half the sum of the weighted squares.
+    derivatives of the cost by trajectory and theta that Gauss-Newton leaves out; minus the gradients by C (m n) and by
+    the border. ``cost`` is half the sum of the weighted squares.
     """
 
     band: Array
     border: Array
     corner: Array
     bend: Array
-    by_C: Array
+    by_coefficients: Array
     by_border: Array
     cost: float
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,7 +26,7 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
     """
     marks = sorted({start, *(s for s in steps if start <= s < stop), stop})
     parts = []
-    for left, right in zip(marks[:-1], marks[1:], strict=True):
+    for left, right in itertools.pairwise(marks):
         size = fine if left in steps else coarse
         found, at = [0.0], 0.0
         while at < right - left:

@@ -33,16 +33,16 @@ from dynident.log import Log
 __all__ = ["MaximumLikelihood"]
 
 Array = NDArray[np.float64]
-Rest = Literal["no", "yes", "test"]
+Start = Literal["free", "rest", "test"]
 MARGIN, DEEP = 0.3, 0.8  # room to the boundary that a first and a second start are given, relative to the usual size
 WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
-CLOSE = 1e-6  # residual of a position, relative to its range, that is as good as none
+CLOSE = 3e-8  # residual of a position, relative to its range, that is as good as none
 LIMIT = 1.959964  # of a normal deviate, for 95 %
 LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 WHITE = 1e-3  # probability below which residuals are not white
-LEAST = {"q": 1e-6, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
+LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 NULL = 1e-12  # relative information below which a direction counts as not excited
 
 
@@ -50,8 +50,8 @@ NULL = 1e-12  # relative information below which a direction counts as not excit
 class MaximumLikelihood:
     """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
 
-    ``rest``: "yes" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
-    of 1 %. ``spacing`` (samples) of the knots far from steps of the torque; None halves 80 until the positions
+    ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
+    of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None halves 80 until the positions
     are fitted to white residuals, or 1.25 is reached. ``steps``: whether steps of the torque are looked
     for; None does so unless the model has Coulomb friction, whose reversals look like steps. A start from rest is one.
     ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of estimating the
@@ -63,7 +63,7 @@ class MaximumLikelihood:
     physical is in units of half a squared standard deviation.
     """
 
-    rest: Rest = "no"
+    start: Start = "free"
     spacing: float | None = None
     steps: bool | None = None
     huber: float | None = None
@@ -74,8 +74,8 @@ class MaximumLikelihood:
     iterations: int = 60
 
     def __post_init__(self) -> None:
-        if self.rest not in get_args(Rest):
-            raise ConfigError(f"rest = {self.rest!r}; {choices(self.rest, get_args(Rest))}")
+        if self.start not in get_args(Start):
+            raise ConfigError(f"start = {self.start!r}; {choices(self.start, get_args(Start))}")
         for name in ("spacing", "huber", "profile"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
@@ -128,10 +128,10 @@ class _Run:
 
     def estimate(self) -> Estimate:
         notes: list[str] = []
-        fitted = self.fitted(rest=self.settings.rest != "no")
+        fitted = self.fitted(rest=self.settings.start != "free")
         if not fitted.converged or _inverted(fitted.information)[3].any():
             fitted = self.again(fitted)
-        if self.settings.rest == "test":
+        if self.settings.start == "test":
             fitted, word = self.tested(fitted)
             notes += word
         if not fitted.converged:
@@ -205,7 +205,7 @@ class _Run:
         if share is not None and np.isfinite(std).all():
             for k in np.flatnonzero(std > share * np.abs(fitted.theta)):
                 out[k] = [self.crossing(fitted, covariance, int(k), sign) for sign in (-1, 1)]
-        return out
+        return np.asarray(out)
 
     def crossing(self, fitted: Fitted, covariance: Array, k: int, sign: int) -> float:
         """Return where the profile likelihood of parameter k falls to its 95 % limit, on one side.

@@ -17,6 +17,7 @@ __all__ = ["noise", "plan", "steps_of", "whiteness"]
 Array = NDArray[np.float64]
 FINE, GROWTH = 0.25, 1.1  # first spacing of knots after a step, in samples, and its growth
 CORNER, CORNERS = 15, 4  # samples from one torque knot to the next after a step, and their number
+SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 SIDE = 5  # samples on each side of a step that tell it from noise
 
 
@@ -90,10 +91,11 @@ def _corners(log: Log, left: float, right: float, h: float, sigma_tau: Array) ->
     return np.zeros(0)
 
 
-def whiteness(left: Array, taken: int, lags: int = 10) -> float:
+def whiteness(left: Array, taken: int) -> float:
     """Return the probability that residuals (N, n) whose neighbours agree as much as the worst joint's are white.
 
-    The mean of the first autocorrelations is compared with its standard deviation, 1 / sqrt(N lags). A fit with
+    The means of the first, the first three and the first ten autocorrelations are compared with their standard
+    deviations, 1 / sqrt(N lags). A fit with
     ``taken`` coefficients per joint makes residuals of white noise disagree: by about taken / N at lags shorter than
     its knots' spacing, and by a half in the sum of all.
     """
@@ -102,8 +104,9 @@ def whiteness(left: Array, taken: int, lags: int = 10) -> float:
     N, n = left.shape
     x = left - left.mean(axis=0)
     power = np.maximum((x**2).sum(axis=0), 1e-300)
-    total = np.zeros(n)
-    for k in range(1, lags + 1):
+    total, worst = np.zeros(n), -np.inf
+    for k in range(1, SUMS[-1] + 1):
         total += (x[k:] * x[:-k]).sum(axis=0) / power
-    total += min(lags * taken / N, 0.5)
-    return float(min(1.0, n * ndtr(-(total.max() * np.sqrt(N / lags)))))
+        if k in SUMS:
+            worst = max(worst, float((total.max() + min(k * taken / N, 0.5)) * np.sqrt(N / k)))
+    return float(min(1.0, len(SUMS) * n * ndtr(-worst)))

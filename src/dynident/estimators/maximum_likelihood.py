@@ -51,12 +51,12 @@ class MaximumLikelihood:
     """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
 
     ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
-    of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None halves 80 until the positions
-    are fitted to white residuals, or 1.25 is reached. ``steps``: whether steps of the torque are looked
-    for; None does so unless the model has Coulomb friction, whose reversals look like steps. A start from rest is one.
-    ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of estimating the
-    noise of each joint's position and torque. Parameters whose standard error exceeds the share ``profile`` of their
-    value get intervals by profile likelihood, which need not be symmetric; None leaves all symmetric.
+    of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
+    halves 80 until the positions are fitted to white residuals, or 1.25 is reached. ``steps``: whether steps of the
+    torque are looked for; None does so unless the model has Coulomb friction, whose reversals look like steps. A start
+    from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull of a torque sample. ``rounds`` of
+    estimating the noise of each joint's position and torque. Parameters whose standard error exceeds the share
+    ``profile`` of their value get intervals by profile likelihood; None leaves all symmetric.
 
     The start is a fit of least squares, or the consistent one for bodies, moved to where physics allows it; where the
     iteration fails it is returned, and the status says so. The barrier ``weight`` that keeps inertia and friction

@@ -8,8 +8,9 @@ from dynident.errors import InputError, ModelError
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import Parallel
-from dynident.terms import Joint, Viscous
-from dynident.validation import relative_error, validate
+from dynident.terms import Joint, Lagrangian, Unknown, Viscous
+from dynident.terms.robot_xml import Limits
+from dynident.validation import check_mass, relative_error, validate
 
 MODEL = Model((Viscous((Joint("a"), Joint("b", "prismatic"))),))
 THETA = (2.0, 10.0)
@@ -107,3 +108,58 @@ def test_no_usable_sample() -> None:
 def test_parameters_of_another_model() -> None:
     with pytest.raises(ModelError, match="theta"):
         validate(MODEL, (1.0, 2.0, 3.0), motion([[1, 1]] * 3, [[1, 1]] * 3))
+
+
+class Limited(Viscous):
+    """A term that knows the limits of its joints."""
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        return {"a": Limits(effort=20.0, lower=-0.5, upper=0.5)}
+
+
+def test_errors_of_each_joint_in_other_measures() -> None:
+    """Residuals (1, 0) and (1, -2) as above: joint a is 1 N m off all the time, which explains all its variance."""
+    found = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
+    assert found.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
+    assert found.explained == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
+    assert found.per_joint_filtered == {}
+    assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).effort_share == {}
+
+
+def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
+    rng = np.random.default_rng(1)
+    velocity = rng.normal(size=(400, 2))
+    made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
+    found = validate(MODEL, THETA, made, parallel=Parallel(2))
+    assert found.per_joint_filtered["b"] < 1e-9 < 1 < found.per_joint_filtered["a"]
+    assert found.relative_error_filtered is not None
+    assert found.relative_error_filtered < found.per_joint_filtered["a"]
+
+
+def test_residuals_are_examined_on_the_longest_stretch() -> None:
+    mask = np.ones(300, dtype=bool)
+    mask[100] = False
+    torque = np.random.default_rng(2).normal(size=(300, 2))
+    torque[:100] += 50.0  # would correlate everything
+    found = validate(MODEL, THETA, motion(np.ones((300, 2)), torque, mask))
+    assert abs(found.residuals["a"].lag1) < 0.3
+
+
+def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
+    """A mass 1 + 3 cos(3 q) of joint a is negative only beyond q = 0.5, where neither limits nor logs reach."""
+    import sympy as sp
+
+    a, b, da, db, m, c = sp.symbols("a b da db m c")
+    kinetic = (m * da**2 + c * sp.cos(3 * a) * da**2 + m * db**2) / 2
+    unknowns = (Unknown(m, "kg"), Unknown(c, "kg"))
+    mass = Lagrangian(MODEL.joints, (a, b), (da, db), kinetic, 0, unknowns)
+    still = motion([[1, 1]] * 5, [[1, 1]] * 5)
+    theta = [3.0 if "c" in parameter.expression else 1.0 for parameter in mass.parameters]
+    limited = Model((mass, Limited(MODEL.joints)))
+    assert check_mass(limited, [*theta, 1, 1], [still]).positive
+    assert not check_mass(Model((mass, Viscous(MODEL.joints))), [*theta, 1, 1], [still]).positive
+    gone = Motion(still.t, still.q + 0.9, still.dq, still.ddq, still.tau, still.joints, still.mask, "gone")
+    found = check_mass(limited, [*theta, 1, 1], [still, gone])
+    assert not found.positive
+    assert found.q[0] == pytest.approx(0.9)

@@ -6,20 +6,23 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
 from dynident.basis import Basis, Missing, base_std, basis_of, compare, structural_basis
-from dynident.errors import ConfigError, choices
+from dynident.calibration import find_lean, mounted, pair
+from dynident.control import FreeRun, free_run
+from dynident.errors import ConfigError, ModelError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
-from dynident.model import Model
-from dynident.regression import Parallel, Regression
-from dynident.selection import choose_smoother
-from dynident.smoothers import Smoother, Spline
-from dynident.validation import LogValidation, validate
+from dynident.model import MassMatrixCheck, Model
+from dynident.regression import Parallel, Regression, one_thread
+from dynident.smoothers import Delayed, Smoother, Spline
+from dynident.uncertainty import robust_covariance
+from dynident.validation import LogValidation, check_mass, validate
 
 __all__ = ["Identification", "Recipe", "identify", "versions"]
 
@@ -32,12 +35,18 @@ class Recipe:
 
     Of several smoothers, ``choose_smoother`` takes one by the cross-validated torque error on the training logs.
     ``slow``, a speed (rad/s, m/s) or one by joint name, leaves slower samples out of that joint's equation in the fit.
+    ``delay`` (s) is how much later than the torque the positions show the motion; "estimate" finds it on the training
+    logs. With ``lean`` the lean of the robot's base is found there too. ``restart`` (s) asks for free simulations from
+    the measured torque; logs that know their controller need none.
     """
 
     smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
     estimator: Estimator = field(default_factory=LeastSquares)
     parallel: Parallel | None = None
     slow: Mapping[str, float] | float | None = None
+    delay: float | Literal["estimate"] = 0.0
+    lean: bool = False
+    restart: float | None = None
 
     def slowest(self, joints: Sequence[str]) -> tuple[float, ...] | None:
         """Return ``slow`` for each joint; ConfigError where it names another."""
@@ -56,6 +65,10 @@ class Identification:
     ``basis`` are the base parameters that the training data show, ``base_std`` (r) their standard errors in a fit
     without constraints, ``structural`` those that any motion could show, and ``missing`` the motion that would show
     the rest; all are given where the data do not determine every parameter.
+
+    ``std_hac`` (p) and ``base_std_hac`` (r) are standard errors that allow for correlated residuals, infinite for what
+    the data do not determine, None where they cannot be had. ``mass`` is the mass matrix over all logs and random
+    poses; ``runs`` are the free simulations.
     """
 
     model: Model
@@ -68,6 +81,10 @@ class Identification:
     base_std: Array | None = None
     structural: Basis | None = None
     missing: tuple[Missing, ...] = ()
+    std_hac: Array | None = None
+    base_std_hac: Array | None = None
+    mass: MassMatrixCheck | None = None
+    runs: tuple[FreeRun, ...] = ()
 
 
 def identify(
@@ -82,28 +99,43 @@ def identify(
 
     Logs are given by name, or in a sequence (then named by their source); their joints are matched to the model's by
     name. ``progress`` is called with a few words before each step. Raises the errors of the stages: InputError,
-    ConfigError, ModelError.
+    ConfigError, ModelError. BLAS works in one thread meanwhile: the matrices are small and many.
     """
-    recipe = recipe or Recipe()
+    with one_thread():
+        return _identify(model, train, validation, recipe or Recipe(), progress)
+
+
+def _identify(
+    model: Model,
+    train: Mapping[str, Log] | Sequence[Log],
+    validation: Mapping[str, Log] | Sequence[Log],
+    recipe: Recipe,
+    progress: Callable[[str], None],
+) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
     roles = {"train": _named(train), "validation": _named(validation)}
     if not roles["train"]:
         raise ConfigError("no training log is given; name at least one.")
     roles = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
     settings = {"recipe": repr(recipe)}
-    smoother = recipe.smoother
-    if isinstance(smoother, tuple):
-        trained = tuple(roles["train"].values())
-        choice = choose_smoother(model, trained, smoother, progress=progress)
-        smoother, settings["smoother"] = choice.smoother, choice.words
+    slow = recipe.slowest(joints)
+    candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
+    trained = tuple(roles["train"].values())
+    smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
+    settings |= told
+    settings |= _used(smoother)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
             motions[role][name] = smoother(log)
-    progress("estimating")
     fitted = tuple(motions["train"].values())
-    slow = recipe.slowest(joints)
+    if recipe.lean:
+        progress("finding how the base leans")
+        lean = find_lean(model, fitted, recipe.estimator, slow)
+        model = mounted(model, lean.x, lean.y)
+        settings |= {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
+    progress("estimating")
     regression = Regression(model, fitted, recipe.parallel, slow)
     estimate = recipe.estimator(Problem(model, fitted, regression, tuple(roles["train"].values())))
     progress("validating")
@@ -112,19 +144,83 @@ def identify(
         for role in ("train", "validation")
         for name, motion in motions[role].items()
     )
-    warnings: tuple[str, ...] = () if estimate.status == "ok" else (estimate.status,)
-    found = Identification(model, estimate, judged, warnings, settings, versions())
+    found = Identification(
+        model,
+        estimate,
+        judged,
+        () if estimate.status == "ok" else (estimate.status,),
+        settings,
+        versions(),
+        mass=check_mass(model, estimate.value, [log.motion for log in judged]),
+        runs=_runs(model, estimate, judged, roles, recipe, smoother, progress),
+    )
+    weighted = getattr(recipe.estimator, "weights", "equal") != "equal"
+    weights = 1.0 / estimate.sigma if weighted and (estimate.sigma > 0).all() else None
     if estimate.rank == len(model.parameters):
-        return found
+        return replace(found, std_hac=_robust_std(regression, estimate, weights))
     progress("finding base parameters")
     on_data = basis_of(regression.compressed.stacked(), model.parameters)
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
-        warnings = tuple(one.words for one in missing)
-    even = getattr(recipe.estimator, "weights", "equal") == "equal"
-    std = base_std(on_data, regression.compressed, estimate.sigma, None if even else 1.0 / estimate.sigma)
-    return replace(found, basis=on_data, base_std=std, structural=structural, missing=missing, warnings=warnings)
+        found = replace(found, warnings=tuple(one.words for one in missing))
+    robust = _robust_std(regression, estimate, weights, on_data)
+    return replace(
+        found,
+        basis=on_data,
+        base_std=base_std(on_data, regression.compressed, estimate.sigma, weights),
+        structural=structural,
+        missing=missing,
+        std_hac=None if robust is None else _of_determined(on_data, robust),
+        base_std_hac=robust,
+    )
+
+
+def _runs(
+    model: Model,
+    estimate: Estimate,
+    judged: Sequence[LogValidation],
+    logs: Mapping[str, Mapping[str, Log]],
+    recipe: Recipe,
+    smoother: Smoother,
+    progress: Callable[[str], None],
+) -> tuple[FreeRun, ...]:
+    runs = []
+    for one in judged:
+        log = logs[one.role][one.name]
+        if log.controller is not None or recipe.restart is not None:
+            progress(f"simulating {one.name}")
+            # a controller sees the positions when they were stamped
+            stamped = log.controller is not None and isinstance(smoother, Delayed)
+            motion = smoother.smoother(log) if stamped else one.motion  # type: ignore[attr-defined]
+            runs.append(free_run(model, estimate.value, motion, log.controller, recipe.restart, name=one.name))
+    return tuple(runs)
+
+
+def _robust_std(
+    regression: Regression, estimate: Estimate, weights: Array | None, basis: Basis | None = None
+) -> Array | None:
+    columns = None if basis is None else basis.independent
+    try:
+        return np.sqrt(np.diag(robust_covariance(regression, estimate.value, weights, columns)))
+    except ModelError:  # nearly dependent columns: then there is no such figure
+        return None
+
+
+def _of_determined(basis: Basis, std: Array) -> Array:
+    """Return standard errors (p) of the standard parameters that are base parameters by themselves, else infinite."""
+    found = np.full(len(basis.names), np.inf)
+    for k, row, value in zip(basis.independent, basis.combination, std, strict=True):
+        if np.count_nonzero(row) == 1:
+            found[k] = value
+    return found
+
+
+def _used(smoother: Smoother) -> dict[str, str]:
+    """Return what a saved result must say of the smoother to be used again."""
+    if isinstance(smoother, Delayed):
+        return {"smoother used": repr(smoother.smoother), "delay used": repr(smoother.delay)}
+    return {"smoother used": repr(smoother)}
 
 
 def versions() -> dict[str, str]:

@@ -7,16 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
 
-__all__ = ["Log", "Motion"]
+__all__ = ["Controller", "Log", "Motion"]
 
 Array = NDArray[np.float64]
+
+
+class Controller(Protocol):
+    """What drove the joints while a log was recorded: frozen configuration and the recorded references."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the n joints, in the order of q."""
+
+    def __call__(self, t: float, q: Array, dq: Array) -> Array:
+        """Return the torque (n), N m or N, held from time t (s) on, for the position q (n) and velocity dq (n)."""
 
 
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -70,7 +81,8 @@ class Log:
     """One uninterrupted recording of n joints at N instants.
 
     ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names;
-    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n).
+    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n),
+    and so is ``controller``, what gave the torque.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
     """
@@ -82,6 +94,7 @@ class Log:
     source: str = "log"
     dq: Array | None = None
     command: Array | None = None
+    controller: Controller | None = None
 
     def __post_init__(self) -> None:
         joints = tuple(self.joints)
@@ -166,3 +179,23 @@ class Motion:
     def between(self, start: float = -np.inf, stop: float = np.inf) -> Motion:
         """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""
         return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))
+
+    def delayed(self, delay: float, rows: NDArray[np.intp] | None = None) -> Motion:
+        """Return the motion as it is ``delay`` (s) later than each torque: at t + delay, with the torque of t.
+
+        Between samples ddq is taken as a straight line, as that of a cubic spline is, and dq and q are its integrals.
+        The mask loses the samples whose motion lies outside the recording. ``rows`` (increasing indices, at least two)
+        picks samples.
+        """
+        if delay == 0.0 and rows is None:
+            return self
+        rows = np.arange(len(self)) if rows is None else rows
+        at = self.t[rows] + delay
+        k = np.clip(np.searchsorted(self.t, at, side="right") - 1, 0, len(self) - 2)
+        h, s = (self.t[k + 1] - self.t[k])[:, None], (at - self.t[k])[:, None]
+        start, slope = self.ddq[k], (self.ddq[k + 1] - self.ddq[k]) / h
+        ddq = start + slope * s
+        dq = self.dq[k] + (start + slope * s / 2) * s
+        q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
+        mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
+        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=self.tau[rows], mask=mask)

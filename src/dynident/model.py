@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError
+from dynident.terms.robot_xml import Limits
 from dynident.terms.term import Joint, Parameter, Partials, Term
 
 __all__ = ["MassMatrixCheck", "Model"]
@@ -90,6 +92,11 @@ class Model:
         known = [parameter.value for parameter in self.parameters if parameter.value is not None]
         return np.array(known) if len(known) == len(self.parameters) else None
 
+    @property
+    def limits(self) -> Mapping[str, Limits]:
+        """Limits of the joints, by name, as far as a term knows them from a robot file."""
+        return {name: limit for term in self.terms for name, limit in getattr(term, "limits", {}).items()}
+
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""
         return self._regressor(*self._states(q=q, dq=dq, ddq=ddq))
@@ -103,6 +110,11 @@ class Model:
         """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
         (q,) = self._states(q=q)
         return self._linear(q, np.zeros_like(q), self._theta(theta, len(q)))[0]
+
+    def mass_and_bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> tuple[Array, Array]:
+        """Return ``mass_matrix`` and ``bias`` from one call of the regressor."""
+        q, dq = self._states(q=q, dq=dq)
+        return self._linear(q, dq, self._theta(theta, len(q)))
 
     def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> Array:
         """Return the torque at ddq = 0, shape (N, n): C dq + G of the article's eq. (4), with friction."""

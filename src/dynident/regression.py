@@ -14,7 +14,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.log import Motion
 from dynident.model import Model
 
-__all__ = ["BLOCK", "Block", "Compressed", "Parallel", "Regression", "compress", "moving", "stretches"]
+__all__ = ["BLOCK", "Block", "Compressed", "Parallel", "Regression", "compress", "moving", "one_thread", "stretches"]
 
 Array = NDArray[np.float64]
 BLOCK = 4096
@@ -103,7 +103,7 @@ class Compressed:
         factors = self.factors if weights is None else self.factors * np.asarray(weights)[:, None, None]
         if len(factors) == 1:
             return np.asarray(factors[0])
-        with _one_thread():
+        with one_thread():
             return _triangle(np.concatenate(factors))
 
     def residual(self, theta: Array) -> Array:
@@ -195,7 +195,7 @@ def compress(blocks: Iterator[Block], joints: int, parameters: int) -> Compresse
     """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
     factors = np.zeros((joints, parameters + 1, parameters + 1))
     count = np.zeros(joints, dtype=int)
-    with _one_thread():
+    with one_thread():
         for block in blocks:
             for j in range(joints):
                 rows = np.column_stack((block.Y[:, j], block.tau[:, j]))
@@ -211,11 +211,12 @@ def _triangle(rows: Array) -> Array:
 
 @cache
 def _controller() -> Any:
+    import scipy.linalg  # noqa: F401  # it brings a BLAS of its own, which must be there to be found
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
-def _one_thread() -> Any:
+def one_thread() -> Any:
     """Limit BLAS to one thread: with several, the many small factorisations run several times slower."""
     return _controller().limit(limits=1, user_api="blas")

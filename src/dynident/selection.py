@@ -18,7 +18,7 @@ from dynident.smoothers import Smoother
 __all__ = ["Choice", "choose_smoother", "cross_validated_error"]
 
 Array = NDArray[np.float64]
-TIE = 0.02  # errors that differ by less say nothing; the candidate listed first is then taken
+TIE = 0.005  # errors that differ by less say nothing; the candidate listed first is then taken
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def choose_smoother(
 
     Position noise says how much smoothing g wants, not how much its derivatives do, and where it is not white it
     does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
-    others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 2 %
+    others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 0.5 %
     of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
     no candidate can smooth the logs, ConfigError where there is none.
     """

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
 from dynident.log import Motion
-from dynident.model import Model
+from dynident.model import MassMatrixCheck, Model
 from dynident.regression import BLOCK, Parallel, moving, stretches
+from dynident.residuals import ResidualTest, examine
 
-__all__ = ["LogValidation", "relative_error", "validate"]
+__all__ = ["LogValidation", "check_mass", "relative_error", "validate"]
 
 Array = NDArray[np.float64]
 Role = Literal["train", "validation"]
@@ -28,6 +29,10 @@ class LogValidation:
     unfiltered measured torque at the log's own rate; ``relative_error_filtered`` the same after the parallel filter and
     decimation, over the rows that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and
     ``per_joint`` (%) by joint name, unfiltered.
+
+    By joint name too: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the effort
+    limit of the robot file (of joints that have one); ``explained`` = 1 - variance of the residual / variance of the
+    torque, which counts no constant part; ``residuals``, what the unfiltered residual looks like.
     """
 
     name: str
@@ -38,6 +43,10 @@ class LogValidation:
     relative_error_filtered: float | None
     rmse: Mapping[str, float]
     per_joint: Mapping[str, float]
+    per_joint_filtered: Mapping[str, float] = field(default_factory=dict)
+    effort_share: Mapping[str, float] = field(default_factory=dict)
+    explained: Mapping[str, float] = field(default_factory=dict)
+    residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
 
 
 def relative_error(measured: Array, predicted: Array) -> float:
@@ -68,19 +77,48 @@ def validate(
     predicted = np.concatenate(torques)
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
     error = np.sqrt(np.mean((measured - guess) ** 2, axis=0))
+    filtered = None if parallel is None else _filtered(motion, predicted, parallel, slow)
+    rmse = dict(zip(motion.joints, map(float, error), strict=True))
     return LogValidation(
         name=name or motion.source,
         role=role,
         motion=motion,
         predicted=predicted,
         relative_error=relative_error(measured, guess),
-        relative_error_filtered=None if parallel is None else _filtered_error(motion, predicted, parallel, slow),
-        rmse=dict(zip(motion.joints, map(float, error), strict=True)),
-        per_joint={joint: relative_error(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
+        relative_error_filtered=None if filtered is None else relative_error(*filtered),
+        rmse=rmse,
+        per_joint=_by_joint(motion, measured, guess),
+        per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
+        effort_share={
+            joint: 100.0 * rmse[joint] / limit.effort
+            for joint, limit in model.limits.items()
+            if joint in rmse and limit.effort
+        },
+        explained={joint: _explained(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
+        residuals=_residuals(motion, predicted),
     )
 
 
-def _filtered_error(motion: Motion, predicted: Array, parallel: Parallel, slow: tuple[float, ...] | None) -> float:
+def _by_joint(motion: Motion, measured: Array, predicted: Array) -> dict[str, float]:
+    return {joint: relative_error(measured[:, j], predicted[:, j]) for j, joint in enumerate(motion.joints)}
+
+
+def _explained(measured: Array, predicted: Array) -> float:
+    total = float(np.var(measured))
+    return 1.0 - float(np.var(measured - predicted)) / total if total > 0 else float("nan")
+
+
+def _residuals(motion: Motion, predicted: Array) -> dict[str, ResidualTest]:
+    """Examine the longest uninterrupted stretch: across a gap neighbouring samples are no neighbours."""
+    part = max(stretches(motion.mask), key=lambda one: one.stop - one.start)
+    residual, dq = (motion.tau - predicted)[part], motion.dq[part]
+    step = float(np.diff(motion.t).mean())
+    return {joint: examine(residual[:, j], dq[:, j], step) for j, joint in enumerate(motion.joints)}
+
+
+def _filtered(
+    motion: Motion, predicted: Array, parallel: Parallel, slow: tuple[float, ...] | None
+) -> tuple[Array, Array]:
     """Filtering Y and multiplying by theta is filtering Y theta: the filter is linear."""
     sections = parallel.sections(motion)
     pairs, keep = [], moving(motion.dq, slow)
@@ -92,4 +130,23 @@ def _filtered_error(motion: Motion, predicted: Array, parallel: Parallel, slow: 
                 kept = kept * keep[part][:: parallel.decimate, None, :]
             pairs.append(kept)
     both = np.concatenate(pairs) if pairs else np.zeros((0, 2, predicted.shape[1]))
-    return relative_error(both[:, 0], both[:, 1])
+    return both[:, 0], both[:, 1]
+
+
+def check_mass(
+    model: Model, theta: ArrayLike, motions: Sequence[Motion], rng: np.random.Generator | None = None, poses: int = 1000
+) -> MassMatrixCheck:
+    """Look at the mass matrix over up to 1000 poses of each motion and as many random ones within the joints' limits.
+
+    A joint without limits turns half a turn or slides 1 m to both sides. ``rng`` draws the poses, by default the same
+    ones each time. Raises the errors of the model.
+    """
+    rng = rng or np.random.default_rng(0)
+    seen = [motion.q[motion.mask][:: max(int(motion.mask.sum()) // 1000, 1)] for motion in motions]
+    sides = []
+    for joint in model.joints:
+        limit, reach = model.limits.get(joint.name), np.pi if joint.kind == "revolute" else 1.0
+        known = limit is not None and limit.lower is not None and limit.upper is not None and limit.lower < limit.upper
+        sides.append((limit.lower, limit.upper) if limit is not None and known else (-reach, reach))
+    lower, upper = np.array(sides, dtype=float).T
+    return model.check_mass_matrix(np.concatenate([*seen, rng.uniform(lower, upper, (poses, len(lower)))]), theta)

@@ -37,22 +37,40 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("real")
 
 
+def level(*more: str) -> str:
+    """The LWR4 on a base taken as level, with more terms."""
+    model = yaml.safe_load((ROOT / "examples" / "lwr4.yaml").read_text())["model"]
+    return yaml.safe_dump({"model": model | {"lean": "none", "terms": [*model["terms"], *more]}})
+
+
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:
     return [one[kind] for one in result[role].values()]
 
 
 def test_lwr4(folder: Path) -> None:
-    """Least squares, unfiltered as logged, held out on the repeat: at most 2.2 %."""
+    """Least squares, unfiltered as logged, held out on the repeat: at most 2.2 %, even on a base taken as level."""
     result = identify(folder, "lwr4")
-    assert max(errors(result, "validation")) <= 2.2
+    assert max(errors(result, "validation")) <= 2.1
+    assert max(errors(identify(folder, "lwr4", level()), "validation")) <= 2.2
     assert max(errors(result, "train")) <= 2.0
 
 
 def test_lwr4_consistent(folder: Path) -> None:
-    """With non-negative friction and rotor inertia: at most 2.5 % held out, and every body physical."""
+    """With possible bodies and non-negative friction: at most 2.25 % held out; 2.5 % with rotors on a level base."""
     result = identify(folder, "lwr4", "{estimator: {kind: consistent}}")
-    assert max(errors(result, "validation")) <= 2.5
+    assert max(errors(result, "validation")) <= 2.25
+    rotors = identify(folder, "lwr4", "estimator: {kind: consistent}\n" + level("rotor"))
+    assert max(errors(rotors, "validation")) <= 2.5
     assert all(one["value"] > 0 for one in result["parameters"] if one["name"].endswith(".mass"))
+
+
+@pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
+def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
+    """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
+    result = identify(folder, example, "{estimator: {kind: consistent}}")
+    assert [one["format"] for one in result["exports"]] == ["urdf", "yaml", "numpy"]
+    assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["exports"])
+    assert "Pinocchio" in result["exports"][0]["readers"]
 
 
 def test_panda(folder: Path) -> None:
@@ -64,7 +82,7 @@ def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
     (joints,) = (one["per_joint"] for one in result["validation"].values())
     assert joints["Joint1"] <= 8.0
-    assert joints["Joint2"] <= 21.0
+    assert joints["Joint2"] <= 20.0
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
 
 
@@ -75,6 +93,44 @@ def test_tx40(folder: Path) -> None:
     for joint, published in zip(range(1, 7), (8.05, 5.53, 1.97, 1.11, 1.86, 0.65), strict=True):
         wrist = found["Fv_m6"] if joint > 4 else 0.0  # published is the diagonal, which the wrist's motor adds to
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
+
+
+def test_emps_with_its_delay(folder: Path) -> None:
+    """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
+    plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
+    assert errors(late, "validation")[0] < 0.85 * errors(plain, "validation")[0]
+    assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
+
+
+def test_emps_simulated_in_its_loop(folder: Path) -> None:
+    """The published position errors of the forward simulation are 0.0138 and 0.0080 %."""
+    result = identify(folder, "emps")
+    assert result["verdict"]["word"] == "good for simulation"
+    for name, published in (("DATA_EMPS", 0.0138), ("pulses", 0.0080)):
+        assert result["simulation"][name]["relative_error"]["slider"] < published / 2
+        assert result["simulation"][name]["torque_error"]["slider"] < 10
+
+
+def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:
+    found = {one["name"]: one for one in identify(folder, "emps")["parameters"]}
+    for name, published in {"M": 0.1085, "Fv": 1.146, "Fc": 0.1012, "offset": 0.0444}.items():
+        assert found[name]["std"] == pytest.approx(published, rel=0.1)
+        assert found[name]["std_hac"] > 1.5 * found[name]["std"]
+
+
+@pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
+def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -> None:
+    """A repeat holds nothing out; a mass matrix must be positive; one bad joint is enough; none was simulated."""
+    verdict = identify(folder, example)["verdict"]
+    expected = {
+        "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
+        "panda": ("do not use", "the mass matrix is not positive definite"),
+        "tx40": ("do not use", "joint_5"),
+        "double_pendulum": ("good for control", "no free simulation was asked for"),
+    }
+    word, reason = expected[example]
+    assert verdict["word"] == word
+    assert any(reason in one for one in verdict["reasons"])
 
 
 def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
@@ -90,3 +146,41 @@ def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     bodies = {one["name"]: one["value"] for one in identify(folder, "emps", model)["parameters"]}
     for name, other in {"M": "carriage.mass", "Fv": "Fv_slider", "Fc": "Fc_slider", "offset": "offset_slider"}.items():
         assert bodies[other] == pytest.approx(plain[name], rel=1e-9)
+
+
+def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, set[tuple[str, str | None]]]:
+    """What ``dynident check`` says of an example, some words of it replaced: topics and places by severity."""
+    text = (ROOT / "examples" / f"{example}.yaml").read_text().replace("../../shared/data", str(DATA))
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / f"check-{example}.yaml"
+    path.write_text(text)
+    done = CliRunner().invoke(main, ["check", str(path), "--json", str(folder / "check.json")])
+    assert done.exit_code == 0, done.output
+    (found,) = json.loads((folder / "check.json").read_text()).values()
+    said: dict[str, set[tuple[str, str | None]]] = {"error": set(), "warning": set(), "info": set()}
+    for one in found["findings"]:
+        said[one["severity"]].add((one["topic"], one["link"] or one["joint"]))
+    return said
+
+
+def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> None:
+    """No false alarm: EMPS and TX40 are sound; the stamps of the LWR4 are noisy; the Panda's own sampling jitters."""
+    assert check(folder, "emps") == {"error": set(), "warning": set(), "info": set()}
+    assert check(folder, "tx40")["warning"] == set()
+    lwr4, panda = check(folder, "lwr4"), check(folder, "panda")
+    assert lwr4["warning"] == {("stamps", None), ("spread", "lwr_7_link")}
+    assert {("jitter", None), ("lost", None)} <= panda["info"]
+    assert {topic for topic, _ in panda["warning"]} == {"spread", "stale"}
+    pendulum = check(folder, "double_pendulum")["warning"]
+    assert {topic for topic, _ in pendulum} == {"quantised", "spread"}
+
+
+def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
+    whole = check(folder, "tx40", ("window: [0, 5]", "window: [0, 9]"), ("window: [5, 7.4]", "window: [0, 1]"))
+    assert ("rest", None) in whole["warning"]
+    turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"))
+    assert turned["warning"] == {("sign", "joint_2")}
+    swapped = check(folder, "panda", ("tau.1,", "tau.6,"))
+    assert ("foreign", "panda_joint2") in swapped["warning"]

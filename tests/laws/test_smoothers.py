@@ -7,8 +7,8 @@ import pytest
 
 from dynident.errors import InputError
 from dynident.log import Log
-from dynident.smoothers import Butterworth, Difference, Smoother, Spline
-from dynident.splines import GCV, REML, Fixed, Interpolation
+from dynident.smoothers import Butterworth, Delayed, Difference, Smoother, Spline
+from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 
 SMOOTHERS = [
     Difference(),
@@ -22,6 +22,7 @@ SMOOTHERS = [
     Spline(REML()),
     Spline(Fixed(lam=1e-7)),
     Spline(Interpolation()),
+    Delayed(Spline(), 0.0),
 ]
 NOISY = [s for s in SMOOTHERS if isinstance(s, Spline)]
 
@@ -108,3 +109,17 @@ def test_splines_take_irregular_times_as_they_are(smoother: Spline) -> None:
     made = smoother(recorded(0.0, jitter=0.9))
     true = motion(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 3e-2 * np.abs(true).max()
+
+
+@pytest.mark.parametrize("delay", [0.003, -0.0071, 0.25])
+def test_a_delayed_spline_is_the_spline_at_later_times(delay: float) -> None:
+    """Between samples a cubic spline's second derivative is straight: the shift is exact."""
+    log = recorded(1e-4, jitter=0.3)
+    fit = smooth(log.t, log.q)
+    made = Delayed(Spline(), delay)(log)
+    seen = (log.t + delay >= log.t[0]) & (log.t + delay <= log.t[-1])
+    for order, found in enumerate((made.q, made.dq, made.ddq)):
+        expected = fit(log.t[seen] + delay, order)
+        assert np.abs(found[seen] - expected).max() < 1e-9 * np.abs(expected).max()
+    assert not made.mask[~seen].any()
+    np.testing.assert_array_equal(made.tau, log.tau)

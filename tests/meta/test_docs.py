@@ -46,6 +46,9 @@ SECTIONS: dict[str, type[Section]] = {
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Parallel": settings.ParallelSettings,
+    "Simulation cascade": settings.CascadeSettings,
+    "Drive": settings.CascadeJoint,
+    "Simulation from torque": settings.TorqueInputSettings,
 }
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from dynident.log import Motion
+from dynident.model import MassMatrixCheck
+from dynident.residuals import examine
 from dynident.terms.term import Joint, Parameter
 
 PARAMETERS = (
@@ -95,6 +97,12 @@ def log_validation(name, role, joints, filtered):
         relative_error_filtered=filtered,
         rmse=dict.fromkeys(joints, 0.02),
         per_joint={joint: 3.5 + j for j, joint in enumerate(joints)},
+        per_joint_filtered={},
+        effort_share={joints[0]: 0.4},
+        explained=dict.fromkeys(joints, 0.99),
+        residuals={
+            joint: examine(0.02 * rng.standard_normal(len(held)), held.dq[:, j], 0.01) for j, joint in enumerate(joints)
+        },
     )
 
 
@@ -114,6 +122,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         costs={},
     )
     model = SimpleNamespace(name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS)
+    model.regressor = lambda q, dq, ddq: np.ones((*q.shape, len(model.parameters)))
     return SimpleNamespace(
         model=model,
         estimate=estimate,
@@ -126,6 +135,10 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         base_std=None,
         structural=None,
         missing=(),
+        std_hac=None,
+        base_std_hac=None,
+        mass=MassMatrixCheck(0.5, np.array([0.0, 1.0]), True),
+        runs=(),
         settings={"smoother": "spline", "estimator": "least squares"},
         versions={"dynident": "0.1.0", "numpy": "2.0"},
     )

@@ -28,12 +28,21 @@ def test_result_holds_plain_floats_by_log_and_joint(identification):
     result = result_dict(identification)
     assert list(result["train"]) == ["swing.csv"]
     assert list(result["validation"]) == ["reach.csv"]
-    assert result["train"]["swing.csv"] == {
+    train = result["train"]["swing.csv"]
+    residuals = train.pop("residuals")
+    assert train == {
         "relative_error": 4.2,
         "relative_error_filtered": 1.1,
         "rmse": {"shoulder": 0.02, "elbow": 0.02},
         "per_joint": {"shoulder": 3.5, "elbow": 4.5},
+        "per_joint_filtered": {},
+        "effort_share": {"shoulder": 0.4},
+        "explained": {"shoulder": 0.99, "elbow": 0.99},
     }
+    assert residuals["elbow"].keys() > {"lag1", "decorrelation", "p_value", "words"}
+    assert result["verdict"].keys() == {"word", "sentences", "reasons", "next_steps"}
+    assert result["mass_matrix"] == {"positive": True, "smallest": 0.5, "q": [0.0, 1.0]}
+    assert result["simulation"] == {}
     assert result["validation"]["reach.csv"]["relative_error_filtered"] is None
     assert result["parameters"][2] == {
         "name": "theta3",

@@ -15,27 +15,45 @@ if TYPE_CHECKING:
 
 __all__ = ["identify", "run_config"]
 
+MOST_STEPS = 6  # in a terminal; the report has all
+
 
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=FILE)
-@click.option("--out", type=DIRECTORY, help="Folder for result.json and report.html.")
+@click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
-    from dynident.io.results import probe_folder, write_json, write_text
+    from dynident.export import exports
+    from dynident.io.results import probe_folder, remove, write_json, write_text
+    from dynident.io.saved import check_targets
     from dynident.report import identification_notes, identification_page, identification_tables, result_dict
+    from dynident.report.exports import export_notes
+    from dynident.report.verdict import verdict_text
 
     if out:
         probe_folder(out)
     with status() as say:
         found = run_config(config, say)
+        say("writing the model and loading it again")
+        made = exports(found) if out else ()
     screen = console()
+    verdict, steps = verdict_text(found)
+    screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
     for table in identification_tables(found):
         screen.print(table)
-    for note in identification_notes(found):
+    for note in (*identification_notes(found), *export_notes(made)):
         style = "yellow" if note.startswith("Warning") else None
         screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
+    for step in steps[:MOST_STEPS]:
+        screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
     if out:
-        result, page = result_dict(found), identification_page(found)
+        check_targets(out, (one.file for one in made), found.settings)
+        result, page = result_dict(found, made), identification_page(found, made)
+        for one in made:
+            if one.ready and one.written is not None:
+                tell(screen, "Model", write_text(out / one.file, one.written.text))
+            else:
+                remove(out / one.file)  # of an earlier run: it would pass for this one's
         tell(screen, "Result", write_json(out / "result.json", result))
         tell(screen, "Report", write_text(out / "report.html", page))
 
@@ -48,6 +66,7 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_roles
     from dynident.io.recipe import build_recipe
+    from dynident.io.saved import model_settings
 
     config = read_config(path)
     say("building the model")
@@ -56,5 +75,6 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
     logs, remarks = read_roles(config, model.joints, say)
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
-    settings = {"configuration": path.read_text(encoding="utf-8"), **found.settings}
+    text = path.read_text(encoding="utf-8-sig")
+    settings = {"configuration": text, **model_settings(config, path), **found.settings}
     return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings=settings)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, tell
+from dynident.cli.terminal import DIRECTORY, LOG, console, tell
 
 __all__ = ["smooth"]
 
 
 @click.command(short_help="Smooth and differentiate columns of a file.")
-@click.argument("log", type=FILE)
+@click.argument("log", type=LOG)
 @click.option("--time", "time_column", required=True, help="Column of the time stamps (s).")
 @click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
 @click.option(
@@ -36,9 +36,12 @@ def smooth(
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
     chosen = rule_named(rule) if lam is None else Fixed(lam=lam)
-    found = smoothed_columns(read_columns(log), time_column, columns, chosen, sigma)
+    table = read_columns(log)
+    found = smoothed_columns(table, time_column, columns, chosen, sigma)
     page = smoothing_page(log.name, found.names, found.measured, found.fit)
     screen = console()
+    for note in table.notes:
+        screen.print(f"Warning: {note}", style="yellow", soft_wrap=True, highlight=False, markup=False)
     screen.print(terminal(smoothing_table(found.names, found.fit)))
     tell(screen, "Table", write_table(out / "smoothed.csv", found.frame()))
     tell(screen, "Report", write_text(out / "report.html", page))

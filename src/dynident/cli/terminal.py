@@ -13,10 +13,11 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["DIRECTORY", "FILE", "bar", "console", "status", "tell"]
+__all__ = ["DIRECTORY", "FILE", "LOG", "bar", "console", "status", "tell"]
 
 DIRECTORY = click.Path(file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
+LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
 
 
 def tell(console: Console, what: str, path: Path) -> None:

@@ -14,7 +14,7 @@ from dynident.estimators.constraints import Constraints
 __all__ = ["Information", "fit", "read"]
 
 Array = NDArray[np.float64]
-PULL = 1e-3  # squared standard errors for one usual size of a free direction: no body grows without end for less
+PULL = 1.0  # squared standard errors for one usual size of a free direction: no body grows far for less
 UNITS = (1.0, 1e3, 1e6)  # of d, in standard errors
 SLACK = 0.4  # share of the margin that the solver may use up; the second program keeps half of the margin
 

@@ -29,7 +29,11 @@ if TYPE_CHECKING:
 
 __all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
 
-_KINDS = {"smoother": ("spline", "difference", "butterworth"), "estimator": ("least_squares", "consistent")}
+_KINDS = {
+    "smoother": ("spline", "difference", "butterworth"),
+    "estimator": ("least_squares", "consistent"),
+    "simulation": ("cascade", "measured_torque"),
+}
 _TAGS = {"[key]", "RobotSettings", *(kind for kinds in _KINDS.values() for kind in kinds)}
 
 
@@ -187,7 +191,8 @@ def _words(details: ErrorDetails) -> str:
     if kind == "union_tag_not_found":
         return f"needs a `kind`: {', '.join(_KINDS.get(str(details['loc'][-1]), ()))}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
-        return f"a mapping (`key: value` lines) is expected{got}"
+        empty = ", as where all lines are comments: complete them, and delete the # before them"
+        return f"a mapping (`key: value` lines) is expected{got}{empty if details['input'] is None else ''}"
     if kind == "too_short":
         return f"needs at least {context['min_length']} entry{got}"
     if kind == "tuple_type":

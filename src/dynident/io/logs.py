@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.control import CascadePD
 from dynident.diagnostics import Finding, check, require, split_gaps
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import Interval, interval_words, unit_factor
-from dynident.io.settings import POSITIONS, TORQUES, Channel, Config, LogSpec, check_joints
+from dynident.io.settings import POSITIONS, TORQUES, CascadeSettings, Channel, Config, LogSpec, check_joints
 from dynident.io.tables import Table, read_columns
 from dynident.log import Log
 from dynident.terms.term import Joint
 
-__all__ = ["Reading", "Table", "read_columns", "read_logs", "read_roles"]
+__all__ = [
+    "Reading",
+    "Table",
+    "read_columns",
+    "read_found",
+    "read_logs",
+    "read_recording",
+    "read_roles",
+    "turning_joints",
+]
 
 Array = NDArray[np.float64]
 
@@ -25,10 +35,14 @@ _LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
 
 @dataclass(frozen=True)
 class Reading:
-    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words."""
+    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words.
+
+    Where it is not ``measured``, there are no torques, and those of the logs are zero.
+    """
 
     logs: tuple[Log, ...]
     warnings: tuple[str, ...] = ()
+    measured: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,28 +54,22 @@ class _Signals:
     t: Array
     q: Array
     tau: Array
+    measured: bool
 
 
-def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint]) -> Reading:
+def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
     """Read one recording of the configuration, for the joints of the model and in their order.
 
-    The logs have t in s, q in rad or m, tau in N m or N. Raises ConfigError where the channels do not fit the
-    joints, and InputError, with file, line and column, where the data cannot be used.
+    The logs have t in s, q in rad or m, tau in N m or N. Where ``torque`` is False, the recording need not have the
+    columns of the torques: it may lack all of them. Raises ConfigError where the channels do not fit the joints, and
+    InputError, with file, line and column, where the data cannot be used.
     """
-    check_joints(config, joints)
-    signals = _signals(_table(spec), config, joints)
-    logs: list[Log] = []
-    warnings: list[str] = []
-    for window in spec.window or ((None, None),):
-        name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
-        log = _cut(signals, window, joints, name)
-        pieces = _pieces(log, config.gaps, signals.table.source)
-        warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
-        for piece in pieces:
-            findings = _checked(piece, config, joints, signals.table.source)
-            warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
-        logs += pieces
-    return Reading(tuple(logs), tuple(warnings))
+    reading = _read(spec, config, joints, torque=torque)
+    warnings = list(reading.warnings)
+    for piece in reading.logs:
+        findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
+        warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
+    return replace(reading, warnings=tuple(warnings))
 
 
 def read_roles(
@@ -85,8 +93,51 @@ def read_roles(
     return logs, tuple(warnings)
 
 
-def _table(spec: LogSpec) -> Table:
-    """Return the table of a recording; where it has several files, their columns are named ``key.column``."""
+def read_found(
+    config: Config, joints: Sequence[Joint], progress: Callable[[str], None] = lambda _: None
+) -> tuple[dict[str, dict[str, Log]], tuple[Finding, ...]]:
+    """Read all recordings as ``read_roles`` does, but judge none: what cannot be read is a finding, and goes missing.
+
+    Raises ConfigError where the channels do not fit the joints.
+    """
+    check_joints(config, joints)
+    logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
+    findings: list[Finding] = []
+    for role, found in logs.items():
+        for spec in getattr(config, role):
+            progress(f"reading {spec.label}")
+            try:
+                reading = _read(spec, config, joints)
+            except InputError as error:
+                findings.append(Finding("error", None, str(error), source=spec.label))
+                continue
+            found.update({log.source: log for log in reading.logs})
+            findings += [Finding("warning", None, words) for words in reading.warnings]
+    return logs, tuple(findings)
+
+
+def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
+    """Read one recording as ``read_logs`` does, but do not judge its logs."""
+    check_joints(config, joints)
+    table = read_recording(spec)
+    signals = _signals(table, config, joints, measured=torque or _has_torques(table, config, joints))
+    controller = _controller(signals, config.simulation, spec, joints) if torque else None
+    logs: list[Log] = []
+    warnings = [f"{spec.label}: {note}" for note in table.notes]
+    for window in spec.window or ((None, None),):
+        name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
+        log = _cut(signals, window, joints, name)
+        pieces = _pieces(replace(log, controller=controller), config.gaps, signals.table.source)
+        warnings += [*_overhang(name, signals.t, window), *_left_out(log, pieces)]
+        logs += pieces
+    return Reading(tuple(logs), tuple(warnings), signals.measured)
+
+
+def read_recording(spec: LogSpec) -> Table:
+    """Return the table of a recording; where it has several files, their columns are named ``key.column``.
+
+    Raises InputError where one of them cannot be read.
+    """
     tables = {
         key: read_columns(path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width)
         for key, path in spec.file.items()
@@ -98,20 +149,55 @@ def _table(spec: LogSpec) -> Table:
         {f"{key}.{name}": value for key, table in tables.items() for name, value in table.constants.items()},
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
         {f"{key}.{name}": fault for key, table in tables.items() for name, fault in table.faults.items()},
+        notes=tuple(note for table in tables.values() for note in table.notes),
     )
 
 
-def _signals(table: Table, config: Config, joints: Sequence[Joint]) -> _Signals:
-    used = _used(table, config, joints)
+def _has_torques(table: Table, config: Config, joints: Sequence[Joint]) -> bool:
+    """Whether the table has any column of a torque."""
+    known = {*table.columns, *table.constants, *table.faults}
+    return any(name in known for joint in joints for name in config.torque[joint.name].terms)
+
+
+def _signals(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> _Signals:
+    used = _used(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
     q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
-    tau = _matrix(table, config.torque, joints, "torque", TORQUES)
+    tau = _matrix(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
     if config.transmission:
         gears = _transmission(config, joints)
         with np.errstate(over="ignore", invalid="ignore"):
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
     q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
-    return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau)
+    return _Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+
+
+def _controller(signals: _Signals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
+    """Return the controller that drove a recording, with its references and its gains; InputError where they lack."""
+    if not isinstance(settings, CascadeSettings):
+        return None
+    table, rows = signals.table, len(signals.t)
+    each = [(settings.joints[joint.name], f"simulation.joints.{joint.name}") for joint in joints]
+    references = {joint.name: settings.joints[joint.name].reference for joint in joints}
+    reference = _matrix(table, references, joints, "simulation.joints", POSITIONS)
+    extra = []
+    for one, where in each:
+        column = one.feedforward.get(spec.label) if isinstance(one.feedforward, Mapping) else one.feedforward
+        extra.append(np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward"))
+    for name, arrays in (("reference", [reference.ravel()]), ("feedforward", extra)):
+        size = rows * len(joints) if name == "reference" else rows
+        if any(len(array) != size or len(_bad(array)) for array in arrays):
+            raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
+
+    def gains(name: str) -> Array:
+        values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
+        return np.array([np.inf if value is None else table.constant(value, where) for value, where in values])
+
+    names = tuple(joint.name for joint in joints)
+    kp, kv, gain, saturation = (gains(name) for name in ("kp", "kv", "gain", "saturation"))
+    if not (saturation > 0).all():
+        raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
+    return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
@@ -131,10 +217,11 @@ def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
     return gears
 
 
-def _used(table: Table, config: Config, joints: Sequence[Joint]) -> dict[str, Array]:
+def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> dict[str, Array]:
     """Return the columns that the channels name; InputError where they differ in length."""
+    sections = (("position", config.position), *((("torque", config.torque),) if measured else ()))
     used = {} if config.time.column is None else {config.time.column: table.column(config.time.column, "time")}
-    for section, channels in (("position", config.position), ("torque", config.torque)):
+    for section, channels in sections:
         for joint in joints:
             for name in channels[joint.name].terms:
                 used[name] = table.column(name, f"{section}.{joint.name}")
@@ -232,15 +319,16 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
     return pieces
 
 
-def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str) -> tuple[Finding, ...]:
+def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, measured: bool) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
-    kinds = {joint.name: joint.kind for joint in joints}
-    turning = frozenset(
-        name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad"
-    )
-    findings = check(log, kinds, turning)
+    findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
     return findings
+
+
+def turning_joints(config: Config) -> frozenset[str]:
+    """Return the joints for which large angles are no sign of degrees declared as radians."""
+    return frozenset(name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad")
 
 
 def _overhang(name: str, t: Array, window: Interval) -> Iterator[str]:

@@ -13,7 +13,9 @@ from dynident.io.settings import (
     DifferenceSettings,
     LeastSquaresSettings,
     MaximumLikelihoodSettings,
+    RobotSettings,
     SplineSettings,
+    TorqueInputSettings,
 )
 from dynident.regression import Parallel
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
@@ -26,7 +28,10 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.parallel
     parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    return Recipe(_smoother(config.smoother), _estimator(config.estimator), parallel, config.slow)
+    lean = isinstance(config.model, RobotSettings) and config.model.lean == "estimate"
+    restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
+    smoother, estimator = _smoother(config.smoother), _estimator(config.estimator)
+    return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean, restart)
 
 
 def _estimator(settings: LeastSquaresSettings | ConsistentSettings | MaximumLikelihoodSettings) -> Estimator:
@@ -44,7 +49,7 @@ def _estimator(settings: LeastSquaresSettings | ConsistentSettings | MaximumLike
             assert_never(settings)
 
 
-FACTORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # multiples of the noise estimate to choose from by the torque
+FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)  # times the noise estimate, to choose from
 
 
 def _smoother(

@@ -18,7 +18,7 @@ from dynident.errors import InputError, choices
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["probe_folder", "read_table", "write_json", "write_table", "write_text"]
+__all__ = ["probe_folder", "read_table", "remove", "table_kind", "write_json", "write_table", "write_text"]
 
 _TABLES = (".parquet", ".csv")
 
@@ -56,11 +56,19 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
     """Write a polars table as Parquet or CSV, by the file's extension; InputError for another one."""
     path = Path(path)
     buffer = BytesIO()
-    if _table_kind(path) == ".parquet":
+    if table_kind(path) == ".parquet":
         frame.write_parquet(buffer)
     else:
         frame.write_csv(buffer)
     return _write(path, buffer.getvalue())
+
+
+def remove(path: str | Path) -> None:
+    """Take a file of an earlier run away, where there is one. Raises InputError where that is impossible."""
+    try:
+        Path(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: is of an earlier run and cannot be removed: {error.strerror}.") from error
 
 
 def read_table(path: str | Path) -> pl.DataFrame:
@@ -68,7 +76,7 @@ def read_table(path: str | Path) -> pl.DataFrame:
     import polars as pl
 
     path = Path(path)
-    kind = _table_kind(path)
+    kind = table_kind(path)
     try:
         data = BytesIO(path.read_bytes())
         return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
@@ -78,7 +86,8 @@ def read_table(path: str | Path) -> pl.DataFrame:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 
 
-def _table_kind(path: Path) -> str:
+def table_kind(path: Path) -> str:
+    """Return the extension of a table's file; InputError for one that is not known."""
     kind = path.suffix.lower()
     if kind not in _TABLES:
         raise InputError(f"{path}: tables cannot have the extension {kind!r}; {choices(kind, _TABLES)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from dynident.model import Model
 from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
 from dynident.terms.term import Term
 
-__all__ = ["SUFFIXES", "load_robot", "read_robot"]
+__all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
 
 SUFFIXES = (".urdf", ".xml", ".mjcf")
 MOST_BYTES = 50_000_000
@@ -22,13 +23,29 @@ def read_robot(path: Path) -> str:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise ModelError(f"{path}: {path.stat().st_size} bytes are too many for a robot file.")
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_bytes().decode("utf-8-sig")  # with its own ends of lines, which exports keep
     except OSError as error:
         known = sorted(p.name for p in path.parent.glob("*") if p.suffix in SUFFIXES) if path.parent.is_dir() else []
         beside = f" Robot files there: {', '.join(known)}." if known else ""
         raise ModelError(f"{path}: cannot be read: {error.strerror}.{beside}") from error
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: is not a UTF-8 text ({error}).") from error
+
+
+def model_file(spec: str | RobotSettings, folder: Path) -> Path | None:
+    """Return the file that a model is built from; None for a model of the gallery."""
+    if isinstance(spec, RobotSettings):
+        return next(iter(spec.file.values()))
+    name = spec if Path(spec).suffix.lower() in SUFFIXES else spec.rpartition(":")[0]
+    return None if name == "gallery" else (folder / name).resolve()
+
+
+def fingerprint(path: Path) -> str:
+    """Return the SHA-256 of a file; ModelError where it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}.") from error
 
 
 def load_robot(settings: RobotSettings) -> Model:

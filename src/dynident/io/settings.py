@@ -27,6 +27,8 @@ from dynident.terms.term import Joint
 
 __all__ = [
     "ButterworthSettings",
+    "CascadeJoint",
+    "CascadeSettings",
     "Channel",
     "Config",
     "ConsistentSettings",
@@ -40,6 +42,7 @@ __all__ = [
     "RobotSettings",
     "SplineSettings",
     "Time",
+    "TorqueInputSettings",
     "check_joints",
 ]
 
@@ -125,13 +128,15 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and per joint what else is identified.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb friction.
+    (rad, m) of the others; ``lean`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s, m/s)
+    smooths the sign in the Coulomb friction.
     """
 
     file: Files
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
+    lean: Literal["none", "estimate"] = "none"
     terms: tuple[Literal["rotor", "viscous", "coulomb", "offset"], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
@@ -227,10 +232,39 @@ class ParallelSettings(Section):
     order: Count = 4
 
 
+class CascadeJoint(Section):
+    """The drive of one joint: input = kv (kp (reference - q) - dq) + feedforward, within +-saturation, times gain.
+
+    ``feedforward`` is a column, in units of the input, or by the name of a recording the column of those that have one.
+    """
+
+    reference: Channel
+    kp: Gain
+    kv: Gain
+    gain: Gain = 1.0
+    saturation: Gain | None = None
+    feedforward: Name | Mapping[Name, Name] | None = None
+
+
+class CascadeSettings(Section):
+    """Free simulation in the loop of the drives' own controllers, by joint."""
+
+    kind: Literal["cascade"]
+    joints: Mapping[Name, CascadeJoint] = Field(min_length=1)
+
+
+class TorqueInputSettings(Section):
+    """Free simulation driven by the measured torque, started again each ``restart`` s from the measured state."""
+
+    kind: Literal["measured_torque"]
+    restart: Positive = 0.5
+
+
 Estimator = Annotated[
     LeastSquaresSettings | ConsistentSettings | MaximumLikelihoodSettings, Field(discriminator="kind")
 ]
 Smoother = Annotated[SplineSettings | DifferenceSettings | ButterworthSettings, Field(discriminator="kind")]
+Simulation = Annotated[CascadeSettings | TorqueInputSettings, Field(discriminator="kind")]
 
 
 class Config(Section):
@@ -253,6 +287,8 @@ class Config(Section):
     estimator: Estimator = LeastSquaresSettings()
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None
+    delay: Number | Literal["estimate"] = "estimate"
+    simulation: Simulation | None = None
 
 
 def check_joints(config: Config, joints: Sequence[Joint]) -> None:
@@ -274,12 +310,29 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     _known_names("zero", config.zero, joints)
     if isinstance(config.slow, Mapping):
         _known_names("slow", config.slow, joints)
+    if isinstance(config.simulation, CascadeSettings):
+        _check_cascade(config, config.simulation, joints)
     _known_names("transmission", config.transmission, joints)
     for name, row in config.transmission.items():
         _known_names(f"transmission.{name}", row, joints)
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")
+
+
+def _check_cascade(config: Config, cascade: CascadeSettings, joints: Sequence[Joint]) -> None:
+    _same_names("simulation.joints", cascade.joints, joints)
+    if config.transmission:
+        raise ConfigError(
+            "simulation: a controller of motors behind a transmission cannot be simulated; use `kind: measured_torque`."
+        )
+    labels = [spec.label for spec in (*config.train, *config.validation)]
+    for joint in joints:
+        one, where = cascade.joints[joint.name], f"simulation.joints.{joint.name}"
+        unit_factor(one.reference.unit, POSITIONS[joint.kind], f"{where}.reference.unit")
+        for name in one.feedforward if isinstance(one.feedforward, Mapping) else ():
+            if name not in labels:
+                raise ConfigError(f"{where}.feedforward: there is no recording {name!r}; {choices(name, labels)}")
 
 
 def _known_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:

@@ -1,4 +1,4 @@
-"""Tables of columns from files: text (CSV, ...), Parquet, NumPy archives and MATLAB files up to version 7."""
+"""Tables of columns from files: text (CSV, ...), Parquet, NumPy archives, MATLAB and HDF5 files, and ROS bags."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, choices
+from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
+from dynident.io.ros import BAGS, parse_bag
 from dynident.io.text import parse_text, unpanicked
 
 __all__ = ["Table", "read_columns"]
@@ -26,7 +28,8 @@ class Table:
     """Columns and scalars of a file, as float64 and without units.
 
     ``faults`` says why a column that is in the file cannot be used, ``lines`` are the lines of the file from which
-    the rows come (text files only). Columns may differ in length: a file may hold more than one log.
+    the rows come (text files only), ``notes`` what was mended in reading. Columns may differ in length: a file may
+    hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -34,6 +37,7 @@ class Table:
     source: str
     faults: Mapping[str, str] = field(default_factory=dict)
     lines: Sequence[int] | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for column in self.columns.values():
@@ -73,24 +77,40 @@ def _led(where: str) -> str:
 def read_columns(path: str | Path, width: int | None = None) -> Table:
     """Read all columns of a file; ``width`` columns where a text file holds one number a line.
 
-    Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...
-    Nothing is ever unpickled. Raises InputError where the file is missing, empty, damaged or of unknown type.
+    Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
+    bags as ``parse_bag`` says. A ROS 2 bag may be given as its folder. Nothing is ever unpickled. Raises InputError
+    where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
     """
     path = Path(path)
-    data = _bytes(path)
     kind = path.suffix.lower()
-    if kind not in _READERS:
-        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, _READERS)}")
-    if not data.strip():
-        raise InputError(f"{path}: the file is empty.")
     try:
-        table = _READERS[kind](data, str(path))
+        table = _read_bag(path) if path.is_dir() or kind in BAGS else _read_file(path, kind)
     except InputError:
         raise
     except Exception as error:  # the readers of damaged files raise nearly anything
         reason = (str(error).splitlines() or [""])[0]
-        raise InputError(f"{path}: is not a readable {kind} file ({type(error).__name__}: {reason}).") from error
+        what = "bag" if path.is_dir() else f"{kind} file"
+        raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
     return table if width is None else _reshaped(table, width)
+
+
+def _read_file(path: Path, kind: str) -> Table:
+    data = _bytes(path)
+    if kind not in _READERS:
+        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, _KINDS)}")
+    if not data.strip():
+        raise InputError(f"{path}: the file is empty.")
+    return _READERS[kind](data, str(path))
+
+
+def _read_bag(path: Path) -> Table:
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in _KINDS))
+        raise InputError(f"{path}: is a folder without metadata.yaml, so no ROS 2 bag; name a file in it. {inside}")
+    if not path.exists():
+        _bytes(path)  # words the error
+    columns, faults, notes = parse_bag(path)
+    return Table(columns, {}, str(path), faults, notes=notes)
 
 
 def _bytes(path: Path) -> bytes:
@@ -99,7 +119,7 @@ def _bytes(path: Path) -> bytes:
     except FileNotFoundError as error:
         if not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist.") from error
-        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in _READERS)
+        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in _KINDS)
         raise InputError(f"{path}: there is no such file; {choices(path.name, near)}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from error
@@ -135,7 +155,8 @@ def _read_parquet(data: bytes, source: str) -> Table:
     columns, faults = {}, {}
     for series in frame.get_columns():
         if series.dtype.is_numeric() or series.dtype == pl.Boolean:
-            columns[series.name] = series.cast(pl.Float64).fill_null(np.nan).to_numpy().copy()
+            numbers = series.cast(pl.Float64)  # shares its memory with the array where nothing is to be changed
+            columns[series.name] = (numbers.fill_null(np.nan) if numbers.null_count() else numbers).to_numpy()
         else:
             faults[series.name] = f"holds {series.dtype}, not numbers; convert it before."
     return Table(columns, {}, source, faults)
@@ -153,7 +174,11 @@ def _read_npz(data: bytes, source: str) -> Table:
 
 
 def _read_mat(data: bytes, source: str) -> Table:
-    return _from_arrays(parse_mat(data).items(), source)
+    return _from_arrays((parse_hdf5(data, source) if is_hdf5(data) else parse_mat(data)).items(), source)
+
+
+def _read_hdf5(data: bytes, source: str) -> Table:
+    return _from_arrays(parse_hdf5(data, source).items(), source)
 
 
 def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
@@ -187,4 +212,7 @@ _READERS: Mapping[str, Callable[[bytes, str], Table]] = {
     ".parquet": _read_parquet,
     ".npz": _read_npz,
     ".mat": _read_mat,
+    ".h5": _read_hdf5,
+    ".hdf5": _read_hdf5,
 }
+_KINDS = (*_READERS, *BAGS)

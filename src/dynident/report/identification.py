@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynident import plot
+from dynident.report.exports import export_results, export_section
 from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render, terminal
 from dynident.report.parameters import (
     base_section,
@@ -18,10 +20,12 @@ from dynident.report.parameters import (
     rank_sentence,
     terminal_parameters,
 )
+from dynident.report.verdict import residual_table, simulation_section, verdict_results, verdict_section
 
 if TYPE_CHECKING:
     import rich.table
 
+    from dynident.export import Export
     from dynident.identify import Identification
     from dynident.validation import LogValidation
 
@@ -32,16 +36,19 @@ MOST_NAMES = 12  # names of uncertain parameters in a sentence
 ALL_POINTS = 70_000  # points of all curves of a page together, so that it stays near 1 MB
 
 
-def identification_page(identification: Identification) -> str:
+def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
     """Return the identification as one HTML page: findings, parameters, errors, torques, smoothing, settings."""
     sections = [
+        verdict_section(identification),
         Section("What was found", tuple(_found(identification))),
         Section("Parameters", parameter_blocks(identification)),
         *base_section(identification),
         *consistency_section(identification),
-        Section("Errors", (_ERRORS, _error_table(identification), _joint_table(identification))),
+        Section("Errors", (_ERRORS, *_error_tables(identification), *residual_table(identification))),
+        *simulation_section(identification),
         Section("Torques", (_TORQUES, *_torques(identification))),
         Section("Smoothing", (_SMOOTHING, *_smoothing(identification), *_motions(identification))),
+        *export_section(exports),
         Section("Warnings", (tuple(identification.warnings) or "None.",)),
         Section("Settings and versions", tuple(_settings(identification))),
     ]
@@ -61,20 +68,24 @@ def identification_notes(identification: Identification) -> list[str]:
     return [*notes, *(f"Warning: {brief(warning)}" for warning in identification.warnings)]
 
 
-def result_dict(identification: Identification) -> dict[str, Any]:
+def result_dict(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
     """Return the result as plain dictionaries, texts and floats (which may be infinite or NaN).
 
-    Keys: parameters (list of name, value, std, unit and, where known, verdict), where known base_parameters,
-    eigenvalues and costs, rank, condition, train and validation (by log: relative_error and relative_error_filtered
-    in %, rmse and per_joint by joint), status, warnings, versions, settings.
+    Keys: verdict, mass_matrix, simulation (by log), parameters (list of name, value, std and std_hac, unit and, where
+    known, verdict), where known base_parameters, eigenvalues and costs, rank, condition, train and validation (by log:
+    relative_error and relative_error_filtered in %, by joint rmse, per_joint and per_joint_filtered (%), effort_share
+    (%), explained, and the tests of the residuals), exports (the model's files), status, warnings, versions, settings.
+    ``std`` assumes independent residuals, ``std_hac`` allows for correlated ones.
     """
     estimate = identification.estimate
     return {
+        **verdict_results(identification),
         **parameter_results(identification),
         "rank": int(estimate.rank),
         "condition": float(estimate.condition),
         "train": {log.name: _errors(log) for log in _role(identification, "train")},
         "validation": {log.name: _errors(log) for log in _role(identification, "validation")},
+        "exports": export_results(exports),
         "status": estimate.status,
         "warnings": list(identification.warnings),
         "versions": dict(identification.versions),
@@ -89,6 +100,10 @@ def _errors(log: LogValidation) -> dict[str, Any]:
         "relative_error_filtered": None if filtered is None else float(filtered),
         "rmse": {joint: float(value) for joint, value in log.rmse.items()},
         "per_joint": {joint: float(value) for joint, value in log.per_joint.items()},
+        "per_joint_filtered": dict(log.per_joint_filtered),
+        "effort_share": dict(log.effort_share),
+        "explained": dict(log.explained),
+        "residuals": {joint: {**asdict(test), "words": test.words} for joint, test in log.residuals.items()},
     }
 
 
@@ -128,6 +143,10 @@ _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
     "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used."
 )
+
+
+def _error_tables(identification: Identification) -> tuple[Table, Table]:
+    return _error_table(identification), _joint_table(identification)
 
 
 def _error_table(identification: Identification) -> Table:

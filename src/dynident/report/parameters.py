@@ -163,6 +163,9 @@ def parameter_results(identification: Identification) -> dict[str, Any]:
     ]
     for row, verdict in zip(rows, estimate.verdict, strict=False):
         row["verdict"] = verdict
+    if identification.std_hac is not None:
+        for row, std in zip(rows, identification.std_hac, strict=True):
+            row["std_hac"] = float(std)
     found: dict[str, Any] = {"parameters": rows}
     if basis:
         values = np.asarray(basis.to_base(estimate.value)).tolist()
@@ -170,6 +173,9 @@ def parameter_results(identification: Identification) -> dict[str, Any]:
             {"name": name, "value": value, "std": float(std)}
             for name, value, std in zip(basis.groupings, values, _base_std(identification, basis), strict=True)
         ]
+        if identification.base_std_hac is not None:
+            for row, std in zip(found["base_parameters"], identification.base_std_hac, strict=True):
+                row["std_hac"] = float(std)
     for name in ("eigenvalues", "costs"):
         if given := getattr(estimate, name):
             found[name] = {key: float(value) for key, value in given.items()}

@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from dynident.terms.robot_urdf import read_urdf
 from dynident.terms.robot_xml import Limits, RobotFile, parse
 from dynident.terms.term import INERTIAL, Joint, Parameter, Partials
 
-__all__ = ["Bodies"]
+__all__ = ["Bodies", "read_robot_file"]
 
 Array = NDArray[np.float64]
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
@@ -74,9 +74,19 @@ class Bodies:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
-    def format(self) -> str:
+    def format(self) -> Literal["urdf", "mjcf"]:
         """What the file is, by its root element: "urdf" or "mjcf"."""
         return self._file.format
+
+    @property
+    def file(self) -> RobotFile:
+        """What the file says, before links are merged."""
+        return self._file
+
+    @property
+    def arm(self) -> Arm:
+        """The moving bodies, with the links that each is made of."""
+        return self._arm
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -199,12 +209,7 @@ class Bodies:
 
     @cached_property
     def _file(self) -> RobotFile:
-        root = parse(self.xml, self.source)
-        if root.tag not in READERS:
-            raise ModelError(
-                f"{self.source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
-            )
-        return READERS[root.tag](root, self.source)
+        return read_robot_file(self.xml, self.source)
 
     @cached_property
     def _arm(self) -> Arm:
@@ -229,6 +234,16 @@ class Bodies:
             model.addJoint(parent, kind(body.joint.axis), pin.SE3(body.placement), f"joint {k}")
         model.gravity = pin.Motion(np.array(self.gravity), np.zeros(3))
         return model
+
+
+def read_robot_file(xml: str, source: str) -> RobotFile:
+    """Return what the text of a URDF or MJCF file says; ModelError where it is neither, or contradicts itself."""
+    root = parse(xml, source)
+    if root.tag not in READERS:
+        raise ModelError(
+            f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
+        )
+    return READERS[root.tag](root, source)
 
 
 def _values(body: Body) -> list[float | None]:

@@ -120,6 +120,16 @@ class Lagrangian:
         by_q, by_dq, by_ddq = np.moveaxis(_stack(flat, (len(q), 3, n, n)), 1, 0)
         return Partials(by_q, by_dq, by_ddq)
 
+    def torques(self, theta: Array) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Return the symbols of q, dq and ddq (3 n), and the n torques in them for the parameters theta (p)."""
+        import sympy as sp
+
+        total = [
+            sp.Add(*(sp.Float(float(x), 17) * each.torque[i] for x, each in zip(theta, self._lumps, strict=True)))
+            for i in range(len(self.q))
+        ]
+        return (*self.q, *self.dq, *self._ddq), tuple(total)
+
     @cached_property
     def _compiled(self) -> Callable[..., Sequence[Any]]:
         torques = [each.torque[i] for i in range(len(self.q)) for each in self._lumps]

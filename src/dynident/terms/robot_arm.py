@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Body:
     """A moving body: its ``joint``, the index of the body it hangs on (None: the base), the placement (4, 4) of its
-    joint's frame in that body's, its nominal inertia (10) about that frame, nan where not known, and its ``links``.
+    joint's frame in that body's, its nominal inertia (10) about that frame, nan where not known, its ``links``, and
+    the ``frames`` (4, 4) of these in the body's, the first of which is the identity.
     """
 
     joint: RobotJoint
@@ -28,17 +29,20 @@ class Body:
     placement: Array
     theta: Array
     links: tuple[str, ...]
+    frames: tuple[Array, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
     """The moving ``bodies``, depth first, each after its parent; ``order[k]`` is the place of body k among the joints
-    as they were chosen. ``still`` are the links that do not move.
+    as they were chosen. ``still`` are the links that do not move; ``standing`` (rad or m) says where the joints stand
+    that could move and do not.
     """
 
     bodies: tuple[Body, ...]
     order: NDArray[np.intp]
     still: tuple[str, ...]
+    standing: Mapping[str, float]
 
     @property
     def chosen(self) -> list[Body]:
@@ -55,7 +59,7 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
     arm = _walk(file, set(names), locked)
     if used is not None:
         order = np.array([names.index(body.joint.name) for body in arm.bodies])
-        arm = Arm(arm.bodies, order, arm.still)
+        arm = replace(arm, order=order)
     _check_ties(file, arm)
     return arm
 
@@ -102,25 +106,34 @@ def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm
     for branch in file.joints:
         below.setdefault(branch.parent, []).append(branch)
     joints: list[tuple[RobotJoint, int | None, Array]] = []
-    links: list[dict[str, Array]] = []
+    links: list[dict[str, Array]] = []  # by body: inertia of each link in the body's frame
+    frames: list[list[Array]] = []
     still: list[str] = []
+    standing: dict[str, float] = {}
     todo: list[tuple[str, RobotJoint | None, int | None, Array]] = [(file.root, None, None, np.eye(4))]
     while todo:
         link, joint, host, frame = todo.pop()
         if joint is not None and joint.name in moving:
             joints.append((joint, host, frame))
             links.append({})
+            frames.append([])
             host, frame = len(joints) - 1, np.eye(4)
         elif joint is not None:
-            frame = frame @ motion(joint, _position(file, joint, locked))
+            position = _position(file, joint, locked)
+            frame = frame @ motion(joint, position)
+            if joint.kind != "fixed":
+                standing[joint.name] = position
         if host is None:
             still.append(link)
         else:
             inertia = file.links[link]
             links[host][link] = np.full(10, np.nan) if inertia is None else moved(inertia, frame)
+            frames[host].append(frame)
         todo += [(x.child, x, host, frame @ x.placement) for x in reversed(below.get(link, []))]
-    bodies = (Body(*joints[k], sum(own.values(), np.zeros(10)), tuple(own)) for k, own in enumerate(links))
-    return Arm(tuple(bodies), np.arange(len(links)), tuple(still))
+    bodies = (
+        Body(*joints[k], sum(own.values(), np.zeros(10)), tuple(own), tuple(frames[k])) for k, own in enumerate(links)
+    )
+    return Arm(tuple(bodies), np.arange(len(links)), tuple(still), standing)
 
 
 def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -> float:

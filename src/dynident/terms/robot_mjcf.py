@@ -56,6 +56,7 @@ class _Reader:
     classes: Mapping[str, Mapping[str, Attributes]]
     links: dict[str, Array | None] = field(default_factory=dict)
     joints: list[RobotJoint] = field(default_factory=list)
+    origins: dict[str, Array] = field(default_factory=dict)
 
     @property
     def degrees(self) -> bool:
@@ -81,7 +82,7 @@ class _Reader:
         else:
             still = RobotJoint(f"{name} (fixed)", "fixed", parent, name, frame, np.array([0.0, 0.0, 1.0]))
             self.joints.append(still)
-        self.links[name] = self._inertia(element, anchor, where)
+        self.links[name], self.origins[name] = self._inertia(element, anchor, where), anchor
         for child in element.findall("body"):
             self.body(child, name, anchor, inherited)
 
@@ -226,6 +227,7 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         constraints=(*_equalities(root), *_tendons(root)),
         gravity=tuple(numbers(_merged(root, "option"), "gravity", "0 0 -9.81", f"{source}, <option>", 3).tolist()),
         notes=_notes(root, compiler),
+        origins=reader.origins,
     )
 
 

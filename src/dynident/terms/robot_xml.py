@@ -86,7 +86,8 @@ class Tied:
 class RobotFile:
     """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
     where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
-    m/s^2 is None where it does not say; ``notes`` tell what it says and is not read.
+    m/s^2 is None where it does not say; ``notes`` tell what it says and is not read. ``origins`` (3), in m, are
+    where link frames lie in those that the file gives the links, if they differ (MJCF: at the joint's anchor).
     """
 
     format: Literal["urdf", "mjcf"]
@@ -97,6 +98,7 @@ class RobotFile:
     constraints: tuple[Coupled | Tied, ...] = ()
     gravity: tuple[float, ...] | None = None
     notes: tuple[str, ...] = ()
+    origins: Mapping[str, Array] = field(default_factory=dict)
 
 
 def parse(xml: str, source: str) -> Element:

@@ -1,4 +1,4 @@
-"""What a log says of itself."""
+"""What a log says of its channels, and of gaps in its time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.diagnostics import Finding, check, require, split_gaps
+from dynident.diagnostics import Finding, channels, check, inspect, require, split_gaps
 from dynident.errors import InputError
 from dynident.log import Log
 
@@ -112,3 +112,53 @@ def test_split_gaps_keeps_all_long_pieces_and_all_channels():
 def test_split_gaps_returns_an_uninterrupted_log_unchanged():
     whole = log()
     assert split_gaps(whole) == (whole,)
+
+
+def told(one: Log) -> dict[str, str]:
+    return {finding.topic: finding.message for finding in inspect(one, dict.fromkeys(one.joints, "revolute"))}
+
+
+@pytest.mark.parametrize(("hold", "advice"), [(2, "one row in 2"), (4, "one row in 4")])
+def test_positions_that_are_read_less_often_than_logged(hold, advice):
+    q = np.sin(2 * T)[np.arange(N) // hold * hold]
+    one = log(q=q[:, None])
+    assert channels(one)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
+    assert advice in told(one)["stale"]
+
+
+def test_an_encoder_in_slow_motion_is_not_stale():
+    q = np.round(np.sin(0.05 * T) / 1e-3) * 1e-3
+    assert channels(log(q=q[:, None]))[0].repeats == 0
+    assert "stale" not in told(log(q=q[:, None]))
+
+
+def test_a_rest_of_the_whole_arm_is_named_with_its_time():
+    q = np.sin(2 * np.minimum(T, 2.5)) + np.random.default_rng(6).normal(0, 1e-6, N)
+    assert "stands still from 2.5 to 4 s" in told(log(q=q[:, None]))["rest"]
+    assert channels(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
+
+
+def test_one_joint_at_rest_while_the_other_moves_is_no_rest():
+    q = np.column_stack([np.sin(2 * np.minimum(T, 2)), np.sin(2 * T)])
+    assert told(Log(T, q, np.cos(q), ("a", "b"))) == {}
+
+
+def test_the_facts_on_a_channel_are_those_put_in():
+    rng = np.random.default_rng(7)
+    q = np.round((np.sin(2 * T) + rng.normal(0, 2e-3, N)) / 1e-4) * 1e-4
+    tau = np.round((3 * np.cos(3 * T) + rng.normal(0, 0.1, N)) / 0.05) * 0.05
+    (found,) = channels(log(q=q[:, None], tau=tau[:, None]))
+    assert found.noise == pytest.approx(2e-3, rel=0.1)
+    assert found.torque_noise == pytest.approx(0.1, rel=0.1)
+    assert found.resolution == pytest.approx(1e-4)
+    assert found.torque_resolution == pytest.approx(0.05)
+    assert found.rms == pytest.approx(3 / np.sqrt(2), rel=0.05)
+    assert np.isnan(channels(log())[0].resolution)
+
+
+def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
+    counts = np.round(np.sin(2 * T) / 3.14159265e-4)
+    rounded = np.round(counts * 3.14159265e-4, 7)
+    (found,) = channels(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
+    assert found.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
+    assert np.isnan(found.torque_resolution)

@@ -1,0 +1,79 @@
+"""``dynident check``: what is wrong with recordings and robot files, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynident.cli.terminal import FILE, console, status, tell
+
+if TYPE_CHECKING:
+    from dynident.examination import Examination
+
+__all__ = ["check"]
+
+
+@click.command(short_help="Say what is wrong with recordings and robot files.")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
+@click.option("--json", "json_file", type=FILE, help="File for the findings and the facts behind them.")
+def check(files: tuple[Path, ...], json_file: Path | None) -> None:
+    """Examine each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone; say
+    what is wrong and what to do about it. The exit code is 1 where an error is found.
+    """
+    from dynident.io.results import probe_folder, write_json
+    from dynident.report.check import check_dict, check_summary, check_tables
+    from dynident.report.page import terminal
+
+    if json_file:
+        probe_folder(json_file.parent)
+    screen, found = console(), {}
+    for path in files:
+        with status() as say:
+            found[str(path)] = one = _examined(path, say)
+        screen.print(f"{path}: {check_summary(one)}", soft_wrap=True, highlight=False, markup=False, style="bold")
+        for table in check_tables(one):
+            screen.print(terminal(table))
+    if json_file:
+        tell(screen, "Findings", write_json(json_file, {path: check_dict(one) for path, one in found.items()}))
+    if any(one.failed for one in found.values()):
+        raise SystemExit(1)
+
+
+def _examined(path: Path, say: Callable[[str], None]) -> Examination:
+    """Examine one file; one that cannot be used is an error among the findings, so that the others are examined."""
+    from dynident.diagnostics import Finding
+    from dynident.errors import DynidentError
+    from dynident.examination import Examination
+    from dynident.io.robot import SUFFIXES
+
+    try:
+        return _robot(path) if path.suffix.lower() in SUFFIXES else _configured(path, say)
+    except DynidentError as error:
+        return Examination((Finding("error", None, str(error), "unusable"),))
+
+
+def _robot(path: Path) -> Examination:
+    from dynident.examination import Examination, examine_robot, link_facts
+    from dynident.io.robot import read_robot
+    from dynident.terms.bodies import read_robot_file
+
+    file = read_robot_file(read_robot(path), path.name)
+    return Examination(examine_robot(file), links=link_facts(file))
+
+
+def _configured(path: Path, say: Callable[[str], None]) -> Examination:
+    from dynident.diagnostics import Finding
+    from dynident.examination import examine
+    from dynident.io.config import config_warnings, load_model, read_config
+    from dynident.io.logs import read_found, turning_joints
+    from dynident.io.recipe import build_recipe
+
+    config = read_config(path)
+    say("building the model")
+    model = load_model(config.model, path.parent)
+    logs, found = read_found(config, model.joints, say)
+    found = (*(Finding("warning", None, words, source=path.name) for words in config_warnings(config)), *found)
+    return examine(model, logs, build_recipe(config), multi_turn=turning_joints(config), found=found, progress=say)

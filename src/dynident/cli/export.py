@@ -1,0 +1,39 @@
+"""``dynident export``: a saved result as a file for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynident.cli.terminal import FILE, console, tell
+
+__all__ = ["export"]
+
+
+@click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
+@click.argument("result", type=FILE)
+@click.option("--format", "kind", type=click.Choice(["urdf", "mjcf", "numpy", "yaml"]), required=True, help="Format.")
+@click.option("--out", type=FILE, required=True, help="File to write.")
+def export(result: Path, kind: str, out: Path) -> None:
+    """Write the model in RESULT (the result.json of identify), proven on random states before it is written."""
+    import numpy as np
+
+    from dynident.errors import ModelError
+    from dynident.export import Identified, random_states
+    from dynident.export import export as make
+    from dynident.io.results import probe_folder, write_text
+    from dynident.io.saved import read_result
+    from dynident.report.exports import export_notes
+
+    probe_folder(out.parent)
+    saved = read_result(result)
+    states = random_states(len(saved.model.joints), np.random.default_rng(0))
+    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), kind, states)  # type: ignore[arg-type]
+    if not made.ready or made.written is None or made.proof is None:
+        raise ModelError(f"{out}: not written: {made.refusal}")
+    screen = console()
+    for note in (*export_notes([made]), *(f"Not in the file: {words}" for words in made.written.left_out)):
+        screen.print(note, soft_wrap=True, highlight=False, markup=False)
+    screen.print(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")
+    tell(screen, "Model", write_text(out, made.written.text))

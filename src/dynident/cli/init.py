@@ -1,0 +1,79 @@
+"""``dynident init``: from a robot file and logs to a configuration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from dynident.cli.terminal import FILE, console, status, tell
+
+if TYPE_CHECKING:
+    from dynident.io.draft import Draft
+
+__all__ = ["init"]
+
+
+@click.command(short_help="Draft a configuration for your robot and logs.")
+@click.argument("robot")
+@click.argument("logs", nargs=-1, required=True)
+@click.option("-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write.")
+@click.option("--force", is_flag=True, help="Overwrite an existing configuration.")
+def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
+    """Write a configuration for `dynident identify`, with columns and units guessed from LOGS.
+
+    ROBOT is a URDF or MJCF file, or gallery:NAME. The first log is fitted and the last one held out. Files that make
+    one log together are joined by a plus: q.csv+tau.csv.
+    """
+    from dynident.errors import InputError
+    from dynident.io.draft import draft, same_columns
+    from dynident.io.guess import guess
+    from dynident.io.results import write_text
+    from dynident.io.sources import read_joints, read_source
+
+    if out.exists() and not force:
+        raise InputError(f"{out}: exists already; choose another name with -o, or overwrite it with --force.")
+    joints = read_joints(robot)
+    sources = []
+    with status() as say:
+        for log in logs:
+            say(f"reading {log}")
+            sources.append(read_source(log))
+    found = guess(sources[0].table, joints, sources[0].ros)
+    same_columns(found, sources)
+    written = draft(robot, joints, found, sources, out.parent)
+    tell(console(), "Configuration", write_text(out, written.text))
+    _remarks(written, out, [note for source in sources for note in source.table.notes])
+
+
+def _remarks(written: Draft, out: Path, notes: list[str]) -> None:
+    """Print what is to be filled in and to be confirmed, and what comes next."""
+    screen = console()
+
+    def show(text: str, style: str | None = None) -> None:
+        screen.print(text, style=style, soft_wrap=True, highlight=False, markup=False)
+
+    for note in written.notes:
+        show(f"Note: {note}")
+    for note in [*notes, *(() if written.blanks else _trial(written.text, out))]:
+        show(f"Warning: {note}", "yellow")
+    for title, items in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):
+        if items:
+            show(title)
+        for item in items:
+            show(f"  {item}")
+    show(f"{'Then' if written.blanks or written.questions else 'Next'}: dynident identify {out}")
+
+
+def _trial(text: str, out: Path) -> list[str]:
+    """Read the logs as the configuration says, and return what that warns of or fails at."""
+    from dynident.errors import DynidentError
+    from dynident.io.config import config_warnings, load_model, parse_config
+    from dynident.io.logs import read_roles
+
+    try:
+        config = parse_config(text, out.parent, str(out))
+        return [*config_warnings(config), *read_roles(config, load_model(config.model, out.parent).joints)[1]]
+    except DynidentError as error:
+        return [f"as it is, the configuration cannot be used: {error}"]

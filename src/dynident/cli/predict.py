@@ -1,0 +1,55 @@
+"""``dynident predict``: the torque of new recordings, from a saved result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynident.cli.terminal import FILE, console, status, tell
+
+__all__ = ["predict"]
+
+
+@click.command(short_help="Predict the torque of recordings from a saved result.")
+@click.argument("result", type=FILE)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
+def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
+    """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
+
+    LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
+    names several files for a recording, LOG is key=file,key=file.
+    """
+    from dynident.errors import ConfigError
+    from dynident.io.logs import read_logs
+    from dynident.io.results import probe_folder, table_kind, write_table
+    from dynident.io.saved import log_spec, read_result
+    from dynident.report.page import terminal
+    from dynident.report.prediction import prediction_frame, prediction_table
+    from dynident.validation import validate
+
+    if out:
+        table_kind(out)
+        probe_folder(out.parent)
+    screen, found = console(), []
+    with status() as say:
+        say("reading the result")
+        saved = read_result(result)
+        for text in logs:
+            spec = log_spec(text, saved.config)
+            say(f"predicting {spec.label}")
+            reading = read_logs(spec, saved.config, saved.model.joints, torque=False)
+            for warning in reading.warnings:
+                screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
+            for log in reading.logs:
+                motion = saved.smoother(log)
+                found.append((validate(saved.model, saved.value, motion), reading.measured))
+    measured = [one for one, known in found if known]
+    if measured:
+        screen.print(terminal(prediction_table(measured, saved.model.joints)))
+    unknown = [one.name for one, known in found if not known]
+    if unknown and not out:
+        raise ConfigError(f"{', '.join(unknown)}: without torques there is nothing to compare; give --out a file.")
+    if out:
+        tell(screen, "Torques", write_table(out, prediction_frame(found)))

@@ -1,0 +1,81 @@
+"""The identified model as files that other programs read: pure functions from an identification to proven texts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import PurePath
+
+from dynident.errors import ModelError, choices
+from dynident.export.identified import Identified
+from dynident.export.mjcf import identified_mjcf
+from dynident.export.numpy_module import identified_module
+from dynident.export.parameters import identified_yaml
+from dynident.export.proof import States, prove, random_states, spread
+from dynident.export.urdf import identified_urdf
+from dynident.export.written import Export, Format, Proof, Written
+from dynident.identify import Identification
+from dynident.terms import Bodies
+
+__all__ = [
+    "FORMATS",
+    "Export",
+    "Identified",
+    "Proof",
+    "Written",
+    "export",
+    "exports",
+    "identified_mjcf",
+    "identified_module",
+    "identified_urdf",
+    "identified_yaml",
+    "prove",
+    "random_states",
+    "spread",
+]
+
+ALWAYS: tuple[Format, ...] = ("yaml", "numpy")
+FORMATS: dict[Format, Callable[[Identified], Written]] = {
+    "urdf": identified_urdf,
+    "mjcf": identified_mjcf,
+    "numpy": identified_module,
+    "yaml": identified_yaml,
+}
+
+
+def exports(found: Identification) -> tuple[Export, ...]:
+    """Return the robot's own file with the values found, where there is one, the parameters, and a NumPy module.
+
+    Each is proven on samples of the logs, or says why it cannot be.
+    """
+    estimate = found.estimate
+    identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.verdict))
+    states = spread(tuple(log.motion for log in found.logs))
+    formats: list[Format] = [term.format for term in found.model.terms if isinstance(term, Bodies)]
+    return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))
+
+
+def export(identified: Identified, format: Format, states: States) -> Export:  # noqa: A002
+    """Return one format with its proof on the states q, dq, ddq (N, n); ModelError for an unknown format."""
+    if format not in FORMATS:
+        raise ModelError(f"no export format {format!r}; {choices(format, FORMATS)}")
+    file = _file(identified, format)
+    try:
+        written = FORMATS[format](identified)
+    except ModelError as error:
+        return Export(format, file, refusal=str(error))
+    proof = prove(written, identified, states)
+    if proof.proven:
+        return Export(format, file, written, proof)
+    words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
+    reason = (
+        f"the text, loaded again, does not give the identified torque: relative difference {words}, allowed is "
+        f"{proof.limit:g}. {' '.join(proof.skipped)}"
+    )
+    return Export(format, file, written, proof, reason.strip())
+
+
+def _file(identified: Identified, format: Format) -> str:  # noqa: A002
+    if format in ("yaml", "numpy"):
+        return "parameters.yaml" if format == "yaml" else "model.py"
+    source = next((term.source for term in identified.model.terms if isinstance(term, Bodies)), identified.model.name)
+    return f"{PurePath(source).stem}.identified.{'urdf' if format == 'urdf' else 'xml'}"

@@ -1,0 +1,189 @@
+"""What exports write: a model with the values found, the drives of its joints, and the inertias of its links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.inertia import flaws, from_pseudo, moved, smallest_eigenvalue, to_pseudo
+from dynident.model import Model
+from dynident.terms import Bodies, Coulomb, RotorInertia, Viscous
+from dynident.terms.friction import PerJoint
+from dynident.terms.robot_arm import Body
+from dynident.terms.term import Term
+
+__all__ = ["Drives", "Identified", "Shares", "drives", "link_inertias"]
+
+Array = NDArray[np.float64]
+ADVICE = "identify with `estimator: {kind: consistent}` to have it; parameters.yaml and model.py hold any values"
+ALL = 0.999  # the fixed links keep their nominal inertias up to this share of what the body can spare
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """A model and the values (p) of its parameters; ``std`` (p) and ``verdict`` (p) where they are known."""
+
+    model: Model
+    value: Array
+    std: Array | None = None
+    verdict: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> Iterator[tuple[Term, Array]]:
+        """Each term with its own values."""
+        start = 0
+        for term in self.model.terms:
+            stop = start + len(term.parameters)
+            yield term, self.value[start:stop]
+            start = stop
+
+    @property
+    def bodies(self) -> tuple[Bodies, Array]:
+        """The rigid bodies and their parameters (n, 10); ModelError where the model does not come from a robot file."""
+        for term, values in self.parts:
+            if isinstance(term, Bodies):
+                return term, values.reshape(-1, 10)
+        raise ModelError(f"{self.model.name}: this model is not made of a robot file, so there is none to write.")
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """What a robot file holds per joint: damping (N m s/rad), friction (N m) and armature (kg m^2), or for sliding.
+
+    ``left_out`` are, in words, the parameters that no attribute holds; ``notes`` tell of values that the file keeps.
+    """
+
+    damping: Mapping[str, float] = field(default_factory=dict)
+    friction: Mapping[str, float] = field(default_factory=dict)
+    armature: Mapping[str, float] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def torque(self, joints: tuple[str, ...], dq: Array, ddq: Array) -> Array:
+        """Return damping dq + friction sign(dq) + armature ddq, shape (N, n)."""
+        damping, friction, armature = (
+            np.array([values.get(name, 0.0) for name in joints])
+            for values in (self.damping, self.friction, self.armature)
+        )
+        return np.asarray(damping * dq + friction * np.sign(dq) + armature * ddq)
+
+
+def drives(identified: Identified, *, armature: bool) -> Drives:
+    """Return what a robot file can hold of the terms besides the bodies; ``armature`` says whether it has a place
+    for rotor inertia. A value that is not identified is the file's own.
+
+    Raises ModelError for a negative value: no simulator takes it.
+    """
+    bodies, _ = identified.bodies
+    kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
+    kinds |= {RotorInertia: "armature"} if armature else {}
+    found: dict[str, dict[str, float]] = {name: {} for name in kinds.values()}
+    left_out: list[str] = []
+    for term, values in identified.parts:
+        if term is bodies:
+            continue
+        if not isinstance(term, PerJoint) or type(term) not in kinds:
+            left_out += _worded(term, values)
+            continue
+        for parameter, joint, value in zip(term.parameters, term.on or _names(term), values.tolist(), strict=True):
+            if value < 0:
+                raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
+            same = found[kinds[type(term)]]
+            same[joint] = same.get(joint, 0.0) + value
+        if isinstance(term, Coulomb) and (term.width or term.dead_band):
+            rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
+            left_out.append(f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)")
+    nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in found}
+    notes = tuple(
+        f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
+        for name, values in nominal.items()
+        for joint, value in values.items()
+        if value and joint not in found[name]
+    )
+    held = {name: {**nominal[name], **found[name]} for name in found}
+    return Drives(held["damping"], held["friction"], held.get("armature", {}), tuple(left_out), notes)
+
+
+def _names(term: Term) -> tuple[str, ...]:
+    return tuple(joint.name for joint in term.joints)
+
+
+def _worded(term: Term, values: Array) -> Iterator[str]:
+    for parameter, value in zip(term.parameters, values, strict=True):
+        yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """How the identified bodies are spread over the links of the file: by link, its parameters (10) in its own frame,
+    None for a link that loses its inertia; links that keep what they have are not named. ``notes`` say why.
+    """
+
+    links: Mapping[str, Array | None]
+    notes: tuple[str, ...] = ()
+
+
+def link_inertias(bodies: Bodies, values: Array) -> Shares:
+    """Spread the parameters (n, 10) of the bodies over their links; the sums are exact.
+
+    The other links of a body keep the inertias of the file, and its first link gets the rest. Where that rest would be
+    no body, the others keep the share that leaves half of what there is along the tightest direction.
+    Raises ModelError for a body that is none, as its pseudo-inertia is not positive definite.
+    """
+    links: dict[str, Array | None] = {}
+    notes: list[str] = []
+    for body, theta in zip(bodies.arm.chosen, values, strict=True):
+        _require_physical(body.joint.child, theta)
+        others = _others(bodies, body)
+        share = _share(theta, others)
+        rest = theta.copy()
+        for link, (nominal, frame) in others.items():
+            if nominal is None:
+                links[link] = None
+                continue
+            rest -= share * moved(nominal, frame)
+            if share < 1 and nominal.any():
+                links[link] = share * nominal if share else None
+        links[body.joint.child] = from_pseudo(to_pseudo(rest))
+        notes += _shared_words(body, share, others)
+    return Shares(links, tuple(notes))
+
+
+def _require_physical(name: str, theta: Array) -> None:
+    if smallest_eigenvalue(theta) <= 0:
+        why = "; ".join(flaws(theta)) or "it lies on the border of what mass can do"
+        raise ModelError(f"body {name!r} cannot be real: {why}; {ADVICE}.")
+
+
+def _others(bodies: Bodies, body: Body) -> dict[str, tuple[Array | None, Array]]:
+    """Return by link, but for the first: its nominal parameters in its own frame, and its frame in the body's."""
+    return {link: (bodies.file.links[link], frame) for link, frame in zip(body.links[1:], body.frames[1:], strict=True)}
+
+
+def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> float:
+    """Return t so that theta - t (sum of the others) is a body; 0 where one of the others is none itself."""
+    known = [moved(nominal, frame) for nominal, frame in others.values() if nominal is not None and nominal.any()]
+    if not known:
+        return 1.0
+    if any(flaws(nominal) for nominal in known):
+        return 0.0
+    largest = float(scipy.linalg.eigh(to_pseudo(sum(known, np.zeros(10))), to_pseudo(theta), eigvals_only=True)[-1])
+    return 1.0 if largest <= ALL else 0.5 / largest
+
+
+def _shared_words(body: Body, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
+    for link, (nominal, _) in others.items():
+        if nominal is None:
+            yield f"link {link!r}: the file left its inertia to its shapes; now {body.joint.child!r} has it"
+    weighty = [link for link, (nominal, _) in others.items() if nominal is not None and nominal.any()]
+    if weighty and share < 1:
+        kept = f"{100 * share:.3g} % of their inertias" if share else "no inertia"
+        yield (
+            f"body {body.joint.child!r}: the inertias that the file gives {', '.join(map(repr, weighty))} do not fit "
+            f"into the identified body; they keep {kept}, and {body.joint.child!r} has the rest"
+        )

@@ -1,0 +1,85 @@
+"""The identified model as an MJCF: the original text, with the inertias, frictions and rotor inertias that were found.
+
+Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/XMLreference.html.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.export.edit import Node, Text
+from dynident.export.identified import Drives, Identified, drives, link_inertias
+from dynident.export.urdf import standing, words
+from dynident.export.written import Written
+from dynident.inertia import to_physical
+
+__all__ = ["identified_mjcf"]
+
+Array = NDArray[np.float64]
+ALTERING = ("balanceinertia", "boundmass", "boundinertia", "settotalmass")  # compiler settings that change inertias
+FULL = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+NOTHING = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
+
+
+def identified_mjcf(identified: Identified) -> Written:
+    """Return the robot's MJCF with ``<inertial>``, ``armature``, ``damping`` and ``frictionloss`` as identified, the
+    gravity of the identification, and without the compiler settings that would change inertias.
+
+    Raises ModelError where the model was read from no MJCF, and for a body or a friction that cannot be real.
+    """
+    bodies, values = identified.bodies
+    if bodies.format != "mjcf":
+        raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
+    found, shares = drives(identified, armature=True), link_inertias(bodies, values)
+    text, joints = Text(bodies.xml), {joint.name for joint in bodies.joints}
+    for node in (top for world in text.root.children if world.tag == "worldbody" for top in world.walk()):
+        name = node.attributes.get("name", "")
+        if node.tag == "body" and name in shares.links:
+            _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
+        elif node.tag == "joint" and name in joints:
+            _set_drive(text, node, found, name)
+    if bodies.file.gravity != bodies.gravity:
+        _set_gravity(text, bodies.gravity)
+    notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
+    return Written("mjcf", str(text), found.left_out, notes)
+
+
+def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> None:
+    element = NOTHING
+    if theta is not None:
+        mass, centre, tensor = to_physical(theta, body.attributes["name"])
+        full = words(tensor[place] for place in FULL)
+        element = f'<inertial pos="{words(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
+    inertial = body.find("inertial")
+    if inertial is None:
+        text.insert(body, element)
+    else:
+        text.replace(inertial, element)
+
+
+def _set_drive(text: Text, joint: Node, found: Drives, name: str) -> None:
+    names = {"armature": found.armature, "damping": found.damping, "frictionloss": found.friction}
+    text.set(joint, {key: repr(float(values[name])) for key, values in names.items() if name in values})
+
+
+def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
+    """Set it wherever it is given, as the last one counts; else in the first option, or in a new one."""
+    options = [child for child in text.root.children if child.tag == "option"]
+    stated = [option for option in options if "gravity" in option.attributes] or options[:1]
+    for option in stated:
+        text.set(option, {"gravity": words(gravity)})
+    if not stated:
+        text.insert(text.root, f'<option gravity="{words(gravity)}"/>')
+
+
+def _freed(text: Text) -> tuple[str, ...]:
+    """Take away what would change the inertias when the file is compiled, and say so."""
+    gone: list[str] = []
+    for compiler in (child for child in text.root.children if child.tag == "compiler"):
+        keys = [key for key in ALTERING if key in compiler.attributes]
+        keys += ["inertiafromgeom"] if compiler.attributes.get("inertiafromgeom") == "true" else []
+        text.drop(compiler, tuple(keys))
+        gone += keys
+    return (f"<compiler> {', '.join(gone)} taken away: the inertias are meant as they stand",) if gone else ()

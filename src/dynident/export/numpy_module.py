@@ -1,0 +1,260 @@
+"""The identified model as a Python module of its own that needs only NumPy: inverse dynamics, gravity, mass matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ModelError
+from dynident.export.identified import Identified
+from dynident.export.written import Written
+from dynident.terms import Bodies, Coulomb, Coupling, Lagrangian, Offset, RotorInertia, Viscous
+from dynident.terms.friction import PerJoint
+from dynident.terms.term import Term
+
+__all__ = ["identified_module"]
+
+Array = NDArray[np.float64]
+COULOMB = 2  # place of Coulomb friction among a motor's inertia, viscous, Coulomb and constant torque
+
+
+def identified_module(identified: Identified) -> Written:
+    """Return the source of a module with ``inverse_dynamics``, ``gravity``, ``mass_matrix`` and ``friction``.
+
+    Rigid bodies are computed by the recursion of Newton and Euler (Featherstone 2008, "Rigid Body Dynamics
+    Algorithms", ch. 5) on the ten parameters as they were found, physical or not; symbolic energies by their printed
+    torques. Raises ModelError for a term that is neither, nor friction, offset, rotor inertia or coupling: its formula
+    is not known.
+    """
+    names = [joint.name for joint in identified.model.joints]
+    motors, rigid = _Motors(names), ["0.0 * q"]
+    blocks: list[str] = []
+    for k, (term, values) in enumerate(identified.parts):
+        if isinstance(term, Bodies):
+            blocks.append(_bodies(term, values, k))
+            rigid.append(f"_bodies_{k}(q, dq, ddq)")
+        elif isinstance(term, Lagrangian):
+            blocks.append(_lagrangian(term, values, k))
+            rigid.append(f"_energies_{k}(q, dq, ddq)")
+        else:
+            motors.add(term, values)
+    head = HEAD.replace("@MODEL@", repr(identified.model.name)).replace("@JOINTS@", _tuple(map(repr, names)))
+    functions = FUNCTIONS.replace("@RIGID@", " + ".join(rigid))
+    return Written("numpy", "\n\n".join([head + motors.text(), *blocks, functions]))
+
+
+class _Motors:
+    """Gathers friction, offset and rotor inertia: rows of motors, each turning with joints by coefficients."""
+
+    def __init__(self, names: list[str]) -> None:
+        self._names = names
+        self._rows: list[tuple[Array, Array, tuple[float, float]]] = []
+
+    def add(self, term: Term, values: Array) -> None:
+        if isinstance(term, Coupling):
+            coefficients = dict(term.coefficients)
+            vector = np.array([coefficients.get(name, 0.0) for name in self._names])
+            parts = np.zeros(4)
+            parts[[term.inertia, term.viscous, term.coulomb, term.offset]] = values
+            self._gather(vector, parts, (term.width, term.dead_band))
+            return
+        kinds: list[type[Term]] = [RotorInertia, Viscous, Coulomb, Offset]
+        if not isinstance(term, PerJoint) or type(term) not in kinds:
+            raise ModelError(
+                f"model.py cannot hold the term {type(term).__name__}: its formula is not known. Use the model in "
+                "Python (`dynident.model.Model`), or write the term with `Lagrangian`."
+            )
+        sign = (term.width, term.dead_band) if isinstance(term, Coulomb) else (0.0, 0.0)
+        for name, value in zip(term.on or self._names, values.tolist(), strict=True):
+            vector = np.array([float(name == other) for other in self._names])
+            self._gather(vector, value * np.eye(4)[kinds.index(type(term))], sign)
+
+    def _gather(self, vector: Array, parts: Array, sign: tuple[float, float]) -> None:
+        """Add to the row of the same coefficients, unless both have Coulomb friction."""
+        for k, (other, sums, others_sign) in enumerate(self._rows):
+            if (vector == other).all() and not (parts[COULOMB] and sums[COULOMB]):
+                self._rows[k] = (vector, sums + parts, sign if parts[COULOMB] else others_sign)
+                return
+        self._rows.append((vector, parts, sign))
+
+    def text(self) -> str:
+        rows = [
+            f"    ({_array(vector)}, {_tuple(map(repr, parts.tolist()))}, {_tuple(map(repr, map(float, sign)))}),"
+            for vector, parts, sign in self._rows
+        ]
+        return MOTORS.replace("@ROWS@", "".join(f"\n{row}" for row in rows) + ("\n" if rows else ""))
+
+
+def _bodies(term: Bodies, values: Array, k: int) -> str:
+    """Return the constants of the kinematics and the recursion over them."""
+    theta, arm = values.reshape(-1, 10), term.arm
+    rows = []
+    for body, column in zip(arm.bodies, arm.order.tolist(), strict=True):
+        parent = -1 if body.parent is None else body.parent
+        slides = body.joint.kind == "prismatic"
+        m, x, y, z, xx, xy, yy, xz, yz, zz = theta[column].tolist()
+        tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+        rows.append(
+            f"    # {body.joint.child!r}\n"
+            f"    ({column}, {parent}, {slides}, {_array(body.joint.axis)},\n"
+            f"     {_array(body.placement[:3, :3])}, {_array(body.placement[:3, 3])},\n"
+            f"     {m!r}, {_array([x, y, z])}, {_array(tensor)}),"
+        )
+    text = BODIES.replace("@K@", str(k)).replace("@GRAVITY@", _array(term.gravity))
+    return text.replace("@ROWS@", "\n".join(rows))
+
+
+def _lagrangian(term: Lagrangian, values: Array, k: int) -> str:
+    """Return the torques of symbolic energies as a function of NumPy."""
+    import sympy as sp
+    from sympy.printing.numpy import NumPyPrinter
+
+    states, torques = term.torques(values)
+    count = len(term.joints)
+    plain = [sp.Symbol(f"{name}{i}") for name in ("q", "dq", "ddq") for i in range(count)]
+    exact = dict(zip(states, plain, strict=True))
+    replaced, results = sp.cse([sp.sympify(torque).xreplace(exact) for torque in torques], sp.numbered_symbols("x_"))
+    printer: Any = NumPyPrinter({"strict": True, "allow_unknown_functions": False})
+    try:
+        steps = [f"    {symbol} = {printer.doprint(value)}" for symbol, value in replaced]
+        outs = [printer.doprint(value) for value in results]
+    except (NotImplementedError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"model.py cannot hold this model: NumPy has no function for a part of it ({error})."
+        ) from error
+    unpack = [f"    {', '.join(f'{name}{i}' for i in range(count))}, = {name}.T" for name in ("q", "dq", "ddq")]
+    stack = ", ".join(f"{out} + 0 * q0" for out in outs)
+    lines = [f"def _energies_{k}(q, dq, ddq):", *unpack, *steps, f"    return np.stack([{stack}], axis=-1)"]
+    return "\n".join(lines).replace("numpy.", "np.") + "\n"
+
+
+def _array(values: ArrayLike) -> str:
+    return f"np.array({np.asarray(values, dtype=float).tolist()!r})"
+
+
+def _tuple(words: Iterable[str]) -> str:
+    listed = list(words)
+    return f"({', '.join(listed)}{',' if len(listed) == 1 else ''})"
+
+
+HEAD = '''"""Inverse dynamics of an identified robot; it needs NumPy alone. Written by dynident.
+
+q, dq, ddq are arrays (n,) or (N, n): one column per joint of JOINTS, rad or m, and seconds; torques are N m or N.
+"""
+
+import numpy as np
+
+MODEL = @MODEL@
+JOINTS = @JOINTS@
+'''
+
+MOTORS = """
+# By motor: coefficients of the joints it turns with; rotor inertia, viscous friction, Coulomb friction, constant
+# torque; width of tanh(dq / width) in place of the sign, and dead band of the sign.
+MOTORS = [@ROWS@]
+"""
+
+BODIES = '''# Bodies, each after the one it hangs on: column in q, index of that body (-1: the base), whether it slides,
+# axis, rotation and position of its joint frame there; mass, first moment and inertia about its joint frame.
+BODIES_@K@ = [
+@ROWS@
+]
+GRAVITY_@K@ = @GRAVITY@  # m/s^2, in the frame of the base
+
+
+def _turn(axis, angle):
+    """Return the matrices (N, 3, 3) that turn by the angles (N) about an axis."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
+
+
+def _bodies_@K@(q, dq, ddq):
+    """Return the torque of the rigid bodies, by the recursion of Newton and Euler."""
+    still = np.zeros((len(q), 3))
+    moves, wrenches = [], []
+    for column, parent, slides, axis, turn, place, mass, moment, inertia in BODIES_@K@:
+        w, dw, a = moves[parent][2:] if parent >= 0 else (still, still, still - GRAVITY_@K@)
+        s, ds, dds = (x[:, column, None] for x in (q, dq, ddq))
+        R = np.broadcast_to(turn, (len(q), 3, 3)) if slides else turn @ _turn(axis, s[:, 0])
+        p = place + turn @ axis * s if slides else still + place
+        a = np.einsum("nji,nj->ni", R, a + np.cross(dw, p) + np.cross(w, np.cross(w, p)))
+        w, dw = np.einsum("nji,nj->ni", R, w), np.einsum("nji,nj->ni", R, dw)
+        if slides:
+            a = a + axis * dds + 2 * np.cross(w, axis * ds)
+        else:
+            dw = dw + axis * dds + np.cross(w, axis * ds)
+            w = w + axis * ds
+        force = mass * a + np.cross(dw, moment) + np.cross(w, np.cross(w, moment))
+        torque = dw @ inertia + np.cross(w, w @ inertia) + np.cross(moment, a)
+        moves.append((R, p, w, dw, a))
+        wrenches.append((force, torque))
+    out = np.zeros(q.shape)
+    for k in reversed(range(len(BODIES_@K@))):
+        column, parent, slides, axis = BODIES_@K@[k][:4]
+        force, torque = wrenches[k]
+        out[:, column] = (force if slides else torque) @ axis
+        if parent >= 0:
+            R, p = moves[k][:2]
+            above, arm = wrenches[parent]
+            force = np.einsum("nij,nj->ni", R, force)
+            torque = np.einsum("nij,nj->ni", R, torque) + np.cross(p, force)
+            wrenches[parent] = above + force, arm + torque
+    return out
+'''
+
+FUNCTIONS = '''def _rigid(q, dq, ddq):
+    return @RIGID@
+
+
+def _motors(dq, ddq, parts):
+    """Return the torque of inertia, viscous, Coulomb and constant parts of the motors, as far as chosen."""
+    out = np.zeros(dq.shape)
+    for c, (inertia, viscous, coulomb, offset), (width, dead_band) in MOTORS:
+        rate = dq @ c
+        sign = np.tanh(rate / width) if width else np.sign(rate) * (np.abs(rate) > dead_band)
+        torques = inertia * (ddq @ c), viscous * rate, coulomb * sign, offset + 0 * rate
+        out += sum(torque for torque, chosen in zip(torques, parts) if chosen)[:, None] * c
+    return out
+
+
+def _states(*states):
+    """Return the arrays as (N, n) floats."""
+    states = [np.asarray(state, dtype=float) for state in states]
+    for state in states:
+        if state.ndim not in (1, 2) or state.shape != states[0].shape or state.shape[-1] != len(JOINTS):
+            raise ValueError(f"expected arrays ({len(JOINTS)},) or (N, {len(JOINTS)}), alike, got {state.shape}")
+    return [np.atleast_2d(state) for state in states]
+
+
+def inverse_dynamics(q, dq, ddq):
+    """Return the torque of a motion, in the shape of q: bodies, friction, constant torques, rotor inertia."""
+    states = _states(q, dq, ddq)
+    return (_rigid(*states) + _motors(*states[1:], (1, 1, 1, 1))).reshape(np.shape(q))
+
+
+def gravity(q):
+    """Return the torque that holds the bodies at rest, without friction and constant torques."""
+    (states,) = _states(q)
+    return _rigid(states, 0 * states, 0 * states).reshape(np.shape(q))
+
+
+def friction(dq):
+    """Return viscous and Coulomb friction, of coupled motors too, in the shape of dq."""
+    (states,) = _states(dq)
+    return _motors(states, 0 * states, (0, 1, 1, 0)).reshape(np.shape(dq))
+
+
+def mass_matrix(q):
+    """Return the matrix (n, n) or (N, n, n) that multiplies ddq, with rotor inertia."""
+    (states,) = _states(q)
+    still, rest = 0 * states, gravity(states)
+    columns = [
+        _rigid(states, still, still + unit) - rest + _motors(still, still + unit, (1, 0, 0, 0))
+        for unit in np.eye(len(JOINTS))
+    ]
+    return np.stack(columns, axis=-1).reshape(np.shape(q) + (len(JOINTS),))
+'''

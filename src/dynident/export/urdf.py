@@ -1,0 +1,100 @@
+"""The identified model as a URDF: the original text, with the inertias and joint frictions that were found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.export.edit import Node, Text
+from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
+from dynident.export.written import Written
+from dynident.inertia import to_physical
+from dynident.terms import Bodies
+
+__all__ = ["identified_urdf", "words"]
+
+Array = NDArray[np.float64]
+EARTH = (0.0, 0.0, -9.81)
+TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+
+
+def identified_urdf(identified: Identified) -> Written:
+    """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified; all else stays, byte by byte.
+
+    Inertias are about the centre of mass with the axes of the link (the specification of ROS,
+    http://wiki.ros.org/urdf/XML). Raises ModelError where the model was read from no URDF, and for a body or a friction
+    that cannot be real.
+    """
+    bodies, values = identified.bodies
+    if bodies.format != "urdf":
+        raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
+    found, shares = drives(identified, armature=False), link_inertias(bodies, values)
+    text = Text(bodies.xml)
+    for node in text.root.children:
+        name = node.attributes.get("name", "")
+        if node.tag == "link" and name in shares.links:
+            _set_inertia(text, node, shares.links[name])
+        elif node.tag == "joint" and name in (joint.name for joint in bodies.joints):
+            _set_dynamics(text, node, found, name)
+    gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
+    return Written(
+        "urdf", str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares))
+    )
+
+
+def words(values: Iterable[float]) -> str:
+    """Return numbers with all their digits, separated by blanks."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def standing(bodies: Bodies, shares: Shares) -> tuple[str, ...]:
+    """Say which links belong to a body only while a joint stands still, and with which inertia."""
+    movable = {joint.child: joint.name for joint in bodies.file.joints if joint.kind != "fixed"}
+    names = [
+        f"{movable[link]!r}" for body in bodies.arm.chosen for link in body.links[1:] if link in movable
+    ]  # fmt: skip
+    if not names:
+        return ()
+    sentence = (
+        f"the joints {', '.join(names)} stood still: the identified bodies hold what they carry, exactly only in that "
+        f"position; the links beyond them have inertias {'as noted' if shares.notes else 'as the file has them'}"
+    )
+    return (sentence,)
+
+
+def _set_inertia(text: Text, link: Node, theta: Array | None) -> None:
+    inertial = link.find("inertial")
+    if theta is None:
+        if inertial is not None:
+            text.delete(inertial)
+        return
+    mass, centre, tensor = to_physical(theta, link.attributes["name"])
+    values = {key: repr(float(tensor[place])) for key, place in TENSOR.items()}
+    if inertial is None:
+        numbers = " ".join(f'{key}="{value}"' for key, value in values.items())
+        parts = (f'<origin xyz="{words(centre)}"/>', f'<mass value="{float(mass)!r}"/>', f"<inertia {numbers}/>")
+        text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
+        return
+    origin = inertial.find("origin")
+    if origin is None:
+        text.insert(inertial, f'<origin xyz="{words(centre)}"/>')
+    else:
+        turned = {"rpy": "0 0 0"} if any(float(x) for x in origin.attributes.get("rpy", "").split()) else {}
+        text.set(origin, {"xyz": words(centre), **turned})
+    for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
+        element = inertial.find(tag)
+        if element is not None:  # the reader has refused an <inertial> without them
+            text.set(element, attributes)
+
+
+def _set_dynamics(text: Text, joint: Node, found: Drives, name: str) -> None:
+    given = {"damping": found.damping.get(name), "friction": found.friction.get(name)}
+    values = {key: repr(float(value)) for key, value in given.items() if value is not None}
+    dynamics = joint.find("dynamics")
+    if dynamics is not None:
+        text.set(dynamics, values)
+    elif values:
+        text.insert(joint, "<dynamics " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>")

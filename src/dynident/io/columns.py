@@ -1,0 +1,152 @@
+"""What the names of columns say: quantity, joint, number, unit, and whether it was measured or commanded."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+__all__ = ["Family", "Named", "families", "read_name", "tokens"]
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
+    "acceleration": _words("ddq qdd acc accel acceleration accelerations ddtheta qddot"),
+    "velocity": _words("dq qd vel velocity velocities speed speeds qdot dtheta omega"),
+    "current": _words("current currents cur curr iq amp amps ampere i"),
+    "torque": _words("tau torque torques effort efforts trq tq moment force forces"),
+    "position": _words("q pos position positions angle angles ang theta th phi enc encoder encoders qm"),
+    "time": _words("t time times stamp stamps timestamp timestamps clock secs"),
+}
+_COMMANDED = _words(
+    "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
+    "con control"
+)
+_MEASURED = _words("meas measured actual act fb feedback msr real sensed raw state read")
+_FILTERED = _words("filt filtered smooth smoothed est estimated hat lp")
+_OTHER = _words(
+    "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
+    "max min ff feedforward residual res"
+)
+_UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
+    "time": {
+        **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+        **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
+        **dict.fromkeys(("us", "usec", "µs", "micros", "microseconds"), "us"),
+        **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+    },
+    "position": {
+        **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+        **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+        **dict.fromkeys(("rev", "revs"), "rev"),
+        **{unit: unit for unit in ("mrad", "m", "mm", "cm", "um")},
+    },
+    "torque": {"nm": "N m", "mnm": "mN m", "knm": "kN m", "ncm": "N cm", "n": "N", "kn": "kN"},
+    "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
+}
+_TELLING = {"deg": "position", "rad": "position", "nm": "torque", "ma": "current"}  # units that tell the role too
+_UNIT = re.compile(
+    r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
+)
+_BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])")
+
+
+@dataclass(frozen=True)
+class Named:
+    """What the name of a column says; ``family`` is what it shares with the same quantity of other joints."""
+
+    column: str
+    role: str
+    joint: str | None
+    number: int | None
+    unit: str | None
+    family: tuple[str, ...]
+    rank: int  # 1 measured, 0 not said, -1 filtered, -2 commanded or something derived
+
+
+@dataclass(frozen=True)
+class Family:
+    """Columns of one quantity, by joint or by number; None is the key of a column without either."""
+
+    role: str
+    unit: str | None
+    rank: int
+    columns: Mapping[str | int | None, str]
+
+
+def tokens(name: str) -> tuple[str, ...]:
+    """Return the words and numbers of a name, in lower case: ``tau_meas1`` and ``tauMeas[1]`` are tau, meas, 1."""
+    return tuple(part.lower() for part in _BREAK.split(name) if part)
+
+
+def read_name(column: str, joints: Iterable[str]) -> Named:
+    """Return what a column's name says, given the names of the robot's joints."""
+    words = tokens(column)
+    joint, rest = _joint(words, joints)
+    spelled, unit_words = _unit(column)
+    role = _role(rest) or (_role(words) if joint else "") or _TELLING.get(spelled, "")
+    unit = _UNITS.get(role, {}).get(spelled)
+    if unit:
+        rest = _without(rest, unit_words)
+    numbers = [k for k, word in enumerate(rest) if word.isdecimal()]
+    number = int(rest[numbers[-1]]) if numbers and joint is None else None
+    if number is not None:
+        rest = (*rest[: numbers[-1]], *rest[numbers[-1] + 1 :])
+    return Named(column, role, joint, number, unit, (*rest, unit or ""), _rank(set(rest)))
+
+
+def families(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
+    """Return the families of the columns, in the order of the file; those without a known role are left out."""
+    found: dict[tuple[object, ...], dict[str | int | None, str]] = {}
+    for one in (read_name(column, joints) for column in columns):
+        if one.role:
+            key = (one.role, one.unit, one.rank, one.family, one.joint is None, one.number is None)
+            found.setdefault(key, {}).setdefault(one.joint if one.joint is not None else one.number, one.column)
+    return [Family(str(role), unit, rank, members) for (role, unit, rank, *_), members in found.items()]  # type: ignore[arg-type]
+
+
+def _joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, tuple[str, ...]]:
+    """Return the joint with the longest name that the words hold in a row, and the other words."""
+    for joint in sorted(joints, key=lambda name: -len(tokens(name))):
+        name = tokens(joint)
+        for k in range(len(words) - len(name) + 1):
+            if name and words[k : k + len(name)] == name:
+                return joint, (*words[:k], *words[k + len(name) :])
+    return None, words
+
+
+def _role(words: Sequence[str]) -> str:
+    """Return the first role that a word tells; a lone letter t or i is one only at the side of nothing else."""
+    said = [word for word in words if not word.isdecimal()]
+    for role, known in _ROLES.items():
+        if any(word in known and (word not in ("t", "i") or said[0] == word) for word in said):
+            return role
+    return ""
+
+
+def _unit(column: str) -> tuple[str, tuple[str, ...]]:
+    """Return the unit in brackets or at the end of a name, in lower case, and its words."""
+    found = list(_UNIT.finditer(column))
+    if not found:
+        return "", ()
+    text = found[-1]["bracket"] or found[-1]["tail"]
+    return re.sub(r"[\s*·.]", "", text).lower(), tokens(text)
+
+
+def _without(words: tuple[str, ...], some: tuple[str, ...]) -> tuple[str, ...]:
+    left = list(words)
+    for word in some:
+        if word in left:
+            left.reverse()
+            left.remove(word)
+            left.reverse()
+    return tuple(left)
+
+
+def _rank(words: set[str]) -> int:
+    if words & (_COMMANDED | _OTHER):
+        return -2
+    return int(bool(words & _MEASURED)) - int(bool(words & _FILTERED))

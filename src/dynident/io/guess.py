@@ -1,0 +1,294 @@
+"""Guesses at a configuration from the names and values of columns: each with its reason, or a question where unsure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.io.columns import Family, families, read_name
+from dynident.io.fields import UNITS
+from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, increases, rows_of
+from dynident.io.settings import POSITIONS, TORQUES
+from dynident.io.tables import Table
+
+__all__ = ["Guess", "Signal", "TimeGuess", "guess", "widths"]
+
+Array = NDArray[np.float64]
+
+_DECIMALS = 6  # of locked positions: more than any gripper is known to
+_STILL = 1e-3  # rad or m: a locked joint that moves more is asked about
+_SLACK = 1.05  # on limits of position
+_OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
+_FASTEST, _SLOWEST = 5e-5, 0.3  # s: sampling steps that are taken for granted
+_GAP = 12  # times the median step, as in the reading of logs
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A channel of a joint: its column (None: not found), its unit, and why, or what is to be confirmed."""
+
+    column: str | None
+    unit: str
+    question: str = ""
+    gain: str = ""  # what the gain is, where the column is no torque yet
+
+
+@dataclass(frozen=True)
+class TimeGuess:
+    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s."""
+
+    column: str | None
+    unit: str = "s"
+    step: float = math.nan
+    question: str = ""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Channels by joint, in the order of the robot file; joints that stand still, and at which position.
+
+    ``reasons`` tell how the columns of "position" and "torque" were matched; ``left`` are columns of the same length
+    that are not used, ``strangers`` those of them that are positions of no joint of the robot; ``gaps`` says whether
+    the stamps have any.
+    """
+
+    time: TimeGuess
+    position: Mapping[str, Signal]
+    torque: Mapping[str, Signal]
+    lock: Mapping[str, tuple[float, str]]
+    reasons: Mapping[str, str]
+    left: tuple[str, ...]
+    strangers: tuple[str, ...]
+    gaps: bool
+
+
+def widths(tables: Mapping[str, Table]) -> dict[str, int]:
+    """Return the widths of those text files, of one recording, that hold one number a line and several per stamp.
+
+    The shortest column has one number per stamp; the others must hold a multiple.
+    """
+    lengths = {key: len(next(iter(one.columns.values()))) for key, one in tables.items() if len(one.columns) == 1}
+    shortest = min(lengths.values(), default=0)
+    return {key: n // shortest for key, n in lengths.items() if n > shortest and n % shortest == 0}
+
+
+def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Guess:
+    """Guess the channels of a recording for the joints of a robot; ``ros``: the units are those of JointState.
+
+    Never raises for want of a guess: what is not found is None, what is unsure carries a question.
+    """
+    usable = [joint for joint in joints if not joint.follows]
+    found = families(table.columns, [joint.name for joint in joints]) or headerless(table, len(usable))
+    position, torque = best_pair(table, found, usable)
+    names = _shared(position, torque, usable)
+    used = [joint for joint in usable if joint.name in names]
+    rows = rows_of(table, position or torque)
+    time = _time(table, found, rows, ros)
+    matched = [joint for joint in usable if position is None or joint.name in position.columns]
+    signals = _positions(table, matched, position, ros)
+    taken = {time.column, *(column for match in (position, torque) if match for column in match.columns.values())}
+    left = tuple(name for name in table.columns if name not in taken and len(table.columns[name]) == rows)
+    return Guess(
+        time=time,
+        position={joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in used},
+        torque=_torques(table, used, torque, ros),
+        lock=_lock(table, joints, names, signals if position else {}),
+        reasons={
+            key: match.reason + _unit_reason(match.family, ros)
+            for key, match in (("position", position), ("torque", torque))
+            if match
+        },
+        left=left,
+        strangers=_strangers(left, position, joints),
+        gaps=_has_gaps(table, time),
+    )
+
+
+def _strangers(left: Iterable[str], position: Match | None, joints: Sequence[JointFacts]) -> tuple[str, ...]:
+    """Return the positions that name no joint, where the other positions are matched by names."""
+    if position is None or not all(isinstance(key, str) for key in position.family.columns):
+        return ()
+    read = (read_name(column, [joint.name for joint in joints]) for column in left)
+    return tuple(
+        one.column for one in read if one.role == "position" and one.joint is None and one.rank == position.family.rank
+    )
+
+
+def _shared(one: Match | None, other: Match | None, joints: Sequence[JointFacts]) -> set[str]:
+    """Return the joints to identify: those with position and torque, or with what was found of the two."""
+    matched = [set(match.columns) for match in (one, other) if match and match.columns]
+    return set.intersection(*matched) if matched else {joint.name for joint in joints}
+
+
+def _positions(table: Table, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
+    if match is None:
+        return {joint.name: _unknown(joint, POSITIONS) for joint in joints}
+    values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
+    turning = [joint for joint in joints if joint.kind == "revolute"]
+    in_rad, in_deg = (all(_fits(joint, values[joint.name], x) for joint in turning) for x in (1.0, math.pi / 180))
+    degrees = in_deg and not in_rad and not ros
+    span = max((float(np.ptp(values[joint.name])) for joint in turning if len(values[joint.name])), default=0.0)
+    in_degrees = (
+        f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
+    )
+    found = {}
+    for joint in joints:
+        known = UNITS[POSITIONS[joint.kind]]
+        unit = match.family.unit if match.family.unit in known else None
+        question = match.question
+        if unit is None:
+            unit = "deg" if degrees and joint in turning else _si(joint, POSITIONS)
+            doubt = in_degrees if unit == "deg" else _doubt(joint, values[joint.name])
+            question = "; ".join(filter(None, (question, doubt)))
+        found[joint.name] = Signal(match.columns[joint.name], unit, question)
+    return found
+
+
+def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
+    """Whether positions times ``factor``, in rad or m, are what the joint can do."""
+    if not len(q):
+        return True
+    low, high = factor * float(q.min()), factor * float(q.max())
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if lower is not None and upper is not None and lower < upper:
+        slack = (_SLACK - 1) * (upper - lower)
+        return lower - slack <= low and high <= upper + slack
+    return high - low <= (2 * math.pi if joint.kind == "revolute" else 10.0)
+
+
+def _doubt(joint: JointFacts, q: Array) -> str:
+    """Return what is to be asked about a position in rad or m whose unit is not in its name."""
+    if not len(q):
+        return "the column is empty"
+    span, low, high = float(np.ptp(q)), f"{q.min():.3g}", f"{q.max():.3g}"
+    if joint.kind == "prismatic":
+        return "" if _fits(joint, q, 1.0) else f"{low} to {high} is more than the joint can do in m: mm?"
+    if _fits(joint, q, 1.0):
+        return "" if span > 0.02 or span == 0 else f"the joint moves by {span:.2g} only: rad?"
+    if joint.limits.lower is None and span > 2 * math.pi:
+        return f"the range {span:.3g} exceeds 2 pi: does it turn so far (then `multi_turn: true`), or is it degrees?"
+    return f"{low} to {high} is beyond what the joint can do in rad: degrees, encoder counts, another zero, or a motor?"
+
+
+def _unknown(joint: JointFacts, dimensions: Mapping[str, str]) -> Signal:
+    """Return a channel without a column, in SI."""
+    return Signal(None, _si(joint, dimensions))
+
+
+def _si(joint: JointFacts, dimensions: Mapping[str, str]) -> str:
+    return next(unit for unit, factor in UNITS[dimensions[joint.kind]].items() if factor == 1)
+
+
+def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
+    units = {joint.name: _si(joint, TORQUES) for joint in joints}
+    if match is None:
+        return {name: Signal(None, unit) for name, unit in units.items()}
+    if match.family.role == "current":
+        per = f"per {match.family.unit}" if match.family.unit else "per A or mA"
+        return {
+            name: Signal(match.columns[name], unit, match.question, f"torque constant times gear ratio, {unit} {per}")
+            for name, unit in units.items()
+        }
+    peaks = {
+        joint.name: float(np.abs(finite(table.columns[match.columns[joint.name]])).max(initial=0.0)) for joint in joints
+    }
+    limits = {joint.name: joint.limits.effort for joint in joints if joint.limits.effort}
+    ratios = {name: peaks[name] / limit for name, limit in limits.items() if limit}
+    found = {}
+    for joint in joints:
+        named = match.family.unit in UNITS[TORQUES[joint.kind]]
+        unit = str(match.family.unit) if named else units[joint.name]
+        doubt = ""
+        if not named and ratios.get(joint.name, 0.0) > _OVER:
+            doubt = (
+                f"the peak {peaks[joint.name]:.3g} exceeds the limit {limits[joint.name]:.3g} {unit} of the "
+                "robot file: is it a current in mA, or another unit?"
+            )
+        elif not named and ratios and max(ratios.values()) < _UNDER:
+            doubt = (
+                f"the peak {peaks[joint.name]:.2g} is small against the limit of the robot file: is it the motor's, "
+                "before the gear, or a current? Then `gain`."
+            )
+        elif not named and not ros and not ratios:
+            doubt = f"neither the names nor the robot file tell the unit: {unit}?"
+        found[joint.name] = Signal(match.columns[joint.name], unit, "; ".join(filter(None, (match.question, doubt))))
+    return found
+
+
+def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGuess:
+    """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
+    named = [(column, one.unit) for one in found if one.role == "time" for column in one.columns.values()]
+    stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
+    stamps.sort(key=lambda stamp: not increases(table.columns[stamp[0]]))
+    if not stamps or rows < 2:
+        return TimeGuess(None)
+    name, unit = stamps[0]
+    column = table.columns[name]
+    step = _step(column)
+    question = "" if increases(column) else "the stamps do not increase everywhere: is there a better column?"
+    if ros and unit is None:
+        unit = "s"
+    if unit is not None:
+        return TimeGuess(name, unit, step * UNITS["time"][unit], question)
+    if _FASTEST <= step <= _SLOWEST:
+        return TimeGuess(name, "s", step, question)
+    if step == 1 and float(finite(column)[0]).is_integer():
+        asked = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
+        return TimeGuess(name, "ms", 1e-3, asked)
+    unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
+    asked = f"the median step is {step:.4g}: is this {unit}?"
+    return TimeGuess(name, unit, step * UNITS["time"][unit], "; ".join(filter(None, (question, asked))))
+
+
+def _step(column: Array) -> float:
+    """Return the median step, nan where there is none."""
+    steps = np.diff(finite(column))
+    return float(np.median(steps)) if len(steps) else math.nan
+
+
+def _unit_reason(family: Family, ros: bool) -> str:
+    if family.role == "current":
+        return ""
+    if family.unit:
+        return "; the unit is in their names"
+    if ros:
+        return "; the unit is that of ROS" + (", but some drivers send currents" if family.role == "torque" else "")
+    return "; the unit is judged by the values and the limits in the robot file"
+
+
+def _has_gaps(table: Table, time: TimeGuess) -> bool:
+    if time.column is None:
+        return False
+    column = table.columns[time.column]
+    return bool((np.diff(finite(column)) > _GAP * _step(column)).any())
+
+
+def _lock(
+    table: Table, joints: Sequence[JointFacts], used: set[str], recorded: Mapping[str, Signal]
+) -> dict[str, tuple[float, str]]:
+    """Return where the joints stand that are not identified, in rad or m, and what is to be asked about it.
+
+    A joint that follows one that stands still needs no value.
+    """
+    lock: dict[str, tuple[float, str]] = {}
+    for joint in joints:
+        unit = "rad" if joint.kind == "revolute" else "m"
+        if joint.name in used or (joint.follows and joint.follows not in used):
+            continue
+        signal = recorded.get(joint.name)
+        if joint.follows:
+            lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
+        elif signal is not None and signal.column is not None:
+            q = finite(table.columns[signal.column]) * UNITS[POSITIONS[joint.kind]][signal.unit]
+            moves = f"it moves by {np.ptp(q):.2g} {unit} in the log" if len(q) and np.ptp(q) > _STILL else ""
+            lock[joint.name] = round(float(np.median(q)), _DECIMALS) + 0.0 if len(q) else 0.0, moves
+        else:
+            low = -math.inf if joint.limits.lower is None else joint.limits.lower
+            high = math.inf if joint.limits.upper is None else joint.limits.upper
+            value = min(max(0.0, low), high)
+            lock[joint.name] = value, f"it is not in the log: where does it stand ({unit})?"
+    return lock

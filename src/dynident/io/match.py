@@ -1,0 +1,152 @@
+"""Matches the columns of a recording to the joints of a robot: by name, by number, or by order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.io.columns import Family, tokens
+from dynident.io.tables import Table
+from dynident.terms.robot_xml import Limits
+
+__all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of"]
+
+Array = NDArray[np.float64]
+_LARGEST = 1e100
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """A joint that may move, as the robot file has it; ``follows`` names what binds it to other joints."""
+
+    name: str
+    kind: str
+    limits: Limits = field(default_factory=Limits)
+    follows: str = ""
+
+
+@dataclass(frozen=True)
+class Match:
+    """Columns of a family by joint, how they were matched, and the question whether that is right."""
+
+    family: Family
+    columns: Mapping[str, str]
+    reason: str
+    question: str = ""
+
+
+def headerless(table: Table, count: int) -> list[Family]:
+    """Return families for columns 0, 1, ...: time first, then positions, perhaps velocities, and torques."""
+    names = list(table.columns)
+    if not names or not all(name.isdecimal() for name in names):
+        return []
+    first = [Family("time", None, 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
+    rest = names[len(first) :]
+    if len(rest) not in (2 * count, 3 * count):
+        return first
+    parts = (rest[:count], rest[-count:])
+    return [
+        *first,
+        *(
+            Family(role, None, 0, dict(enumerate(part)))
+            for role, part in zip(("position", "torque"), parts, strict=True)
+        ),
+    ]
+
+
+def best_pair(table: Table, found: Iterable[Family], joints: Sequence[JointFacts]) -> tuple[Match | None, Match | None]:
+    """Return the columns of positions and of torques: of equal length, for the most joints, measured, unfiltered.
+
+    Commanded quantities are never taken, currents only for want of torques.
+    """
+    sound = [assign(one, joints) for one in found if one.rank > -2]
+    positions = [one for one in sound if one.family.role == "position" and one.columns]
+    torques = [one for one in sound if one.family.role in ("torque", "current") and one.columns]
+    best: tuple[Match | None, Match | None] = (None, None)
+    most: tuple[float, ...] = (0,)
+    for pair in product([*positions, None], [*torques, None]):
+        given = [one for one in pair if one]
+        if len({rows_of(table, one) for one in given}) != 1:
+            continue
+        common = set.intersection(*(set(one.columns) for one in given))
+        merit = (
+            len(given) if common else 0,
+            len(common),
+            sum(one.family.rank for one in given),
+            any(one.family.role == "torque" for one in given),
+            -sum(bool(one.question) for one in given),
+            pair[0] is not None,
+        )
+        if merit > most:
+            best, most = pair, merit
+    return _rivals(table, best[0], positions), _rivals(table, best[1], torques)
+
+
+def _rivals(table: Table, chosen: Match | None, others: Iterable[Match]) -> Match | None:
+    """Return the match with a question, where the names of other columns say the same of as many joints."""
+    if chosen is None:
+        return None
+    key = chosen.family.role, chosen.family.rank, set(chosen.columns), rows_of(table, chosen)
+    equal = [
+        next(iter(one.columns.values()))
+        for one in others
+        if one is not chosen and (one.family.role, one.family.rank, set(one.columns), rows_of(table, one)) == key
+    ]
+    asked = f"why not {' or '.join(map(repr, equal))}, whose name says the same?" if equal else ""
+    return replace(chosen, question="; ".join(filter(None, (chosen.question, asked))))
+
+
+def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
+    """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
+    named = {key: column for key, column in family.columns.items() if isinstance(key, str)}
+    if named:
+        columns = {joint.name: named[joint.name] for joint in joints if joint.name in named}
+        return Match(family, columns, "the columns carry the names of the joints")
+    if None in family.columns:
+        return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
+    numbers = sorted(key for key in family.columns if isinstance(key, int))
+    for chain in _chains(joints):
+        if sorted(chain) == numbers:
+            by_number = {chain[k]: family.columns[k] for k in numbers}
+            return Match(family, by_number, "matched by the number in the joints' names")
+    order = next((list(chain.values()) for chain in _chains(joints) if len(chain) == len(numbers)), None)
+    order = order or [joint.name for joint in joints]
+    columns = dict(zip(order, (family.columns[k] for k in numbers), strict=False))
+    return Match(
+        family,
+        columns,
+        "matched by order",
+        f"the columns are numbered {numbers[0]} to {numbers[-1]} and the joints are called {order[0]} to "
+        f"{order[len(columns) - 1]}: is this order right?",
+    )
+
+
+def _chains(joints: Iterable[JointFacts]) -> list[dict[int, str]]:
+    """Return the joints whose names differ in their last number only, by that number; the longest chain first."""
+    chains: dict[tuple[str, ...], dict[int, str]] = {}
+    for joint in joints:
+        words = tokens(joint.name)
+        at = max((k for k, word in enumerate(words) if word.isdecimal()), default=None)
+        if at is not None:
+            chains.setdefault((*words[:at], "", *words[at + 1 :]), {}).setdefault(int(words[at]), joint.name)
+    return sorted(({k: one[k] for k in sorted(one)} for one in chains.values()), key=len, reverse=True)
+
+
+def rows_of(table: Table, match: Match | None) -> int:
+    """Return the length of the columns matched; None: of the first column, or 0."""
+    columns = list(match.columns.values()) if match else list(table.columns)
+    return len(table.columns[columns[0]]) if columns else 0
+
+
+def increases(column: Array) -> bool:
+    """Return whether each value is larger than the one before."""
+    return len(column) > 1 and len(finite(column)) == len(column) and bool((np.diff(column) > 0).all())
+
+
+def finite(column: Array) -> Array:
+    """Return the values that can have been measured: what is larger would overflow in a difference."""
+    return column[np.abs(column) < _LARGEST]

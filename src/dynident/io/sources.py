@@ -1,0 +1,91 @@
+"""What a configuration is drafted from: the joints of a robot, and recordings whose columns are still to be named."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dynident.errors import InputError, ModelError
+from dynident.io.config import load_model
+from dynident.io.guess import widths
+from dynident.io.logs import read_recording
+from dynident.io.match import JointFacts
+from dynident.io.robot import SUFFIXES, read_robot
+from dynident.io.ros import BAGS
+from dynident.io.settings import LogSpec
+from dynident.io.tables import Table, read_columns
+from dynident.terms.bodies import read_robot_file
+from dynident.terms.robot_xml import Coupled
+
+__all__ = ["Source", "read_joints", "read_source"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording: its file, or files by short name, the widths of text files by short name, and its table."""
+
+    files: Mapping[str, Path]
+    widths: Mapping[str, int]
+    table: Table
+
+    @property
+    def ros(self) -> bool:
+        """Whether it is a bag, whose units are those of ROS."""
+        return all(path.suffix.lower() in BAGS or path.is_dir() for path in self.files.values())
+
+
+def read_joints(robot: str) -> list[JointFacts]:
+    """Return the joints of one coordinate of a robot file, in its order, or of a model named as in a configuration.
+
+    Raises ModelError where it cannot be read, or has no such joint.
+    """
+    path = Path(robot)
+    if path.suffix.lower() not in SUFFIXES:
+        return [JointFacts(joint.name, joint.kind) for joint in load_model(robot).joints]
+    file = read_robot_file(read_robot(path), path.name)
+    bound = {joint.name: joint.follows[0] for joint in file.joints if joint.follows}
+    for constraint in file.constraints:
+        if isinstance(constraint, Coupled):
+            bound |= {name: _other(name, constraint.joints) for name in constraint.joints if name not in bound}
+    joints = [
+        JointFacts(joint.name, joint.kind, joint.limits, bound.get(joint.name, ""))
+        for joint in file.joints
+        if joint.kind != "fixed"
+    ]
+    if not any(not joint.follows for joint in joints):
+        raise ModelError(f"{robot}: has no joint that turns or slides, so there is nothing to identify.")
+    return joints
+
+
+def _other(name: str, joints: Sequence[str]) -> str:
+    return next((joint for joint in joints if joint != name), name)
+
+
+def read_source(log: str) -> Source:
+    """Read a recording: a file, the folder of a ROS 2 bag, or files joined by a plus (``q.csv+tau.csv``).
+
+    Several files get short names, of what their stems do not share. Raises InputError where one cannot be read.
+    """
+    parts = [log] if Path(log).exists() else log.split("+")
+    if len(parts) == 1:
+        return Source({"": Path(log)}, {}, read_columns(log))
+    paths = [Path(part.strip()) for part in parts]
+    files = dict(zip(_short([path.stem for path in paths]), paths, strict=True))
+    if len(files) < len(paths):
+        raise InputError(f"{log}: two of the files have the same name; rename one, or write the configuration by hand.")
+    wide = widths({key: read_columns(path) for key, path in files.items()})
+    spec = LogSpec.model_validate({"file": {key: str(path) for key, path in files.items()}, "width": wide or None})
+    return Source(files, wide, read_recording(spec))
+
+
+def _short(stems: Sequence[str]) -> list[str]:
+    """Return the stems without the words that all of them share at the beginning and the end."""
+    words = [re.split(r"[\W_]+", stem) for stem in stems]
+    while all(words) and len({stem[0] for stem in words}) == 1:
+        words = [stem[1:] for stem in words]
+    while all(words) and len({stem[-1] for stem in words}) == 1:
+        words = [stem[:-1] for stem in words]
+    short = ["_".join(stem) for stem in words]
+    return short if all(short) and len(set(short)) == len(short) else list(stems)

@@ -1,0 +1,184 @@
+"""The words and tables of ``dynident check``: findings gathered by what they are about, and the facts behind them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynident.report.page import Column, Table, number
+
+if TYPE_CHECKING:
+    from dynident.diagnostics import Channel, Finding, Timing
+    from dynident.examination import Agreement, Examination, Excitation
+
+__all__ = ["check_dict", "check_summary", "check_tables"]
+
+TITLES = {"error": "Errors", "warning": "Warnings", "info": "Good to know"}
+MOST_NAMES = 8
+WORD = Column("", numeric=False)
+
+
+def check_summary(examination: Examination) -> str:
+    """Return the outcome in one sentence."""
+    counts = Counter(finding.severity for finding in (group[0] for group in _groups(examination.findings)))
+    told = [_count(counts[severity], severity) for severity in ("error", "warning") if counts[severity]]
+    return f"{' and '.join(told) or 'No errors and no warnings'}."
+
+
+def check_tables(examination: Examination) -> list[Table]:
+    """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
+    groups = _groups(examination.findings)
+    tables = [
+        Table((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
+        for severity, title in TITLES.items()
+        if (rows := [_row(group) for group in groups if group[0].severity == severity])
+    ]
+    if examination.timings:
+        tables.append(_time_table(examination.timings))
+    if examination.excitations:
+        tables += [_motion_table(examination), _rank_table(examination)]
+    if examination.channels:
+        tables.append(_channel_table(*next(iter(examination.channels.items()))))
+    elif examination.links:
+        tables.append(_link_table(examination))
+    return tables
+
+
+def check_dict(examination: Examination) -> dict[str, Any]:
+    """Return everything as plain values: findings, and facts on logs, joints, rank and links."""
+    return {
+        "findings": [asdict(finding) for finding in examination.findings],
+        "logs": {
+            name: {
+                **asdict(timing),
+                "channels": [asdict(x) for x in examination.channels.get(name, ())],
+            }
+            for name, timing in examination.timings.items()
+        },
+        "joints": [
+            {**asdict(moved), "nominal": asdict(torque)}
+            for moved, torque in zip(examination.excitations, examination.agreements, strict=True)
+        ],
+        "rank": asdict(examination.rank) if examination.rank else None,
+        "links": [asdict(link) for link in examination.links],
+    }
+
+
+def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
+    """Gather findings of one topic over joints, links and logs; two on the same place stay apart."""
+    groups: dict[tuple[object, ...], list[Finding]] = {}
+    seen: Counter[tuple[object, ...]] = Counter()
+    for one in findings:
+        place = (one.severity, one.topic, one.source, one.joint, one.link)
+        key = (one.severity, one.topic, seen[place], one.message if not one.topic else "")
+        seen[place] += 1
+        groups.setdefault(key, []).append(one)
+    return list(groups.values())
+
+
+def _row(group: Sequence[Finding]) -> tuple[str, str]:
+    """Return where the first finding of a group is and what it says, with the places of the others named."""
+    first, *others = group
+    part = first.link or first.joint or ""
+    here = [one.link or one.joint or "" for one in others if one.source == first.source]
+    there = list(dict.fromkeys(one.source for one in others if one.source != first.source))
+    message = first.message
+    if here:
+        message += f" Likewise {_listed(here)}."
+    if there:
+        message += f" Also in {_listed(there)}."
+    return " ".join(filter(None, (f"{first.source}:" if first.source and part else first.source, part))), message
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more
+
+
+def _time_table(timings: Mapping[str, Timing]) -> Table:
+    heads = ("samples", "length, s", "rate, Hz", "jitter, %", "longest step, ms", "lost", "noise if even")
+    rows = tuple(
+        (
+            name,
+            str(one.samples),
+            number(one.length),
+            number(one.rate),
+            number(100 * one.jitter if one.jitter > 1e-6 else 0.0, 2),
+            number(1000 * one.longest, 3),
+            str(one.missing),
+            f"x {one.even:.3g}",
+        )
+        for name, one in timings.items()
+    )
+    return Table((Column("log", numeric=False), *map(Column, heads)), rows, "Time")
+
+
+def _motion_table(examination: Examination) -> Table:
+    heads = (
+        ("from", "position"), ("to", "position"), ("peak", "speed"), ("rms", "speed"), ("peak", "acceleration"),
+        ("rms", "acceleration"), ("turns", ""), ("slow, %", ""), ("peak", "torque"), ("follows file", "torque"),
+    )  # fmt: skip
+    rows = tuple(map(_motion_row, examination.excitations, examination.agreements))
+    columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
+    return Table(columns, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)")
+
+
+def _motion_row(moved: Excitation, torque: Agreement) -> tuple[str, ...]:
+    sizes = (
+        moved.lower,
+        moved.upper,
+        moved.peak_speed,
+        moved.rms_speed,
+        moved.peak_acceleration,
+        moved.rms_acceleration,
+    )
+    cells = [number(value, 3) for value in sizes]
+    follows = "-" if np.isnan(torque.correlation) else f"{torque.correlation:.2f}"
+    slow = number(100 * moved.slow, 2)
+    return (moved.joint, *cells, str(moved.reversals), slow, number(moved.torque, 3), follows)
+
+
+def _rank_table(examination: Examination) -> Table:
+    found = examination.rank
+    assert found is not None  # noqa: S101 -- made together with the excitations
+    row = (str(found.count), str(found.structural), str(found.on_data), number(found.condition, 3))
+    heads = ("parameters", "rank any motion shows", "rank of these motions", "condition")
+    return Table(tuple(map(Column, heads)), (row,), "What the training shows of the model")
+
+
+def _channel_table(name: str, channels: Sequence[Channel]) -> Table:
+    heads = (
+        ("noise", "position"), ("step", "position"), ("noise/step", "position"),
+        ("repeats, %", "position"), ("still, %", "position"),
+        ("rms", "torque"), ("noise", "torque"), ("step", "torque"),
+    )  # fmt: skip
+    rows = tuple(tuple(_channel_row(one)) for one in channels)
+    columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
+    return Table(columns, rows, f"Channels of {name}, SI")
+
+
+def _channel_row(one: Channel) -> Iterator[str]:
+    yield one.joint
+    yield from (number(one.noise, 2), number(one.resolution, 3), number(one.noise / one.resolution, 2))
+    yield from (number(100 * one.repeats, 2), number(100 * one.still, 2))
+    yield from (number(one.rms, 3), number(one.torque_noise, 2), number(one.torque_resolution, 3))
+
+
+def _link_table(examination: Examination) -> Table:
+    heads = ("mass, kg", "centre at, m", "smallest", "middle", "largest")
+    groups = ("", "", *["moments"] * 3)
+    rows = [
+        (x.link, number(x.mass), number(float(np.linalg.norm(x.centre)), 3), *(number(float(m), 3) for m in x.moments))
+        for x in examination.links
+    ]
+    rows.append(("all", number(sum(x.mass for x in examination.links)), *[""] * 4))
+    columns = (Column("link", numeric=False), *(Column(head, group) for head, group in zip(heads, groups, strict=True)))
+    return Table(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
+
+
+def _count(value: int, word: str) -> str:
+    return f"{value} {word}{'' if value == 1 else 's'}"

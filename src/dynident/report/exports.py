@@ -1,0 +1,69 @@
+"""The files of a model in a report: what was written, how it was proven, what it leaves out, and what was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dynident.report.page import Block, Column, Section, Table, number
+
+if TYPE_CHECKING:
+    from dynident.export import Export
+
+__all__ = ["export_notes", "export_results", "export_section"]
+
+_LEAD = (
+    "Each file was loaded again before it was written, and its torque compared with that of the identified model, "
+    "without what the format cannot hold: the largest difference of a joint, relative to the norm of its torque."
+)
+
+
+def export_section(exports: Sequence[Export]) -> Iterator[Section]:
+    """Yield the section on the files, where there are any."""
+    if not exports:
+        return
+    rows = tuple(
+        (one.file, number(one.proof.agreement, 2) if one.proof else "-", _readers(one), "yes" if one.ready else "no")
+        for one in exports
+    )
+    words = (Column("file", numeric=False), Column("difference"))
+    columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
+    blocks: list[Block] = [_LEAD, Table(columns, rows, "Files of the identified model")]
+    for one in exports:
+        told = [*([f"Not written: {one.refusal}"] if one.refusal else []), *(one.written.notes if one.written else ())]
+        told += [f"Not in the file: {words}." for words in (one.written.left_out if one.written else ())]
+        told += one.proof.skipped if one.proof else ()
+        if told:
+            blocks.append(Section(one.file, (tuple(told),)))
+    yield Section("Files of the model", tuple(blocks))
+
+
+def export_notes(exports: Sequence[Export]) -> list[str]:
+    """Return for a terminal what is said of the files: refusals, and how much a file leaves out."""
+    notes = [f"{one.file} is not written: {one.refusal}" for one in exports if one.refusal]
+    for one in exports:
+        if one.ready and one.written and one.written.left_out:
+            notes.append(f"{one.file} cannot hold {len(one.written.left_out)} items, which the report lists.")
+        notes += [f"{one.file}: {note}." for note in (one.written.notes if one.ready and one.written else ())]
+    return notes
+
+
+def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
+    """Return the files as plain values: file, format, agreement, proven, readers, left_out, notes, refusal."""
+    return [
+        {
+            "file": one.file,
+            "format": one.format,
+            "agreement": one.proof.agreement if one.proof else None,
+            "proven": one.ready,
+            "readers": dict(one.proof.readers) if one.proof else {},
+            "left_out": list(one.written.left_out) if one.written else [],
+            "notes": [*(one.written.notes if one.written else ()), *(one.proof.skipped if one.proof else ())],
+            "refusal": one.refusal,
+        }
+        for one in exports
+    ]
+
+
+def _readers(one: Export) -> str:
+    return ", ".join(one.proof.readers) if one.proof else "-"

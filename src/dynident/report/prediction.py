@@ -1,0 +1,52 @@
+"""The report of ``dynident predict``: errors on new recordings, and the table of measured and predicted torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.report.page import Column, Table, number
+from dynident.terms.term import Joint
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from dynident.validation import LogValidation
+
+__all__ = ["prediction_frame", "prediction_table"]
+
+
+def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) -> Table:
+    """Return the errors per log and joint, for logs with measured torques."""
+    rows: list[tuple[str, ...]] = []
+    for log in found:
+        rows.append((log.name, "all", number(log.relative_error, 3), "-", "-"))
+        rows += [
+            (log.name, one.name, number(log.per_joint[one.name], 3), number(log.rmse[one.name], 3), one.effort)
+            for one in joints
+        ]
+    words = (Column("log", numeric=False), Column("joint", numeric=False))
+    columns = (*words, Column("error, %"), Column("rmse"), Column("unit", numeric=False))
+    return Table(columns, tuple(rows), "Torque error per log and joint, unfiltered")
+
+
+def prediction_frame(found: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame:
+    """Return all logs as one table, given with whether their torques were measured.
+
+    Columns: log, t (s), used (False where the smoother vouches for nothing, at the ends), and per joint measured_NAME
+    (null without measurement) and predicted_NAME, in N m or N.
+    """
+    import polars as pl
+
+    parts = []
+    for log, measured in found:
+        motion = log.motion
+        columns: dict[str, object] = {"log": [log.name] * len(motion), "t": motion.t, "used": motion.mask}
+        for j, name in enumerate(motion.joints):
+            seen = motion.tau[:, j] if measured else np.full(len(motion), np.nan)
+            columns[f"measured_{name}"] = pl.Series(seen, nan_to_null=True)
+            columns[f"predicted_{name}"] = log.predicted[:, j]
+        parts.append(pl.DataFrame(columns))
+    return pl.concat(parts)

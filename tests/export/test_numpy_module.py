@@ -1,0 +1,74 @@
+"""The module of an identified model stands on its own, whatever its terms; or says why it cannot."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from dynident.errors import ModelError
+from dynident.export import Identified, export, identified_module, random_states
+from dynident.gallery import MODELS
+from dynident.model import Model
+from dynident.terms import Coulomb, Lagrangian, Unknown, Viscous
+from dynident.terms.term import Joint
+from tests.export.test_robot_files import arm
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_symbolic_models_are_printed(name):
+    model, rng = MODELS[name](), np.random.default_rng(0)
+    one = Identified(model, rng.normal(size=len(model.parameters)))
+    states = random_states(len(model.joints), rng, 50)
+    made = export(one, "numpy", states)
+    assert made.ready, made.refusal
+    assert made.proof.agreement < 1e-12
+    namespace = {}
+    exec(made.written.text, namespace)
+    mass = namespace["mass_matrix"](states[0])
+    np.testing.assert_allclose(mass, model.mass_matrix(states[0], one.value), rtol=1e-10, atol=1e-10)
+
+
+def test_it_needs_only_numpy(tmp_path):
+    (tmp_path / "model.py").write_text(identified_module(arm()).text)
+    code = (
+        "import sys, numpy as np; sys.path.insert(0, '.'); import model\n"
+        "print(model.inverse_dynamics(np.zeros(3), np.zeros(3), np.zeros(3)).shape, 'dynident' in sys.modules)\n"
+        "try: model.gravity([1.0, 2.0])\nexcept ValueError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["(3,) False", "expected arrays (3,) or (N, 3), alike, got (2,)"]
+
+
+def test_names_are_quoted():
+    joint = Joint('"""; raise SystemExit  #\n')
+    model = Model((Viscous((joint,)),), name="'''\"\"\"\n")
+    namespace = {}
+    exec(identified_module(Identified(model, np.array([2.0]))).text, namespace)
+    assert namespace["JOINTS"] == (joint.name,)
+    assert namespace["friction"](np.array([3.0])) == 6.0
+
+
+def test_two_frictions_of_one_joint_are_both_kept():
+    joints = (Joint("a"),)
+    terms = (Coulomb(joints, width=0.1), Coulomb(joints, names=("second",), dead_band=0.2), Viscous(joints))
+    one = Identified(Model(terms), np.array([1.0, 10.0, 100.0]))
+    assert export(one, "numpy", random_states(1, np.random.default_rng(0), 50)).ready
+
+
+def test_a_term_of_unknown_formula_is_refused():
+    class Mine(Viscous):
+        pass
+
+    with pytest.raises(ModelError, match=r"model\.py cannot hold the term Mine"):
+        identified_module(Identified(Model((Mine((Joint("a"),)),)), np.ones(1)))
+
+
+def test_a_function_that_numpy_lacks_is_refused():
+    q, dq, m = sp.symbols("q dq m")
+    term = Lagrangian((Joint("a"),), (q,), (dq,), m * dq**2 / 2, m * sp.besselj(0, q), (Unknown(m, "kg"),))
+    with pytest.raises(ModelError, match="NumPy has no function"):
+        identified_module(Identified(Model((term,)), np.ones(1)))

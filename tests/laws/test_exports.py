@@ -1,0 +1,211 @@
+"""What is written says what was identified: any tree, any physical bodies, read again by readers of others."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pinocchio
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynident.export import Identified, export, identified_mjcf, identified_module, identified_urdf, prove
+from dynident.export.identified import link_inertias
+from dynident.inertia import flaws, from_physical, moved
+from dynident.model import Model
+from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
+from tests.laws.test_bodies import Peer, few, random_body, random_robot, states
+from tests.robots import ARM, ARM_MJCF, words
+
+seeds = st.integers(0, 2**32 - 1)
+sizes = st.integers(1, 8)
+CLOSE = 1e-8
+
+
+def physical(rng, count, scale=1.0):
+    """Random bodies (count, 10): clouds of point masses, their centres off the joint."""
+    rows = []
+    for _ in range(count):
+        mass, centre, _, tensor = random_body(rng)
+        rows.append(from_physical(mass, centre, tensor))
+    return scale * np.array(rows)
+
+
+def identified(bodies, rng, scale=1.0):
+    """A model of bodies and friction with random values that are physical."""
+    joints = bodies.joints
+    model = Model((bodies, Viscous(joints), Coulomb(joints)), name="arm")
+    n = len(joints)
+    return Identified(model, np.concatenate([physical(rng, n, scale).ravel(), rng.uniform(0, 2, 2 * n)]))
+
+
+def assert_same(found, expected):
+    scale = np.maximum(np.linalg.norm(expected, axis=0), 1e-6 * np.linalg.norm(expected))
+    assert (np.linalg.norm(found - expected, axis=0) <= CLOSE * scale).all()
+
+
+def friction(model, columns, dq):
+    return np.asarray(model.damping)[columns] * dq + np.asarray(model.friction)[columns] * np.sign(dq)
+
+
+@few
+@given(seeds, sizes, st.sampled_from([0.05, 1.0, 20.0]))
+def test_urdf_read_by_pinocchio(seed, count, scale):
+    """Links that are fixed or locked keep their inertias where they fit; the torque is the same in any case."""
+    rng = np.random.default_rng(seed)
+    text, joints = random_robot(rng, count)
+    used = joints[: 1 + len(joints) // 2]
+    locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
+    gravity = tuple(rng.normal(scale=9.81, size=3))
+    one = identified(Bodies(text, used, locked, gravity), rng, scale)
+    written = identified_urdf(one)
+    state = states(rng, len(used), 20)
+    peer = Peer(pinocchio.buildModelFromXML(written.text), used, gravity, still=locked)
+    found = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
+    assert_same(found, one.model.torque(*state, one.value))
+    assert any("gravity" in words for words in written.left_out)
+    assert prove(written, one, state).proven
+
+
+@few
+@given(seeds, sizes)
+def test_links_sum_to_the_body_and_none_is_impossible(seed, count):
+    rng = np.random.default_rng(seed)
+    text, joints = random_robot(rng, count, massless=0.0)
+    bodies = Bodies(text, joints[:1])
+    values = physical(rng, 1, rng.choice([0.01, 1.0, 100.0]))
+    links = link_inertias(bodies, values).links
+    (body,) = bodies.arm.chosen
+    total = np.zeros(10)
+    for link, frame in zip(body.links, body.frames, strict=True):
+        theta = links.get(link, bodies.file.links[link])
+        assert theta is not None
+        assert flaws(theta) == ()
+        total += moved(theta, frame)
+    np.testing.assert_allclose(total, values[0], rtol=1e-9, atol=1e-9 * np.abs(values).max())
+
+
+def random_mjcf(rng, count):
+    """A tree of ``count`` bodies, some of them welded, with anchors away from the bodies' frames."""
+    bodies = [f'<body name="L{k}"' for k in range(count)]
+    inside: list[list[str]] = [[] for _ in range(count)]
+    roots, moving = [], []
+    for k in reversed(range(count)):
+        mass, centre, _, tensor = random_body(rng)
+        full = words(tensor[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        parts = [f'<inertial pos="{words(centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>']
+        if k == 0 or rng.random() < 0.7:
+            kind = rng.choice(["hinge", "slide"])
+            anchor, axis = rng.normal(scale=0.2, size=3), rng.normal(size=3)
+            ref = rng.uniform(-1, 1)
+            parts.append(
+                f'<joint name="J{k}" type="{kind}" pos="{words(anchor)}" axis="{words(axis)}" ref="{float(ref)!r}"/>'
+            )
+            moving.append(f"J{k}")
+        place = f' pos="{words(rng.normal(scale=0.3, size=3))}" quat="{words(rng.normal(size=4))}">'
+        whole = bodies[k] + place + "".join(parts + inside[k]) + "</body>"
+        (inside[rng.integers(k)] if k else roots).append(whole)
+    head = (
+        '<mujoco><compiler angle="radian"/><default><joint damping="0.3" armature="0.2" frictionloss="0.1"/></default>'
+    )
+    return f"{head}<worldbody>{''.join(roots)}</worldbody></mujoco>", tuple(rng.permutation(moving).tolist())
+
+
+def with_rotors(bodies, rng):
+    one = identified(bodies, rng)
+    joints = bodies.joints
+    model = Model((*one.model.terms, RotorInertia(joints)), name="arm")
+    return Identified(model, np.concatenate([one.value, rng.uniform(0, 1, len(joints))]))
+
+
+@few
+@given(seeds, sizes)
+def test_mjcf_read_by_mujoco(seed, count):
+    pytest.importorskip("mujoco", reason="the extra mujoco is not installed")
+    rng = np.random.default_rng(seed)
+    text, joints = random_mjcf(rng, count)
+    used = joints[: 1 + len(joints) // 2]
+    locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
+    one = with_rotors(Bodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
+    proof = prove(identified_mjcf(one), one, states(rng, len(used), 20))
+    assert proof.readers.keys() == {"MuJoCo", "dynident"}
+    assert proof.agreement <= CLOSE
+
+
+@few
+@given(seeds, sizes)
+def test_mjcf_read_by_dynident_and_pinocchio(tmp_path_factory, seed, count):
+    rng = np.random.default_rng(seed)
+    text, joints = random_mjcf(rng, count)
+    text = re.sub(r' ref="[^"]*"', "", text)  # Pinocchio gives it another meaning
+    gravity = tuple(rng.normal(scale=9.81, size=3))
+    one = with_rotors(Bodies(text, joints, gravity=gravity), rng)
+    written = identified_mjcf(one)
+    state = states(rng, len(joints), 20)
+    again = Bodies(written.text, joints, gravity=gravity)
+    assert again.notes == ()
+    theta = np.array([p.value for p in again.parameters])
+    assert_same(again.regressor(*state) @ theta, one.bodies[0].regressor(*state) @ one.bodies[1].ravel())
+    path = tmp_path_factory.mktemp("mjcf") / "arm.xml"
+    path.write_text(written.text)
+    peer = Peer(pinocchio.buildModelFromMJCF(str(path)), joints, gravity)
+    found = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
+    assert_same(found, one.model.torque(*state, one.value))
+
+
+@few
+@given(seeds, sizes)
+def test_numpy_module_holds_any_values(seed, count):
+    """Impossible bodies, negative friction, couplings, offsets, softened signs; one sample or many."""
+    rng = np.random.default_rng(seed)
+    text, joints = random_robot(rng, count)
+    bodies = Bodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3)))
+    known = bodies.joints
+    motor = Coupling(known, dict.fromkeys(joints, 2.0), "motor", offset=True, dead_band=0.3)
+    terms = (bodies, RotorInertia(known), Viscous(known), Coulomb(known, width=0.1), Offset(known), motor)
+    model = Model(terms, name='a "quoted"\n name')
+    theta = rng.normal(size=len(model.parameters))
+    state = states(rng, len(joints), 20)
+    namespace = {}
+    exec(identified_module(Identified(model, theta)).text, namespace)
+    found = namespace["inverse_dynamics"](*state)
+    assert_same(found, model.torque(*state, theta))
+    assert namespace["JOINTS"] == joints
+    np.testing.assert_allclose(namespace["inverse_dynamics"](*(x[0] for x in state)), found[0], rtol=1e-9, atol=1e-9)
+    mass = namespace["mass_matrix"](state[0])
+    np.testing.assert_allclose(mass, model.mass_matrix(state[0], theta), rtol=1e-8, atol=1e-8)
+    assert namespace["mass_matrix"](state[0][0]).shape == (len(joints),) * 2
+    rest = namespace["gravity"](state[0])
+    held = bodies.regressor(state[0], 0 * state[1], 0 * state[2]) @ theta[: 10 * len(joints)]
+    np.testing.assert_allclose(rest, held, rtol=1e-8, atol=1e-8)
+    parts = model.torque(state[0], state[1], 0 * state[2], theta) - model.torque(
+        state[0], 0 * state[1], 0 * state[2], theta
+    )
+    rigid = bodies.regressor(state[0], state[1], 0 * state[2]) @ theta[: 10 * len(joints)] - held
+    np.testing.assert_allclose(namespace["friction"](state[1]), parts - rigid, rtol=1e-8, atol=1e-7)
+
+
+DRESSED = (
+    ARM.replace("<link", "<!-- a comment: <inertial> --><link", 1)
+    .replace("</robot>", '<transmission name="t"><type>x</type></transmission>\n<gazebo/></robot>\n<!-- end -->\n')
+    .replace(
+        '<link name="tool">',
+        "<link name='tool' >\r\n  <visual><geometry><mesh filename='a>b.stl'/></geometry></visual>",
+    )
+)
+
+
+@pytest.mark.parametrize(("text", "kind"), [(DRESSED, "urdf"), (ARM_MJCF, "mjcf")])
+def test_all_else_stays_byte_by_byte(text, kind):
+    rng = np.random.default_rng(0)
+    one = identified(Bodies(text), rng, scale=50.0)
+    made = export(one, kind, states(rng, 3, 20))
+    assert made.ready
+    edited = re.compile(
+        r"<inertial.*?</inertial>|<dynamics[^>]*/>" if kind == "urdf" else r"<inertial[^>]*/>|<joint name[^>]*/>"
+    )
+    assert made.written.text != text
+    assert edited.sub("", made.written.text) == edited.sub("", text)
+    link = '<link name="base"><inertial><origin xyz="0.0 0.0 0.0" rpy="0.0 0.0 0.0"/><mass value="4.0"/>'
+    assert kind != "urdf" or link in made.written.text  # a link that stands still

@@ -1,0 +1,50 @@
+"""The files of a model in a report: differences, what is left out, refusals; names from files are escaped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.export import export, random_states
+from dynident.inertia import from_physical
+from dynident.report.exports import export_notes, export_results, export_section
+from dynident.report.page import render
+from tests.export.test_robot_files import STATES, arm
+from tests.robots import ARM
+
+
+def page(exports) -> str:
+    return render("title", "lead", list(export_section(exports)))
+
+
+def test_a_proven_file_with_what_it_leaves_out() -> None:
+    made = export(arm(), "urdf", STATES)
+    text = page([made])
+    for words in ("robot.identified.urdf", "Pinocchio, dynident", "offset_shoulder = -0.3 N m", "Ia_motor"):
+        assert words in text
+    (result,) = export_results([made])
+    assert result["proven"]
+    assert result["agreement"] == made.proof.agreement
+    assert result["left_out"] == list(made.written.left_out)
+    assert export_notes([made]) == ["robot.identified.urdf cannot hold 7 items, which the report lists."]
+
+
+def test_a_refusal_is_told() -> None:
+    made = export(arm(body=from_physical(-1.0, [0, 0, 0.1], np.eye(3))), "urdf", STATES)
+    (result,) = export_results([made])
+    assert (result["proven"], result["agreement"], result["readers"]) == (False, None, {})
+    assert "negative mass" in result["refusal"]
+    assert "Not written: body" in page([made])
+    assert export_notes([made])[0].startswith("robot.identified.urdf is not written: body 'upper'")
+
+
+def test_names_are_escaped() -> None:
+    text = ARM.replace('"twist"', '"&lt;b>twist"')
+    made = export(arm(text), "urdf", random_states(3, np.random.default_rng(0), 20))
+    assert made.ready
+    assert "<b>twist" not in page([replace(made, file="<b>twist.urdf")])
+
+
+def test_without_files_there_is_no_section() -> None:
+    assert list(export_section([])) == []

@@ -7,14 +7,14 @@ projection; Golub and Pereyra 1973), so that only one to three unknowns are sear
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.estimators import Estimator, Problem
+from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
@@ -188,9 +188,10 @@ def find_lean(
 
 
 def _quick(estimator: Estimator) -> Estimator:
-    """Return the estimator without the additional fits that only inform."""
-    named: Any = estimator
-    return replace(named, costs=False) if any(field.name == "costs" for field in fields(named)) else estimator
+    """Return what stands for the estimator at the trial values: least squares, under its constraints if it has any."""
+    if isinstance(estimator, Consistent):
+        return replace(estimator, costs=False)
+    return estimator if isinstance(estimator, LeastSquares) else LeastSquares(tolerance=1e-8)
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], delay: float) -> tuple[Motion, ...]:

@@ -15,7 +15,7 @@ from dynident.examination.torque import Agreement, agreement, agreement_findings
 from dynident.identify import Recipe
 from dynident.log import Log, Motion
 from dynident.model import Model
-from dynident.regression import Regression
+from dynident.regression import Regression, one_thread
 from dynident.terms import Bodies
 
 __all__ = ["Examination", "examine"]
@@ -78,7 +78,8 @@ def examine(
     whole = Examination((), timings, facts, links=_links(model))
     if sound:
         try:
-            whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
+            with one_thread():
+                whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
         except DynidentError as error:
             findings.append(Finding("error", None, str(error), "motion"))
     order = ("error", "warning", "info")

@@ -16,7 +16,7 @@ from dynident.errors import ConfigError, ModelError
 from dynident.log import Motion
 from dynident.model import Model
 
-__all__ = ["bound", "information"]
+__all__ = ["bound", "information", "variance"]
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def information(
     that is not positive, and ModelError where the model fails.
     """
     n, p = len(model.joints), len(model.parameters)
-    R, U = (np.diag(_variance(*pair, n)) for pair in (("sigma_q", sigma_q), ("sigma_tau", sigma_tau)))
+    R, U = (np.diag(variance(*pair, n)) for pair in (("sigma_q", sigma_q), ("sigma_tau", sigma_tau)))
     steps = _transitions(model, np.asarray(theta, dtype=float), motion, substeps)
     nuisance = n if rest else 2 * n
     # A Kalman filter of (q, dq, u): the measured torque drives it with known noise, the positions are its measurements,
@@ -92,7 +92,8 @@ def information(
     return np.asarray((S + S.T) / 2)
 
 
-def _variance(name: str, sigma: ArrayLike, n: int) -> Array:
+def variance(name: str, sigma: ArrayLike, n: int) -> Array:
+    """Return the variances (n) of a standard deviation, one or one per joint; ConfigError unless all are positive."""
     value = np.asarray(sigma, dtype=float)
     if value.shape not in ((), (n,)) or not ((value > 0) & np.isfinite(value)).all():
         raise ConfigError(f"{name} is {value.tolist()}; give one positive number, or one for each of {n} joints.")

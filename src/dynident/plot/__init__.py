@@ -4,6 +4,7 @@ Backgrounds are transparent and fonts inherited. Lines with ``meta`` "ink" and a
 readable on white and on black; a page may repaint them in its own text colour.
 """
 
+from dynident.plot.bound import CHANGE_NAMES, bound_figure, efficiency_figure
 from dynident.plot.canvas import Array, thin
 from dynident.plot.identification import (
     motion_figure,
@@ -16,7 +17,10 @@ from dynident.plot.identification import (
 from dynident.plot.study import method_name, scientific, spread_figure, trace_figure
 
 __all__ = [
+    "CHANGE_NAMES",
     "Array",
+    "bound_figure",
+    "efficiency_figure",
     "method_name",
     "motion_figure",
     "parameter_figure",

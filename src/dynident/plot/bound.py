@@ -71,9 +71,8 @@ def efficiency_figure(reproduction: Reproduction) -> go.Figure:
     names, true = [plain(name) for name in reproduction.names], np.abs(reproduction.true)
     headings = [f"σ<sub>q</sub>² = {scientific(level)} rad²" for level in levels]
     figure = panels(["rms error, %"] * len(levels), 90 + 260 * len(levels), headings)
-    colours, methods = colours_of(x.method for x in reproduction.cases), dict.fromkeys(
-        x.method for x in reproduction.cases
-    )  # fmt: skip
+    methods = list(dict.fromkeys(case.method for case in reproduction.cases))
+    colours = colours_of(methods)
     for row, level in enumerate(levels, start=1):
         figure.add_trace(
             go.Bar(

@@ -22,7 +22,7 @@ MORE = ("#00909e", "#d0569b", "#7a8a00")
 COLOURS = {"simulated": BLUE, "spline": RED, "filtered": INK, "raw": AMBER, "spline-early": "#8f5bd6", "ml": GREEN}
 NAMES = {
     "raw": "raw differences", "filtered": "filtered differences", "spline": "smoothing splines",
-    "spline-early": "splines, cut early", "ml": "maximum likelihood",
+    "spline-early": "early-cut splines", "ml": "maximum likelihood",
 }  # fmt: skip
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
 MOST_RUNS = 153  # more estimates are drawn by as many of their quantiles; 4 k + 1 of them hold the quartiles

@@ -22,6 +22,7 @@ WORDS = 5  # parameters that get a sentence of their own
 MAINLY = 0.5  # share of the variance from which a noise is named first
 TIED = 5.0  # how many times knowing the other parameters would lower the deviation, to call the motion the limit
 MISFIT = 3.0  # residual over the torque's own noise, from which the model is named
+FILTERED = 300.0  # the same ratio, from which the torque must have been filtered
 COLOURED = 1.5  # factor by which correlation in the residual would raise the bound, to speak of
 SHORT = 28  # signs of a formula in a terminal
 CHANGES = ("bit", "torque", "longer")
@@ -143,8 +144,13 @@ def _limit(found: Reach, k: int) -> str:
 def _cautions(found: Reach) -> Iterator[str]:
     joints = [joint.name for joint in found.identification.model.joints]
     ratio = found.noise.tau / found.noise.sensor
-    if found.noise.words["torques"].startswith("residual") and (ratio > MISFIT).any():
-        worst = int(ratio.argmax())
+    worst = int(ratio.argmax())
+    if found.noise.words["torques"].startswith("residual") and ratio[worst] > FILTERED:
+        yield (
+            f"The torque of {joints[worst]} hardly scatters from sample to sample: it was filtered before it was "
+            "logged, and its scatter says nothing of the sensor. The residual of the fit sets this bound."
+        )
+    elif found.noise.words["torques"].startswith("residual") and ratio[worst] > MISFIT:
         yield (
             f"The residual is up to {number(float(ratio[worst]), 2)} times the scatter of the torque between samples "
             f"({joints[worst]}): the model's misfit or slow noise sets this bound, not the torque sensor; see "

@@ -256,6 +256,7 @@ def reproduce(
     if not 0 <= seed < 2**63:
         raise ConfigError(f"seed is {seed}; give a whole number from 0 to 2^63 - 1.")
     model = two_link_arm()
+    true = np.asarray(model.values, dtype=float)
     table = run_study([chosen], parts, LEVELS, runs, seed, path=path, executor=executor, progress=progress)
     cases = []
     for level in LEVELS:
@@ -265,7 +266,7 @@ def reproduce(
             printed = PRINTED.get((level, part.name), (None, None))
             numbers = (found.mean, found.variance, found.failed, found.estimates)
             case = Case(level, part.name, *numbers, *printed)
-            cases.append(replace(case, coverage=found.coverage(model.values), unsettled=found.unsettled))
+            cases.append(replace(case, coverage=found.coverage(true), unsettled=found.unsettled))
     return Reproduction(
         scenario=chosen.name,
         description=chosen.description,
@@ -273,7 +274,7 @@ def reproduce(
         seed=seed,
         names=model.names,
         expressions=tuple(parameter.expression for parameter in model.parameters),
-        true=np.asarray(model.values),
+        true=true,
         seconds=float(table["seconds"].sum()),
         cases=tuple(cases),
         traces=_traces(chosen, parts, seed),

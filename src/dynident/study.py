@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.estimators import Estimate
@@ -215,10 +215,10 @@ class Statistics:
     interval: Array
     unsettled: int = 0
 
-    def coverage(self, true: ArrayLike) -> Array:
+    def coverage(self, true: Array) -> Array:
         """Return the share (p) of the intervals that hold the true values (p); nan where there are none."""
         inside = (self.interval[:, :, 0] <= true) & (true <= self.interval[:, :, 1])
-        return inside.mean(axis=0) if len(inside) else np.full(self.interval.shape[1], np.nan)
+        return np.asarray(inside.mean(axis=0) if len(inside) else np.full(self.interval.shape[1], np.nan))
 
 
 def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
@@ -226,7 +226,7 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
     rows = [row for row in table.to_dicts() if row["value"]]
     good = [row["value"] for row in rows]
     estimates = np.array(good, dtype=float).reshape(len(good), parameters)
-    ends = [row["interval"] or _symmetric(row["value"], row["std"]) for row in rows]
+    ends = [_ends(row) for row in rows]
     nothing = np.full(parameters, np.nan)
     return Statistics(
         mean=estimates.mean(axis=0) if good else nothing,
@@ -234,10 +234,14 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
         estimates=estimates,
         failed=len(table) - len(good),
         interval=np.array(ends, dtype=float).reshape(len(good), parameters, 2),
-        unsettled=sum(any(word in row["status"] for word in UNSETTLED) for row in rows),
+        unsettled=sum(any(word in row.get("status", "") for word in UNSETTLED) for row in rows),
     )
 
 
-def _symmetric(value: list[float], std: list[float]) -> Array:
-    half = NORMAL_95 * np.array(std)
-    return np.asarray(np.stack([value - half, value + half], axis=1))
+def _ends(row: dict[str, Any]) -> Array:
+    """Return the ends (p, 2) of the 95 % intervals of a row, nan where it has neither them nor standard errors."""
+    value = np.array(row["value"])
+    if row.get("interval"):
+        return np.reshape(row["interval"], (-1, 2))
+    half = NORMAL_95 * np.array(row.get("std") or np.full(len(value), np.nan))
+    return np.stack([value - half, value + half], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,11 +32,11 @@ LOOKS = {
 MARKS = ("circle", "square", "diamond", "triangle-up", "x", "star")
 
 
-def bound_figure(found: Reach) -> go.Figure:
+def bound_figure(found: Reach, labels: Sequence[str]) -> go.Figure:
     """Draw the least standard deviation of each parameter in % of its value, now and after each change; log axis."""
     import plotly.graph_objects as go
 
-    labels = [plain(name if len(name) < 40 else f"{name[:37]}...") for name in found.names]
+    labels = [plain(label) for label in labels]
     figure = panels([""], 130 + 20 * len(labels), shared=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         fit = 100 * found.fit / np.abs(found.value)
@@ -78,7 +78,7 @@ def efficiency_figure(reproduction: Reproduction) -> go.Figure:
             go.Bar(
                 x=names,
                 y=100 * np.sqrt(reproduction.bounds[level]) / true,
-                name="bound: no unbiased method can do better",
+                name="Cramér-Rao bound",
                 legendgroup="bound",
                 showlegend=row == 1,
                 marker={"color": BLUE, "opacity": 0.35},

@@ -25,8 +25,7 @@ MISFIT = 3.0  # residual over the torque's own noise, from which the model is na
 FILTERED = 300.0  # the same ratio, from which the torque must have been filtered
 COLOURED = 1.5  # factor by which correlation in the residual would raise the bound, to speak of
 SHORT = 28  # signs of a formula in a terminal
-CHANGES = ("bit", "torque", "longer")
-HEADS = {"bit": "+1 bit, %", "torque": "torque x 10, %", "longer": "4 x record, %"}
+HEADS = {"now": "now", "bit": "+1 bit", "torque": "torque x 10", "longer": "4 x record"}
 
 _WHAT = (
     "The Cramér-Rao bound: no unbiased method has smaller standard deviations with these sensors on this motion, if "
@@ -36,21 +35,20 @@ _WHAT = (
 
 
 def bound_table(found: Reach, short: bool = False) -> Table:
-    """Return the table of least standard deviations; ``short`` for a terminal: formulas cut, the worst of many."""
+    """Return the table of least standard deviations; ``short`` for a terminal: the worst of many."""
     rows = range(len(found.names))
     if short and len(found.names) > FULL_LIST:
         rows = sorted(np.argsort(-found.relative, kind="stable")[:WORST].tolist())  # type: ignore[assignment]
     columns = [Column("parameter", numeric=False), Column("value"), Column("unit", numeric=False)]
-    columns += [Column("fit, %"), Column("bound, sd"), Column("bound, %"), *(Column(HEADS[name]) for name in CHANGES)]
+    columns += [Column("fit", "sd, %"), *(Column(HEADS[name], "least sd, %") for name in HEADS), Column("least sd")]
     columns += [Column("limited by", numeric=False)]
     cells = []
     for k in rows:
         size = abs(float(found.value[k])) or np.nan
-        sizes = [found.fit[k], found.std["now"][k], *(found.std[name][k] for name in CHANGES)]
-        fit, now, *changed = (100 * float(x) / size for x in sizes)
-        row = [_label(found, k) if short else found.names[k], number(float(found.value[k])), found.units[k]]
-        row += [number(fit, 2), number(float(found.std["now"][k]), 2), number(now, 2)]
-        cells.append((*row, *(number(x, 2) for x in changed), _limit(found, k)))
+        sizes = [found.fit[k], *(found.std[name][k] for name in HEADS)]
+        row = [_label(found, k), number(float(found.value[k])), found.units[k]]
+        row += [number(100 * float(x) / size, 2) for x in sizes]
+        cells.append((*row, number(float(found.std["now"][k]), 2), _limit(found, k)))
     title = "Least standard deviations of the base parameters, and what better ones would buy"
     if len(cells) < len(found.names):
         title += f" (the worst {len(cells)} of {len(found.names)})"
@@ -82,7 +80,8 @@ def _overall(found: Reach) -> Iterator[str]:
         f"{well} of {count} base parameters can be known to {WELL:g} % or better from this record, by the best method; "
         f"the median is {number(float(np.median(relative)), 2)} %{tail}."
     )
-    bought = {name: 100 * (1 - found.std[name] / found.std["now"]) for name in ("bit", "torque")}
+    with np.errstate(invalid="ignore"):
+        bought = {name: 100 * (1 - found.std[name] / found.std["now"]) for name in ("bit", "torque")}
     gains = {name: values[np.isfinite(values)] for name, values in bought.items()}
     if gains["bit"].size and gains["torque"].size:
         best = int(np.nanargmax(np.where(np.isfinite(bought["bit"]), bought["bit"], -1.0)))
@@ -138,7 +137,7 @@ def _limit(found: Reach, k: int) -> str:
     if not np.isfinite(found.std["now"][k]):
         return "motion"
     name, _, share = _first(found, k)
-    return f"{name} {100 * share:.0f} %" + (", motion" if found.inflation[k] > TIED else "")
+    return f"{name.removesuffix(' noise')} {100 * share:.0f} %" + (", motion" if found.inflation[k] > TIED else "")
 
 
 def _cautions(found: Reach) -> Iterator[str]:
@@ -187,6 +186,7 @@ def bound_page(found: Reach) -> str:
     """Return the bound as one HTML page: findings, table, figure, noise, settings."""
     relative, fact = found.relative, found.identification
     well = int((relative <= WELL).sum())
+    labels = [_label(found, k) for k in range(len(found.names))]
     facts = Facts(
         (
             (f"{well} of {len(relative)}", f"base parameters within {WELL:g} % at best"),
@@ -201,13 +201,23 @@ def bound_page(found: Reach) -> str:
     blocks: tuple[Block, ...] = (facts, tuple(bound_findings(found)))
     sections = [
         Section("What could be reached", blocks),
-        Section("Bound", (_WHAT, bound_table(found), Figure(plot.bound_figure(found), caption))),
+        Section(
+            "Bound", (_WHAT, bound_table(found), *_formulas(found), Figure(plot.bound_figure(found, labels), caption))
+        ),
         Section("Noise", (noise_table(found),)),
         Section("Warnings", (tuple(fact.warnings) or "None.",)),
         Section("Settings and versions", tuple(_settings(found))),
     ]
     logs = ", ".join(log.name for log in fact.logs)
     return render(f"What could be reached with {fact.model.name}", f"Least standard deviations from {logs}.", sections)
+
+
+def _formulas(found: Reach) -> Iterator[Block]:
+    """Yield what the shortened names stand for, where there are any."""
+    cut = [(_label(found, k), name) for k, name in enumerate(found.names) if _label(found, k) != name]
+    if cut:
+        columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
+        yield Table(columns, tuple(cut), "Base parameters: the combinations that act on the torque each in its own way")
 
 
 def _settings(found: Reach) -> Iterator[Block]:

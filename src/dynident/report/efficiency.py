@@ -61,7 +61,7 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[Table]:
     for case in reproduction.cases:
         if not len(case.estimates) or case.sigma_q2 not in reproduction.bounds:
             continue
-        cells = [number(float(x), 3) for x in _over_bound(case, reproduction)]
+        cells = [number(float(x), 2) for x in _over_bound(case, reproduction)]
         cells += [number(100 * float(x), 3) for x in (np.mean(case.coverage), np.min(case.coverage))]
         rows.append((plot.scientific(case.sigma_q2), plot.method_name(case.method), *cells, str(case.unsettled)))
     yield Table(tuple(columns), tuple(rows), "Rms error of each parameter over the bound, and how intervals hold")

@@ -14,6 +14,7 @@ from dynident.diagnostics import channels
 from dynident.errors import ConfigError, InputError, choices
 from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.identify import Identification, Recipe, identify
+from dynident.likelihood import noise
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.normal_matrix import NormalMatrix, normal_matrices
@@ -123,11 +124,11 @@ def reach(
     joints = tuple(joint.name for joint in model.joints)
     if sigma_q is None:
         sigma_q = _told(recipe)
-    noise = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
+    sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
     progress("computing the bound")
     motions = tuple(one.motion for one in found.logs)
     basis = basis_of(Regression(found.model, motions).compressed.stacked(), found.model.parameters)
-    return _reached(found, motions, basis, noise, recipe.slowest(joints))
+    return _reached(found, motions, basis, sensors, recipe.slowest(joints))
 
 
 def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
@@ -137,14 +138,14 @@ def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
 
 
 def _reached(
-    found: Identification, motions: Sequence[Motion], basis: Basis, noise: Noise, slow: tuple[float, ...] | None
+    found: Identification, motions: Sequence[Motion], basis: Basis, sensors: Noise, slow: tuple[float, ...] | None
 ) -> Reach:
     theta, kept = found.estimate.value, list(basis.independent)
     sums = {name: np.zeros((len(kept), len(kept))) for name in CHANGES}
     samples = 0
     for motion in motions:
         samples += int(motion.mask.sum())
-        for matrix in normal_matrices(found.model, theta, motion, noise.q, noise.tau, kept, slow):
+        for matrix in normal_matrices(found.model, theta, motion, sensors.q, sensors.tau, kept, slow):
             _add(sums, matrix)
     std, correlations = {}, np.eye(len(kept))
     for name, S in sums.items():
@@ -166,7 +167,7 @@ def _reached(
         partner=partner,
         correlation=np.take_along_axis(strong, partner[:, None], axis=1)[:, 0],
         fit=_fit_std(found, basis),
-        noise=noise,
+        noise=sensors,
         samples=samples,
     )
 
@@ -214,13 +215,13 @@ def noise_of(
 ) -> Noise:
     """Return the noise of the sensors on the training logs, as measured, where it is not given.
 
-    Positions: the scatter between neighbouring samples, not less than the rounding of an encoder, step / sqrt(12).
-    Torques: the residual of the fit, which holds the model's misfit too, or with ``torque`` "sensor" the
-    scatter between neighbouring samples. Raises ConfigError for an unknown joint.
+    Positions: the scatter between neighbouring samples. Torques: the residual of the fit, which holds the model's
+    misfit too, or with ``torque`` "sensor" the scatter between neighbouring samples. Scatter is never less than that of
+    rounding, step / sqrt(12). Raises ConfigError for an unknown joint.
     """
     joints = found.logs[0].motion.joints
     position = _mean([_position(log) for log in logs], logs)
-    sensor = _mean([_scatter(log, "tau") for log in logs], logs)
+    sensor = _mean([_scatter(log) for log in logs], logs)
     residual = _mean([np.array([one.rmse[name] for name in joints]) for one in found.logs], logs)
     words = {
         "positions": "scatter between neighbouring samples",
@@ -256,14 +257,17 @@ def _given(
 
 def _position(log: Log) -> Array:
     steps = np.array([channel.resolution for channel in channels(log)])
-    return np.asarray(np.maximum(_scatter(log, "q"), np.nan_to_num(steps) / np.sqrt(12)))
-
-
-def _scatter(log: Log, channel: str) -> Array:
     try:
-        return np.asarray(noise_sigma(log.t, getattr(log, channel)))
+        found = noise_sigma(log.t, log.q)
     except InputError as error:
         raise InputError(f"{log.source}: {error}") from error
+    return np.asarray(np.maximum(found, np.nan_to_num(steps) / np.sqrt(12)))
+
+
+def _scatter(log: Log) -> Array:
+    """Return the torque's noise (n) by the median of differences, which jumps of dry friction do not disturb."""
+    steps = np.array([channel.torque_resolution for channel in channels(log)])
+    return np.asarray(np.maximum(noise(log.tau, 1e-12), np.nan_to_num(steps) / np.sqrt(12)))
 
 
 def _mean(sizes: Sequence[Array], logs: Sequence[Log]) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynident.article import SCENARIOS
 from dynident.basis import basis_of
 from dynident.bound import information
 from dynident.errors import ConfigError
@@ -70,6 +71,16 @@ def test_agrees_with_the_exact_bound_where_the_motion_is_slow(sigma_q: float) ->
     )  # fmt: skip
     deviations = [np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, exact)]
     np.testing.assert_allclose(*deviations, rtol=2e-3)
+
+
+def test_agrees_roughly_after_a_step_too() -> None:
+    """The article's arm from its start on: a time constant of about one sample, and a step of the torque."""
+    arm, scenario = two_link_arm(), SCENARIOS["weak"]
+    motion = scenario.truth()
+    exact = information(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
+    found = total(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
+    deviations = [np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, exact)]
+    np.testing.assert_allclose(*deviations, rtol=0.1)
 
 
 def test_a_dense_least_squares_problem_gives_the_same() -> None:

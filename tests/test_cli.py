@@ -270,6 +270,20 @@ class TestReproduce:
         cases = json.loads((tmp_path / "r.json").read_text())["cases"]
         assert [case["method"] for case in cases] == ["spline", "raw"] * 3
 
+    def test_maximum_likelihood_beside_the_bound_by_two_workers(self, tmp_path: Path) -> None:
+        words = ("reproduce", "--runs", 1, "--scenario", "stated", "--methods", "spline-early,ml", "--out", tmp_path)
+        done = run(*words, "--workers", 2, "--json", tmp_path / "r.json")
+        assert done.exit_code == 0, done.output
+        for word in ("maximum likelihood", "early-cut splines", "Cramér-Rao bound", "not converged", "least"):
+            assert word in done.output
+        cases = json.loads((tmp_path / "r.json").read_text())["cases"]
+        assert {case["method"] for case in cases} == {"spline-early", "ml"}
+        assert all(len(case["bound"]) == len(case["coverage"]) == 7 for case in cases)
+        rows = pl.read_parquet(tmp_path / "study.parquet")
+        assert run(*words, "--json", tmp_path / "again.json").exit_code == 0  # alone, and nothing left to do
+        assert pl.read_parquet(tmp_path / "study.parquet").equals(rows)
+        assert (tmp_path / "again.json").read_text() == (tmp_path / "r.json").read_text()
+
     @pytest.mark.parametrize(
         ("options", "words"),
         [

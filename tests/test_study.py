@@ -71,7 +71,39 @@ def test_a_failed_fit_is_a_row() -> None:
     assert failed["value"].list.len().sum() == 0
     found = statistics(table, 2)
     assert found.failed == len(failed)
+    assert found.interval.shape == (60 - len(failed), 2, 2)
     assert len(found.estimates) == 60 - len(failed)
+
+
+@dataclass(frozen=True)
+class Sure:
+    """Knows the position, and an interval for it that is not symmetric."""
+
+    name: str = "sure"
+
+    def estimate(self, recording: Recording) -> Estimate:
+        ends = np.array([[1.5, 2.1], [3.1, 3.2]])
+        value = np.array([2.0, 3.0])
+        return Estimate(
+            value, np.eye(2), ("q", "tau"), ("rad", "N m"), np.ones(1), 2, 1.0, 50, "not converged", interval=ends
+        )
+
+
+def test_intervals_cover_or_do_not() -> None:
+    table = run_study([Still()], [Sure(), Mean()], LEVELS, 4)
+    sure, mean = (statistics(table.filter(method=name), 2) for name in ("sure", "mean"))
+    assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
+    assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
+    assert (sure.unsettled, mean.unsettled) == (8, 0)
+
+
+def test_a_table_without_intervals_is_read(tmp_path: Path) -> None:
+    """One that an earlier version wrote: its rows are kept beside the new ones."""
+    path = tmp_path / "study.parquet"
+    old = run_study([Still()], [Mean()], LEVELS, 2, path=path)
+    old.drop("interval").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
+    assert_frame_equal(without_seconds(run_study([Still()], [Mean()], LEVELS, 2, path=path)), without_seconds(old))
+    assert len(pl.read_parquet(path)) == 2 * len(old)
 
 
 @pytest.mark.parametrize("pool", ["threads", "processes"])

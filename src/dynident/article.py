@@ -1,10 +1,10 @@
-"""The article's study, sec. 3: its scenarios, its three methods, its printed tables 2-7."""
+"""The article's study, sec. 3: its scenarios, its three methods and two better ones, its printed tables 2-7."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -12,16 +12,20 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.bound import bound
 from dynident.errors import ConfigError, choices
-from dynident.estimators import Estimate, LeastSquares, Problem
+from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, Problem
 from dynident.gallery import two_link_arm
 from dynident.log import Motion
+from dynident.printed import PRINTED, Row
 from dynident.regression import Regression
 from dynident.simulation import Recording, record, simulate
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
 from dynident.study import generator, run_study, statistics
 
-__all__ = ["LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Reproduction", "SmoothAndFit", "reproduce"]
+__all__ = [
+    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Likelihood", "Reproduction", "SmoothAndFit", "reproduce",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -45,6 +49,10 @@ class ArmScenario:
         """Return the motion without noise."""
         return _truth(self.amplitudes)
 
+    def bound(self, level: float) -> Array:
+        """Return the least variances (7) of any unbiased method that knows of the start from rest."""
+        return _bound(self.amplitudes, level, self.sigma_tau)
+
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return the recording with the noise of eqs. (44)-(46)."""
         return record(self.truth(), np.sqrt(level), self.sigma_tau, rng, source=f"{self.name}, sigma_q^2 = {level:g}")
@@ -57,6 +65,13 @@ def _truth(amplitudes: tuple[float, float]) -> Motion:
     t = np.arange(SAMPLES) * PERIOD
     theta = np.asarray(model.values, dtype=float)
     return simulate(model, theta, lambda s: np.array([first * np.sin(s), second * np.cos(s)]), t)
+
+
+@cache
+def _bound(amplitudes: tuple[float, float], level: float, sigma_tau: float) -> Array:
+    model = two_link_arm()
+    theta = np.asarray(model.values, dtype=float)
+    return np.diag(bound(model, theta, _truth(amplitudes), np.sqrt(level), sigma_tau, rest=True))
 
 
 SCENARIOS: Mapping[str, ArmScenario] = {
@@ -86,16 +101,27 @@ SCENARIOS: Mapping[str, ArmScenario] = {
 class SmoothAndFit:
     """A method of the article: smooth, leave out the samples before ``start`` (s), then least squares, eq. (11).
 
-    ``knows_sigma``: the smoother is told the standard deviation of the position noise, as the article does.
+    A spline is told the standard deviation of the position noise, as in the article. ``early``: the samples are left
+    out before smoothing, so that the transient does not reach into the motion that is used.
     """
 
     name: str
     smoother: Smoother
     start: float
+    early: bool = False
 
     def motion(self, recording: Recording) -> Motion:
-        """Return the smoothed motion with the transient masked out."""
-        return self.smoother_for(recording)(recording.log).between(start=self.start - 1e-9)
+        """Return the smoothed motion without the transient, or with it masked out."""
+        log, smoother = recording.log, self.smoother_for(recording)
+        if self.early:
+            return smoother(log.window(start=self.start - 1e-9))
+        return smoother(log).between(start=self.start - 1e-9)
+
+    @property
+    def words(self) -> str:
+        """What the method does, for the settings of a report."""
+        when = " before smoothing" if self.early else ""
+        return f"{self.smoother}, samples before {self.start:g} s dropped{when}"
 
     def smoother_for(self, recording: Recording) -> Smoother:
         """Return the smoother; a spline is told the noise that the recording was made with."""
@@ -111,55 +137,36 @@ class SmoothAndFit:
         return LeastSquares()(Problem(model, motions, Regression(model, motions)))
 
 
-METHODS: Mapping[str, SmoothAndFit] = {
+@dataclass(frozen=True)
+class Likelihood:
+    """Maximum likelihood, eq. (7), on all samples from the start at rest on."""
+
+    name: str = "ml"
+    estimator: MaximumLikelihood = field(default_factory=lambda: MaximumLikelihood(start="rest"))
+
+    def estimate(self, recording: Recording) -> Estimate:
+        """Estimate the seven parameters; the article's spline gives the start."""
+        model, spline = two_link_arm(), METHODS["spline"]
+        assert isinstance(spline, SmoothAndFit)  # noqa: S101 -- it is defined below
+        motions = (spline.motion(recording),)
+        return self.estimator(Problem(model, motions, Regression(model, motions), (recording.log,)))
+
+    @property
+    def words(self) -> str:
+        """What the method does, for the settings of a report."""
+        return f"{self.estimator}, no sample dropped"
+
+
+ArmMethod = SmoothAndFit | Likelihood
+METHODS: Mapping[str, ArmMethod] = {
     one.name: one
     for one in (
         SmoothAndFit("raw", Difference(), 0.25),
         SmoothAndFit("filtered", Butterworth(settle=(0.0, 0.0)), 1.7475),
         SmoothAndFit("spline", Spline(ends=0.0), 0.25),
+        SmoothAndFit("spline-early", Spline(ends=0.0), 0.25, early=True),
+        Likelihood(),
     )
-}
-
-# Printed tables 2, 4, 6 (means) and 3, 5, 7 (variances); None where only an order of magnitude is printed.
-_Row = tuple[float | None, ...]
-_NONE3: _Row = (None, None, None)
-PRINTED: Mapping[tuple[float, str], tuple[_Row, _Row]] = {
-    (1e-8, "raw"): (
-        (0.0010, 0.0005, -0.0005, 0.1282, 0.0165, 0.6158, 0.6200),
-        (0.0447e-8, 0.0086e-8, 0.0283e-8, 0.0008e-8, 0.0004e-8, 0.3448e-8, 0.1180e-8),
-    ),
-    (1e-8, "filtered"): (
-        (0.0361, 0.0021, 0.0042, 0.1331, 0.0168, 0.6206, 0.6190),
-        (0.1894e-6, 0.0382e-6, 0.0019e-6, 0.0015e-6, 0.0011e-6, 0.0125e-6, 0.0004e-6),
-    ),
-    (1e-8, "spline"): (
-        (0.0359, 0.0031, 0.0043, 0.1331, 0.0169, 0.6210, 0.6191),
-        (0.0182e-5, 0.1022e-5, 0.0001e-5, 0.0001e-5, 0.0011e-5, 0.0151e-5, 0.0003e-5),
-    ),
-    (1e-6, "raw"): (
-        (0.0007, 0.0004, -0.0004, 0.1255, 0.0183, 0.4561, 0.5126),
-        (*_NONE3, 0.0002e-4, 0.0001e-4, 0.1537e-4, 0.0511e-4),
-    ),
-    (1e-6, "filtered"): (
-        (0.0330, 0.0029, 0.0045, 0.1328, 0.0169, 0.6207, 0.6192),
-        (0.1736e-5, 0.0026e-5, 0.0007e-5, 0.0018e-5, 0.0001e-5, 0.0013e-5, 0.0002e-5),
-    ),
-    (1e-6, "spline"): (
-        (0.0366, 0.0024, 0.0041, 0.1331, 0.0168, 0.6209, 0.6192),
-        (0.3771e-4, 0.0036e-4, 0.0023e-4, 0.0032e-4, 0.0003e-4, 0.0038e-4, 0.0002e-4),
-    ),
-    (1e-4, "raw"): (
-        (*_NONE3, 0.1225, 0.0202, 0.0179, 0.0279),
-        (*_NONE3, 0.0024e-6, 0.0007e-6, 0.1526e-6, 0.9735e-6),
-    ),
-    (1e-4, "filtered"): (
-        (0.0131, 0.0051, 0.0054, 0.1308, 0.0173, 0.6211, 0.6188),
-        (0.2434e-3, 0.0038e-3, 0.0017e-3, 0.0019e-3, 0.0001e-3, 0.0023e-3, 0.0003e-3),
-    ),
-    (1e-4, "spline"): (
-        (0.0454, -0.0032, 0.0030, 0.1338, 0.0158, 0.6209, 0.6206),
-        (0.0016, 0.0001, None, None, None, None, None),
-    ),
 }
 
 
@@ -167,7 +174,9 @@ PRINTED: Mapping[tuple[float, str], tuple[_Row, _Row]] = {
 class Case:
     """One column of the tables: a method at a noise level, with the printed numbers where there are any.
 
-    ``mean`` and ``variance`` (7) over the runs, ``estimates`` (runs, 7), ``failed`` the number of failed fits.
+    ``mean`` and ``variance`` (7) over the runs, ``estimates`` (runs, 7), ``failed`` the number of failed fits,
+    ``unsettled`` of those that did not converge; ``coverage`` (7) the share of the 95 % intervals that hold the true
+    value.
     """
 
     sigma_q2: float
@@ -176,13 +185,18 @@ class Case:
     variance: Array
     failed: int
     estimates: Array
-    printed_mean: _Row | None = None
-    printed_variance: _Row | None = None
+    printed_mean: Row | None = None
+    printed_variance: Row | None = None
+    coverage: Array = field(default_factory=lambda: np.full(7, np.nan))
+    unsettled: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The article's study, run again: what the report reads. ``true`` (7) are the parameters of eq. (40)."""
+    """The article's study, run again: what the report reads. ``true`` (7) are the parameters of eq. (40).
+
+    ``bounds`` maps a noise level to the least variances (7) that an unbiased method can reach there.
+    """
 
     scenario: str
     description: str
@@ -195,9 +209,10 @@ class Reproduction:
     cases: tuple[Case, ...]
     traces: Mapping[str, Motion]
     settings: Mapping[str, str]
+    bounds: Mapping[float, Array] = field(default_factory=dict)
 
     def summary(self) -> dict[str, object]:
-        """Return the numbers as plain data, for JSON."""
+        """Return the numbers as plain data, for JSON; ``bound`` are least variances."""
         return {
             "scenario": self.scenario,
             "runs": self.runs,
@@ -210,6 +225,9 @@ class Reproduction:
                     "mean": case.mean.tolist(),
                     "variance": case.variance.tolist(),
                     "failed": case.failed,
+                    "unsettled": case.unsettled,
+                    "coverage": case.coverage.tolist(),
+                    "bound": self.bounds[case.sigma_q2].tolist() if case.sigma_q2 in self.bounds else None,
                 }
                 for case in self.cases
             ],
@@ -238,6 +256,7 @@ def reproduce(
     if not 0 <= seed < 2**63:
         raise ConfigError(f"seed is {seed}; give a whole number from 0 to 2^63 - 1.")
     model = two_link_arm()
+    true = np.asarray(model.values, dtype=float)
     table = run_study([chosen], parts, LEVELS, runs, seed, path=path, executor=executor, progress=progress)
     cases = []
     for level in LEVELS:
@@ -246,7 +265,8 @@ def reproduce(
             found = statistics(rows, len(model.parameters))
             printed = PRINTED.get((level, part.name), (None, None))
             numbers = (found.mean, found.variance, found.failed, found.estimates)
-            cases.append(Case(level, part.name, *numbers, *printed))
+            case = Case(level, part.name, *numbers, *printed)
+            cases.append(replace(case, coverage=found.coverage(true), unsettled=found.unsettled))
     return Reproduction(
         scenario=chosen.name,
         description=chosen.description,
@@ -254,11 +274,12 @@ def reproduce(
         seed=seed,
         names=model.names,
         expressions=tuple(parameter.expression for parameter in model.parameters),
-        true=np.asarray(model.values),
+        true=true,
         seconds=float(table["seconds"].sum()),
         cases=tuple(cases),
         traces=_traces(chosen, parts, seed),
         settings=_settings(chosen, parts),
+        bounds={level: chosen.bound(level) for level in LEVELS},
     )
 
 
@@ -268,20 +289,18 @@ def _chosen(name: str, known: Mapping[str, T], what: str) -> T:
     return known[name]
 
 
-def _traces(scenario: ArmScenario, methods: Sequence[SmoothAndFit], seed: int) -> dict[str, Motion]:
-    """Return the motions of figures 2 and 3: the first recording at sigma_q^2 = 1e-6, by method."""
+def _traces(scenario: ArmScenario, methods: Sequence[ArmMethod], seed: int) -> dict[str, Motion]:
+    """Return the motions of figures 2 and 3: the first recording at sigma_q^2 = 1e-6, by method that smooths."""
     recording = scenario.record(LEVELS[1], generator(seed, LEVELS[1], 0))
-    return {"simulated": recording.truth, **{method.name: method.motion(recording) for method in methods}}
+    smoothed = {one.name: one.motion(recording) for one in methods if isinstance(one, SmoothAndFit)}
+    return {"simulated": recording.truth, **smoothed}
 
 
-def _settings(scenario: ArmScenario, methods: Sequence[SmoothAndFit]) -> dict[str, str]:
+def _settings(scenario: ArmScenario, methods: Sequence[ArmMethod]) -> dict[str, str]:
     return {
         "arm": "planar, two links; l1 = l2 = 0.2675 m, lc1 = 0.0398 m, lc2 = 0.0392 m, m1 = 0.4347 kg, m2 = 0.4322 kg, "
         "I1 = I2 = 0.0024 kg m^2, mu1 = mu2 = 0.6189 N m s/rad, g = 9.81 m/s^2",
         "input": f"u1 = {scenario.amplitudes[0]:g} sin t, u2 = {scenario.amplitudes[1]:g} cos t N m, from rest",
         "recording": f"{SAMPLES} samples, one each {PERIOD:g} s; sigma_tau = {scenario.sigma_tau:g} N m",
-        **{
-            f"method {method.name}": f"{method.smoother}, samples before {method.start:g} s dropped"
-            for method in methods
-        },
+        **{f"method {method.name}": method.words for method in methods},
     }

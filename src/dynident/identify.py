@@ -143,7 +143,7 @@ def _identify(
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
     progress("estimating")
-    estimate = recipe.estimator(Problem(model, fitted, regression))
+    estimate = recipe.estimator(Problem(model, fitted, regression, tuple(roles["train"].values())))
     progress("validating")
     judged = tuple(
         validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)

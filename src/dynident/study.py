@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.estimators import Estimate
 from dynident.io.results import read_table, write_table
+from dynident.regression import one_thread
 from dynident.simulation import Recording
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ __all__ = ["Method", "Scenario", "Statistics", "run_study", "statistics"]
 Array = NDArray[np.float64]
 KEY = ("scenario", "method", "level", "run", "seed", "version")
 FAILED = "failed: "
+UNSETTLED = ("not converged", "maximum likelihood failed")  # in the status of an estimate
+NORMAL_95 = 1.959964
 SAVE_EVERY = 2.0  # seconds between writes of the table
 
 
@@ -67,20 +70,24 @@ class _Unit:
 
     def rows(self) -> list[dict[str, Any]]:
         record = self.scenario.record(self.level, generator(self.seed, self.level, self.run))
-        return [self._row(method, record) for method in self.methods]
+        with one_thread():
+            return [self._row(method, record) for method in self.methods]
 
     def _row(self, method: Method, record: Recording) -> dict[str, Any]:
         began = time.perf_counter()
         value: list[float] = []
         std: list[float] = []
+        ends: list[float] = []
         try:
             estimate = method.estimate(record)
             value, std, status = estimate.value.tolist(), estimate.std.tolist(), estimate.status
+            ends = estimate.interval.ravel().tolist()
         except Exception as error:  # a failed fit is a row, whatever broke it
             status = f"{FAILED}{type(error).__name__}: {error}"
         seconds = time.perf_counter() - began
         key = (self.scenario.name, method.name, self.level, self.run, self.seed, self.version)
-        return {**dict(zip(KEY, key, strict=True)), "status": status, "seconds": seconds, "value": value, "std": std}
+        found = {"status": status, "seconds": seconds, "value": value, "std": std, "interval": ends}
+        return {**dict(zip(KEY, key, strict=True)), **found}
 
 
 @cache
@@ -112,7 +119,8 @@ def run_study(
     """Run every method on ``runs`` recordings of every scenario at every noise level.
 
     Returns a table with one row per fit: scenario, method, level, run, seed, version, status ("ok", a warning, or
-    "failed: ..."), seconds, value and std (lists, empty where it failed), sorted by these. With ``path`` the table is
+    "failed: ..."), seconds, value, std and interval (lists, empty where it failed; of the ends of 95 % intervals, lower
+    and upper in turn, where they are known), sorted by these. With ``path`` the table is
     kept there (Parquet) as it grows: an interrupted study goes on where it stopped; failed rows and those of another
     version of dynident's code are computed again. With ``executor`` the recordings are spread over its workers; the
     numbers do not depend on it. ``progress`` is called with the fits done and their total.
@@ -186,7 +194,7 @@ def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
     schema: dict[str, pl.DataType | type[pl.DataType]] = {
         "scenario": pl.String, "method": pl.String, "level": pl.Float64, "run": pl.Int64, "seed": pl.Int64,
         "version": pl.String, "status": pl.String, "seconds": pl.Float64,
-        "value": pl.List(pl.Float64), "std": pl.List(pl.Float64),
+        "value": pl.List(pl.Float64), "std": pl.List(pl.Float64), "interval": pl.List(pl.Float64),
     }  # fmt: skip
     return pl.DataFrame(rows, schema=schema)
 
@@ -195,23 +203,45 @@ def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
 class Statistics:
     """Sample ``mean`` and ``variance`` (p), eqs. (54)-(55), of the ``estimates`` (runs, p) of one case.
 
-    Failed fits are counted in ``failed`` and left out; nan where too few are left.
+    Failed fits are counted in ``failed`` and left out; nan where too few are left. ``interval`` (runs, p, 2) are the
+    ends of their 95 % intervals, two standard errors where the estimator gives no other; ``unsettled`` counts the fits
+    that did not converge.
     """
 
     mean: Array
     variance: Array
     estimates: Array
     failed: int
+    interval: Array
+    unsettled: int = 0
+
+    def coverage(self, true: Array) -> Array:
+        """Return the share (p) of the intervals that hold the true values (p); nan where there are none."""
+        inside = (self.interval[:, :, 0] <= true) & (true <= self.interval[:, :, 1])
+        return np.asarray(inside.mean(axis=0) if len(inside) else np.full(self.interval.shape[1], np.nan))
 
 
 def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
     """Return the sample mean and variance over the rows of a table."""
-    good = [row for row in table["value"].to_list() if row]
+    rows = [row for row in table.to_dicts() if row["value"]]
+    good = [row["value"] for row in rows]
     estimates = np.array(good, dtype=float).reshape(len(good), parameters)
+    ends = [_ends(row) for row in rows]
     nothing = np.full(parameters, np.nan)
     return Statistics(
         mean=estimates.mean(axis=0) if good else nothing,
         variance=estimates.var(axis=0, ddof=1) if len(good) > 1 else nothing,
         estimates=estimates,
         failed=len(table) - len(good),
+        interval=np.array(ends, dtype=float).reshape(len(good), parameters, 2),
+        unsettled=sum(any(word in row.get("status", "") for word in UNSETTLED) for row in rows),
     )
+
+
+def _ends(row: dict[str, Any]) -> Array:
+    """Return the ends (p, 2) of the 95 % intervals of a row, nan where it has neither them nor standard errors."""
+    value = np.array(row["value"])
+    if row.get("interval"):
+        return np.reshape(row["interval"], (-1, 2))
+    half = NORMAL_95 * np.array(row.get("std") or np.full(len(value), np.nan))
+    return np.stack([value - half, value + half], axis=1)

@@ -7,13 +7,13 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
-from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.estimators import Consistent, Estimator, LeastSquares, MaximumLikelihood, Problem
 from dynident.gallery import slider, two_link_arm
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
-ESTIMATORS: list[Estimator] = [LeastSquares(), LeastSquares(weights="per_joint"), Consistent()]
+ESTIMATORS: list[Estimator] = [LeastSquares(), LeastSquares(weights="per_joint"), Consistent(), MaximumLikelihood()]
 MODELS: dict[str, Callable[[], Model]] = {
     "arm": two_link_arm,
     "slider": lambda: slider(values=(5.0, 8.0, 3.0, 0.5)),

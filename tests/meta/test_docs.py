@@ -42,6 +42,7 @@ SECTIONS: dict[str, type[Section]] = {
     "Smoother butterworth": settings.ButterworthSettings,
     "Estimator": settings.LeastSquaresSettings,
     "Estimator consistent": settings.ConsistentSettings,
+    "Estimator maximum likelihood": settings.MaximumLikelihoodSettings,
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Parallel": settings.ParallelSettings,

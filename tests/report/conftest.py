@@ -32,6 +32,8 @@ class Case:
     failed: int = 0
     printed_mean: tuple | None = None
     printed_variance: tuple | None = None
+    coverage: np.ndarray = field(default_factory=lambda: np.full(7, np.nan))
+    unsettled: int = 0
 
     @property
     def mean(self):
@@ -54,6 +56,7 @@ class Reproduction:
     names: tuple = tuple(parameter.name for parameter in PARAMETERS)
     expressions: tuple = tuple(parameter.expression for parameter in PARAMETERS)
     true: np.ndarray = field(default_factory=lambda: TRUE)
+    bounds: dict = field(default_factory=dict)
     settings: dict = field(default_factory=lambda: {"torque amplitudes": "1.13, 0.78 N m", "duration": "10 s"})
 
 

@@ -113,6 +113,29 @@ def test_page_holds_tables_figures_and_settings(reproduction):
         assert text in page
 
 
+def with_bound(reproduction):
+    """Least variances of one percent of each value."""
+    return replace(reproduction, bounds=dict.fromkeys((1e-8, 1e-6, 1e-4), (0.01 * TRUE) ** 2))
+
+
+def test_the_bound_stands_beside_the_variances(reproduction):
+    bounded = with_bound(reproduction)
+    tables = study_tables(bounded)
+    assert [len(table.columns) for table in tables] == [8, 8] * 3 + [12]
+    assert tables[-1].row_count == 9
+    near = next(line for line in findings(bounded) if "over the Cramér-Rao bound" in line)
+    assert near.count("(at most ") == 3
+    page = study_page(bounded)
+    assert page.count("<figure>") == 6
+    assert "Ratios scatter by 20\u00a0%" in page
+
+
+def test_a_method_exactly_at_the_bound_has_ratio_one():
+    estimates = np.concatenate([TRUE * np.ones((2, 7)) * 1.01, TRUE * np.ones((2, 7)) * 0.99])
+    table = study_tables(with_bound(exact(estimates=estimates)))[-1]
+    assert all(next(iter(column.cells)).plain == "1.0" for column in table.columns[2:9])
+
+
 @pytest.mark.parametrize("runs", [1000])
 def test_page_stays_small(reproduction, runs):
     from plotly.offline import get_plotlyjs

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from dynident import __version__
+from dynident.cli.bound import bound
 from dynident.cli.check import check
 from dynident.cli.export import export
 from dynident.cli.identify import identify
@@ -38,5 +39,5 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (reproduce, init, check, identify, predict, export, smooth):
+for _command in (reproduce, init, check, bound, identify, predict, export, smooth):
     main.add_command(_command)

@@ -3,5 +3,6 @@
 from dynident.estimators.consistent import Consistent
 from dynident.estimators.estimator import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import LeastSquares
+from dynident.estimators.maximum_likelihood import MaximumLikelihood
 
-__all__ = ["Consistent", "Estimate", "Estimator", "LeastSquares", "Problem"]
+__all__ = ["Consistent", "Estimate", "Estimator", "LeastSquares", "MaximumLikelihood", "Problem"]

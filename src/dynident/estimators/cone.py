@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, ModelError
 from dynident.estimators.constraints import Constraints, Limit
 
-__all__ = ["Optimum", "minimise"]
+__all__ = ["Optimum", "minimise", "positive"]
 
 Array = NDArray[np.float64]
 GOOD = 1e-5
@@ -55,6 +56,28 @@ def minimise(
         label = f"a positive definite pseudo-inertia of {body.name}"
         program.add("PSDTriangleConeT", 4, -_triangle(body.scaled(directions)).T, _triangle(room), (label,))
     return program.solve(quadratic, linear)
+
+
+def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequence[float]) -> Array:
+    """Return the point (p) nearest to theta, by the quadratic form ``hessian``, at which all matrices are positive.
+
+    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``room``. Raises ModelError where
+    there is no such point, or the solver finds none.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
+    program = _Program(len(theta))
+    for slopes, least in zip(matrices, room, strict=True):
+        for one in slopes:
+            size = len(one)
+            offset = one @ theta - least * np.eye(size)
+            directions = np.moveaxis(one, -1, 0) * scale[:, None, None]
+            program.add("PSDTriangleConeT", size, -_triangle(directions).T, _triangle(offset), ("a positive inertia",))
+    scaled = hessian * np.outer(scale, scale) + 1e-9 * np.eye(len(theta))
+    try:
+        point = program.solve(scaled, np.zeros(len(theta))).point
+    except ConfigError as error:
+        raise ModelError(f"no parameters are physical: {error}") from error
+    return np.asarray(theta + scale * point)
 
 
 @dataclass

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.log import Motion
+from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
@@ -21,11 +21,15 @@ Verdict = Literal["data", "prior", "bound", "unidentifiable"]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What an estimator may need: the model, the motions to fit, and their linear problem."""
+    """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
+
+    ``logs`` may be empty: the positions of the motions then stand for the measured ones.
+    """
 
     model: Model
     motions: tuple[Motion, ...]
     regression: Regression
+    logs: tuple[Log, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,8 @@ class Estimate:
     Where the estimator can tell: ``verdict`` (p) says what each parameter was determined by; ``eigenvalues`` is the
     smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
     is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
-    (percentage points of the torque).
+    (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
+    empty (0, 2) where two standard errors are all that is known.
     """
 
     value: Array
@@ -54,6 +59,7 @@ class Estimate:
     verdict: tuple[Verdict, ...] = ()
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
+    interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def std(self) -> Array:

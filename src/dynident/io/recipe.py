@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from dynident.estimators import Consistent, Estimator, LeastSquares
+from dynident.estimators import Consistent, Estimator, LeastSquares, MaximumLikelihood
 from dynident.identify import Recipe
 from dynident.io.settings import (
     ButterworthSettings,
@@ -12,6 +12,7 @@ from dynident.io.settings import (
     ConsistentSettings,
     DifferenceSettings,
     LeastSquaresSettings,
+    MaximumLikelihoodSettings,
     RobotSettings,
     SplineSettings,
     TorqueInputSettings,
@@ -33,13 +34,17 @@ def build_recipe(config: Config) -> Recipe:
     return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean, restart)
 
 
-def _estimator(settings: LeastSquaresSettings | ConsistentSettings) -> Estimator:
+def _estimator(settings: LeastSquaresSettings | ConsistentSettings | MaximumLikelihoodSettings) -> Estimator:
     match settings:
         case LeastSquaresSettings():
             return LeastSquares(settings.tolerance, settings.weights)
         case ConsistentSettings():
             given = {name: getattr(settings, name) for name in type(settings).model_fields if name != "kind"}
             return Consistent(**given)
+        case MaximumLikelihoodSettings():
+            return MaximumLikelihood(
+                settings.start, settings.spacing, settings.steps, settings.huber, profile=settings.profile
+            )
         case _:
             assert_never(settings)
 

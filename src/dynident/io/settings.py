@@ -36,6 +36,7 @@ __all__ = [
     "DifferenceSettings",
     "LeastSquaresSettings",
     "LogSpec",
+    "MaximumLikelihoodSettings",
     "ParallelSettings",
     "PositionChannel",
     "RobotSettings",
@@ -212,6 +213,17 @@ class ConsistentSettings(Section):
     weights: Literal["equal", "per_joint"] = "per_joint"
 
 
+class MaximumLikelihoodSettings(Section):
+    """Errors in positions and torques alike; the keys are those of ``dynident.estimators.MaximumLikelihood``."""
+
+    kind: Literal["maximum_likelihood"]
+    start: Literal["free", "rest", "test"] = "free"
+    spacing: Positive | None = None
+    steps: StrictBool | None = None
+    huber: Positive | None = None
+    profile: Positive | None = 0.15
+
+
 class ParallelSettings(Section):
     """Low-pass (``cutoff`` Hz, ``order``) and decimation, alike for the torque and all columns of the regressor."""
 
@@ -248,7 +260,9 @@ class TorqueInputSettings(Section):
     restart: Positive = 0.5
 
 
-Estimator = Annotated[LeastSquaresSettings | ConsistentSettings, Field(discriminator="kind")]
+Estimator = Annotated[
+    LeastSquaresSettings | ConsistentSettings | MaximumLikelihoodSettings, Field(discriminator="kind")
+]
 Smoother = Annotated[SplineSettings | DifferenceSettings | ButterworthSettings, Field(discriminator="kind")]
 Simulation = Annotated[CascadeSettings | TorqueInputSettings, Field(discriminator="kind")]
 

@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 
     from dynident.article import Reproduction
 
-__all__ = ["method_name", "scientific", "spread_figure", "trace_figure"]
+__all__ = ["colours_of", "method_name", "scientific", "spread_figure", "trace_figure"]
 
-MORE = ("#8f5bd6", "#00909e", "#d0569b", "#7a8a00")
-COLOURS = {"simulated": BLUE, "spline": RED, "filtered": INK, "raw": AMBER}
-NAMES = {"raw": "raw differences", "filtered": "filtered differences", "spline": "smoothing splines"}
+MORE = ("#00909e", "#d0569b", "#7a8a00")
+COLOURS = {"simulated": BLUE, "spline": RED, "filtered": INK, "raw": AMBER, "spline-early": "#8f5bd6", "ml": GREEN}
+NAMES = {
+    "raw": "raw differences", "filtered": "filtered differences", "spline": "smoothing splines",
+    "spline-early": "early-cut splines", "ml": "maximum likelihood",
+}  # fmt: skip
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
 MOST_RUNS = 153  # more estimates are drawn by as many of their quantiles; 4 k + 1 of them hold the quartiles
 
@@ -49,7 +52,7 @@ def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) 
     for method, motion in traces.items():
         if not 0 <= joint_index < len(motion.joints):
             raise InputError(f"{method}: no joint number {joint_index}; {choices('', motion.joints)}")
-    colours = _colours(traces)
+    colours = colours_of(traces)
     figure = panels([titles[quantity]], 380)
     order = [*DRAWN_FIRST, *sorted(set(traces) - set(DRAWN_FIRST))]
     for method in (name for name in order if name in traces):
@@ -73,7 +76,7 @@ def spread_figure(reproduction: Reproduction) -> go.Figure:
     can be read in the same panel. The blue line is the true value; boxes hold the middle half of the runs.
     """
     levels = sorted({case.sigma_q2 for case in reproduction.cases})
-    colours = _colours(case.method for case in reproduction.cases)
+    colours = colours_of(case.method for case in reproduction.cases)
     headings = [f"σ<sub>q</sub>² = {scientific(level)} rad²" for level in levels]
     figure = panels(["error, %"] * len(levels), 90 + 250 * len(levels), headings)
     shown: set[str] = set()
@@ -115,7 +118,8 @@ def _box(method: str, names: Sequence[str], values: Array, percent: Array, colou
     )
 
 
-def _colours(methods: Iterable[str]) -> dict[str, str]:
+def colours_of(methods: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each method, the same ones in every figure."""
     names = list(dict.fromkeys(methods))
     others = [name for name in names if name not in COLOURS]
     return COLOURS | {name: MORE[i % len(MORE)] for i, name in enumerate(others)}

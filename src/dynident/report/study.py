@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident import plot
+from dynident.report.efficiency import efficiency_section, efficiency_table, nearest
 from dynident.report.page import Block, Column, Figure, Section, Table, number, pairs, render, terminal
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def study_page(reproduction: Reproduction) -> str:
     tables = (replace(table, caption=_typeset(table.caption)) for table in _tables(reproduction))
     sections = [
         Section("What was found", (found, _accuracy(reproduction), *_spread(reproduction))),
+        *efficiency_section(reproduction),
         Section("What was done", _method(reproduction)),
         Section("Means and variances of the estimates", (_LEGEND, *tables)),
     ]
@@ -44,8 +46,8 @@ def _typeset(text: str) -> str:
 
 
 def study_tables(reproduction: Reproduction) -> list[rich.table.Table]:
-    """Return the tables 2 to 7 for a terminal: means, then variances, for each noise level."""
-    return [terminal(table) for table in _tables(reproduction)]
+    """Return the tables 2 to 7 for a terminal: means, then variances, for each noise level; and the bound's."""
+    return [terminal(table) for table in (*_tables(reproduction), *efficiency_table(reproduction))]
 
 
 def study_text(reproduction: Reproduction) -> rich.console.Group:
@@ -59,9 +61,9 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 
 
 def findings(reproduction: Reproduction) -> list[str]:
-    """Return 3 to 5 plain sentences: who is nearest, what is lost or of the wrong sign, the article, failures."""
+    """Return 3 to 6 plain sentences: who is nearest, what is lost or of the wrong sign, article, bound, failures."""
     lines = [_ranking(reproduction), _losses(reproduction), _wrong_signs(reproduction), _agreement(reproduction)]
-    return [line for line in (*lines, _failures(reproduction)) if line]
+    return [line for line in (*lines, nearest(reproduction), _failures(reproduction)) if line]
 
 
 def _ranking(reproduction: Reproduction) -> str:
@@ -174,7 +176,8 @@ def _method(reproduction: Reproduction) -> tuple[Block, ...]:
     setup = (
         "The article's two-link arm was simulated under open-loop torques. White noise was added to the joint "
         "positions and torques; from these alone, velocities and accelerations were computed by each method, and the "
-        "parameters estimated by linear least squares (equation 11)."
+        "parameters estimated by linear least squares (equation 11); maximum likelihood (equation 7) seeks motion and "
+        "parameters together."
     )
     runs = (
         f"This was repeated {reproduction.runs} times from the random seed {reproduction.seed}, for position-noise "
@@ -210,6 +213,9 @@ def _table(reproduction: Reproduction, level: float, variance: bool) -> Table:
         if printed is not None:
             columns.append(Column("printed", case.method, muted=True))
             cells.append([_as_printed(value, variance) for value in printed])
+    if variance and level in reproduction.bounds:
+        columns.append(Column("least", "bound"))
+        cells.append([number(float(value)) for value in reproduction.bounds[level]])
     what = "variance" if variance else "mean"
     numbers = TABLES.get(level)
     label = f"Table {numbers[variance]}: sample" if numbers else "Sample"

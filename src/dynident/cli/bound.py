@@ -1,0 +1,96 @@
+"""``dynident bound``: what any method could reach with this robot, this motion and these sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
+
+if TYPE_CHECKING:
+    from dynident.reach import Reach, TorqueNoise
+
+__all__ = ["bound"]
+
+
+@click.command(short_help="Say what accuracy any method could reach.")
+@click.argument("config", type=FILE)
+@click.option("--sigma-q", multiple=True, help="Position noise (rad, m): a number, or joint=number; repeat it.")
+@click.option("--sigma-tau", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
+@click.option(
+    "--torque", type=click.Choice(["residual", "sensor"]), default="residual", show_default=True,
+    help="Torque noise: the residual of the fit, or the scatter between neighbouring samples.",
+)  # fmt: skip
+@click.option("--out", type=DIRECTORY, help="Folder for report.html and bound.json.")
+@click.option("--json", "json_file", type=FILE, help="File for all numbers.")
+def bound(
+    config: Path, sigma_q: tuple[str, ...], sigma_tau: tuple[str, ...], torque: str, out: Path | None,
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    """Say how accurately any unbiased method could know each parameter from the training logs of CONFIG (YAML), what
+    limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would buy.
+    """
+    from dynident.io.results import probe_folder, write_json, write_text
+    from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
+    from dynident.report.page import terminal
+
+    for folder in filter(None, (out, json_file and json_file.parent)):
+        probe_folder(folder)
+    given = {"sigma_q": _noise("--sigma-q", sigma_q), "sigma_tau": _noise("--sigma-tau", sigma_tau)}
+    with status() as say:
+        found = _reached(config, given, torque, say)
+    screen = console()
+    for table in (noise_table(found), bound_table(found, short=True)):
+        screen.print(terminal(table))
+    for line in (*bound_findings(found), *(f"Warning: {text}" for text in found.identification.warnings)):
+        style = "yellow" if line.startswith("Warning") else None
+        screen.print(line, style=style, soft_wrap=True, highlight=False, markup=False)
+    if json_file:
+        tell(screen, "Numbers", write_json(json_file, bound_dict(found)))
+    if out:
+        page = bound_page(found)
+        tell(screen, "Numbers", write_json(out / "bound.json", bound_dict(found)))
+        tell(screen, "Report", write_text(out / "report.html", page))
+
+
+def _reached(
+    path: Path, given: dict[str, dict[str, float] | float | None], torque: str, say: Callable[[str], None]
+) -> Reach:
+    from dataclasses import replace
+
+    from dynident.io.config import config_warnings, load_model, read_config
+    from dynident.io.logs import read_roles
+    from dynident.io.recipe import build_recipe
+    from dynident.io.saved import model_settings
+    from dynident.reach import reach
+
+    config = read_config(path)
+    say("building the model")
+    model = load_model(config.model, path.parent)
+    logs, remarks = read_roles(config, model.joints, say)
+    found = reach(model, logs["train"], build_recipe(config), **given, torque=cast("TorqueNoise", torque), progress=say)
+    run = found.identification
+    settings = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **run.settings}
+    warnings = (*config_warnings(config), *remarks, *run.warnings)
+    return replace(found, identification=replace(run, warnings=warnings, settings=settings))
+
+
+def _noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
+    """Return what an option gives: one number, numbers by joint, or nothing."""
+    from dynident.errors import ConfigError
+
+    by_joint: dict[str, float] = {}
+    for word in words:
+        joint, _, text = word.rpartition("=")
+        try:
+            by_joint[joint] = float(text)
+        except ValueError as error:
+            raise ConfigError(f"{option} {word}: give a number in SI units, or joint=number.") from error
+    if "" not in by_joint:
+        return by_joint or None
+    if len(words) > 1:
+        raise ConfigError(f"{option} is given {len(words)} times; give one number for all, or one joint=number each.")
+    return by_joint[""]

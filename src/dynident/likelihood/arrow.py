@@ -1,0 +1,106 @@
+"""Normal equations with the shape of an arrow: a band for the trajectory, a border for what acts everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky_banded
+from scipy.linalg.lapack import dpbtrs
+
+from dynident.errors import ModelError
+
+__all__ = ["Arrow", "gather"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has spoilt it
+
+
+def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
+    """Add up overlapping blocks (I, w, w) and their rows (I, w, b), block i at the unknowns first[i] + (0 ... w - 1).
+
+    Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b). ``first`` must not
+    repeat an index.
+    """
+    w = blocks.shape[1]
+    band, border = np.zeros((w, size)), np.zeros((size, rows.shape[2]))
+    for a in range(w):
+        border[first + a] += rows[:, a]
+        for d in range(w - a):
+            band[d, first + a] += blocks[:, a + d, a]
+    return band, border
+
+
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """The symmetric matrix [[N, B], [B', D]]: ``band`` (w, m) is the lower band of N, ``border`` B (m, b).
+
+    Only N must be positive definite; ModelError where it is not.
+    """
+
+    band: Array
+    border: Array
+
+    @cached_property
+    def _factor(self) -> tuple[Array, Array]:
+        """The Cholesky factor of N with a unit diagonal, and the scale (m) that gave it one."""
+        diagonal = self.band[0]
+        if not (diagonal > 0).all() or not np.isfinite(self.band).all():
+            raise ModelError("a part of the trajectory is not determined by the recording.")
+        scale = 1.0 / np.sqrt(diagonal)
+        m = len(scale)
+        scaled = self.band * scale
+        for d in range(len(scaled)):
+            scaled[d, : m - d] *= scale[d:]
+            scaled[d, m - d :] = 0.0
+        for extra in JITTER:
+            scaled[0] = 1.0 + extra
+            try:
+                return cholesky_banded(scaled, lower=True, check_finite=False), scale
+            except LinAlgError:
+                continue
+        raise ModelError("the normal equations of the trajectory are not positive definite.")
+
+    def inner(self, rhs: Array) -> Array:
+        """Return N^-1 rhs for rhs (m, k)."""
+        factor, scale = self._factor
+        found, _ = dpbtrs(factor, rhs * scale[:, None], lower=1)
+        return np.asarray(found * scale[:, None])
+
+    @cached_property
+    def turned(self) -> Array:
+        """N^-1 B (m, b): how the trajectory follows the border."""
+        return self.inner(self.border)
+
+    @property
+    def profiled(self) -> Array:
+        """B' N^-1 B (b, b): what the border loses by not knowing the trajectory."""
+        found = self.border.T @ self.turned
+        return np.asarray((found + found.T) / 2)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """The band of N^-1, stored like N's: Takahashi's recursion, from the last column to the first."""
+        factor, scale = self._factor
+        w, m = factor.shape
+        out = np.zeros((w, m))
+        window = np.zeros((w, w))  # N^-1 at the unknowns i + 1 ... i + w
+        for i in range(m - 1, -1, -1):
+            pivot, below = factor[0, i], factor[1:, i] / factor[0, i]
+            column = -window[:-1, :-1] @ below
+            window[1:, 1:] = window[:-1, :-1].copy()
+            window[0, 0] = 1.0 / pivot**2 - below @ column
+            window[0, 1:] = window[1:, 0] = column
+            out[:, i] = window[:, 0]
+        for d in range(w):
+            out[d, : m - d] *= scale[: m - d] * scale[d:]
+        return out
+
+    @property
+    def log_det(self) -> float:
+        """The logarithm of the determinant of N."""
+        factor, scale = self._factor
+        return float(2 * (np.log(factor[0]) - np.log(scale)).sum())

@@ -1,0 +1,217 @@
+"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay inside of what physics allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.likelihood.arrow import Arrow
+from dynident.likelihood.barrier import Barrier
+from dynident.likelihood.segment import Equations, Segment, State
+from dynident.model import Model
+
+__all__ = ["Fitted", "Settings", "maximise"]
+
+Array = NDArray[np.float64]
+SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
+NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
+SHORTEST = 1e-3  # share of a step below which the search gives up
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps."""
+
+    tolerance: float = 1e-4
+    iterations: int = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out."""
+
+    theta: Array
+    states: tuple[State, ...]
+    information: Array
+    observed: Array
+    cost: float
+    decrement: float
+    iterations: int
+    converged: bool
+
+
+def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, float]:
+    """Eliminate a segment's trajectory, then its torque knots (k columns of the border).
+
+    Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
+    d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
+    """
+    arrow = Arrow(one.band, np.concatenate([bordered, one.by_coefficients[:, None]], axis=1))
+    turned = arrow.turned
+    S = one.corner - bordered.T @ turned[:, :-1]
+    S = (S + S.T) / 2
+    g = one.by_border - bordered.T @ turned[:, -1]
+    inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
+    free = np.column_stack([turned[:, -1], turned[:, k:-1]]) - turned[:, :k] @ inner
+    information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
+    gradient = g[k:] - S[k:, :k] @ inner[:, 0]
+    fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
+    return information, gradient, np.concatenate([free, inner]), fall
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of theta and, as maps [a, A] with the number k of torques, of each segment's (C, W)."""
+
+    theta: Array
+    maps: tuple[tuple[Array, int], ...]
+    decrement: float
+    information: Array
+    observed: Array
+
+
+def _step(
+    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, *, newton: bool = True
+) -> _Step:
+    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
+    p = len(theta)
+    _, push, stiff = barrier.terms(theta)
+    reduced = []
+    for bend in (True, False):
+        information, gradient, fall, maps = stiff, -push, 0.0, []
+        for one in found:
+            k, border = one.border.shape[1] - p, one.border
+            if bend:
+                border = border.copy()
+                border[:, k:] += one.bend
+            S, g, back, extra = _schur(one, border, k)
+            information, gradient, fall = information + S, gradient + g, fall + extra
+            maps.append((back, k))
+        reduced.append((information, gradient, fall, tuple(maps)))
+    observed, gauss = reduced[0][0], reduced[1][0]
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
+    if not (np.isfinite(gauss).all() and np.isfinite(observed).all()):
+        raise ModelError("the normal equations of the parameters are not finite.")
+    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
+    H, gradient, fall, maps_used = reduced[0] if newton and weakest[0] > SAFE * weakest[1] else reduced[1]
+    free = np.array([k for k in range(p) if k != fixed], dtype=int)
+    dtheta = np.zeros(p)
+    dtheta[free] = np.linalg.solve((H / np.outer(scale, scale))[np.ix_(free, free)], (gradient / scale)[free])
+    dtheta /= scale
+    return _Step(dtheta, maps_used, fall + float(gradient @ dtheta), gauss - stiff, observed - stiff)
+
+
+@dataclass(eq=False)
+class _Search:
+    """The problem, and where the search stands."""
+
+    model: Model
+    segments: tuple[Segment, ...]
+    sigma_q: Array
+    sigma_tau: Array
+    barrier: Barrier
+
+    def cost(self, states: Sequence[State], theta: Array) -> float:
+        """Return half the weighted squares and the barrier; infinite outside of it."""
+        if not self.barrier.inside(theta):
+            return np.inf
+        pairs = zip(self.segments, states, strict=True)
+        data = sum(one.cost(self.model, state, theta, self.sigma_q, self.sigma_tau) for one, state in pairs)
+        return data + self.barrier.terms(theta)[0]
+
+    def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+        pairs = zip(self.segments, states, strict=True)
+        return [one.equations(self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+
+    def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
+        """Return the states after one step of Gauss and Newton at this theta."""
+        p, out = len(theta), []
+        for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
+            k = found.border.shape[1] - p
+            move = _schur(found, found.border, k)[2][:, 0]
+            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+        return tuple(out)
+
+    def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
+        """Return the states that a share ``size`` of the step leads to."""
+        out = []
+        for one, state, (back, k) in zip(self.segments, states, step.maps, strict=True):
+            move = size * (back[:, 0] - back[:, 1:] @ step.theta)
+            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+        return tuple(out)
+
+
+def maximise(
+    model: Model,
+    segments: Sequence[Segment],
+    states: Sequence[State],
+    theta: Array,
+    sigma_q: Array,
+    sigma_tau: Array,
+    barrier: Barrier,
+    settings: Settings | None = None,
+    hold: int = 2,
+    fixed: int | None = None,
+    trace: Callable[[int, float, float, Array], None] = lambda *_: None,
+) -> Fitted:
+    """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
+
+    Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
+    valley is curved is followed by one at fixed theta before it is halved. The parameter with the index ``fixed`` stays
+    as it is. ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where
+    the equations cannot be solved.
+    """
+    settings = settings or Settings()
+    search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
+    states, iteration = tuple(states), 0
+    for _ in range(hold):
+        states = search.followed(states, theta)
+    cost = search.cost(states, theta)
+    if not np.isfinite(cost):
+        raise ModelError(f"{model.name}: the start is outside of what physics allows.")
+    equations: list[Equations] = []
+    step: _Step | None = None
+    while True:
+        near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
+        bends = [one.bend for one in equations]
+        equations = search.equations(states, theta, bend=not near)
+        if near:
+            equations = [replace(one, bend=bend) for one, bend in zip(equations, bends, strict=True)]
+        step = _step(equations, theta, barrier, fixed)
+        trace(iteration, cost, step.decrement, theta)
+        converged = 0 <= step.decrement < settings.tolerance
+        if converged or iteration >= settings.iterations:
+            break
+        found = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
+        if found is None:  # far from the solution Newton's matrix may mislead
+            step = _step(equations, theta, barrier, fixed, newton=False)
+            found = _descend(search, states, theta, step, cost)
+        if found is None:
+            break
+        states, theta, cost = found
+        iteration += 1
+    return Fitted(theta, states, step.information, step.observed, cost, step.decrement, iteration, converged)
+
+
+def _descend(
+    search: _Search, states: tuple[State, ...], theta: Array, step: _Step, cost: float
+) -> tuple[tuple[State, ...], Array, float] | None:
+    """Return states, theta and cost after a share of the step that lowers the cost; None where there is none."""
+    size = 1.0
+    while not search.barrier.inside(theta + size * step.theta / 0.9):
+        size *= 0.7
+    while size > SHORTEST:
+        moved, aim = search.tried(states, step, size), theta + size * step.theta
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
+            for _ in range(3):
+                value = search.cost(moved, aim)
+                if value < cost - 1e-2 * size * min(step.decrement, 1.0):
+                    return moved, aim, value
+                moved = search.followed(moved, aim)
+        size *= 0.4
+    return None

@@ -1,0 +1,96 @@
+"""Trajectories: splines of degree 4 whose knots are dense after a step of the torque, where the motion is fast."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["DEGREE", "Trajectory", "graded"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+DEGREE = 4
+JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
+
+
+def graded(start: float, stop: float, steps: Sequence[float], fine: float, coarse: float, growth: float) -> Array:
+    """Return distinct breakpoints from start to stop (s).
+
+    The spacing is ``fine`` after each of the ``steps`` and grows by the factor ``growth`` from one to the next up to
+    ``coarse``; the part before the first step is coarse.
+    """
+    marks = sorted({start, *(s for s in steps if start <= s < stop), stop})
+    parts = []
+    for left, right in itertools.pairwise(marks):
+        size = fine if left in steps else coarse
+        found, at = [0.0], 0.0
+        while at < right - left:
+            at += size
+            found.append(at)
+            size = min(size * growth, coarse)
+        # squeezed, so that the last one ends the part
+        parts.append(left + np.array(found[:-1]) * (right - left) / found[-1])
+    return np.concatenate([*parts, [stop]])
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The splines of degree 4 on ``breaks`` (I + 1) s, with jumps of the acceleration allowed at ``steps``."""
+
+    breaks: Array
+    steps: tuple[float, ...] = ()
+
+    @cached_property
+    def knots(self) -> Array:
+        """All knots, repeated at the ends and at the steps."""
+        inside = self.breaks[1:-1]
+        times = np.where(np.isin(inside, self.steps), JUMP, 1)
+        ends = (np.full(DEGREE + 1, self.breaks[0]), np.full(DEGREE + 1, self.breaks[-1]))
+        return np.concatenate([ends[0], np.repeat(inside, times), ends[1]])
+
+    @property
+    def size(self) -> int:
+        """The number of coefficients of one joint."""
+        return len(self.knots) - DEGREE - 1
+
+    @cached_property
+    def first(self) -> Index:
+        """First (I) of the five coefficients that act on each interval."""
+        return np.searchsorted(self.knots, self.breaks[:-1], side="right") - 1 - DEGREE
+
+    def interval(self, t: Array) -> Index:
+        """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
+        return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
+
+    def local(self, t: Array) -> Array:
+        """Return values, first and second derivatives (3, N, 5) of the five splines that act on each time."""
+        m = self.first[self.interval(t)] + DEGREE
+        values = [np.ones((len(t), 1))]
+        for degree in range(1, DEGREE + 1):
+            values.append(self._raised(values[-1], t, m, degree))
+        slope = self._derived(values[DEGREE - 1], m, DEGREE)
+        bend = self._derived(self._derived(values[DEGREE - 2], m, DEGREE - 1), m, DEGREE)
+        return np.stack([values[DEGREE], slope, bend])
+
+    def _raised(self, lower: Array, t: Array, m: Index, degree: int) -> Array:
+        """Cox and de Boor's recursion, for all that do not vanish between the knots m and m + 1."""
+        out = np.zeros((len(t), degree + 1))
+        for a in range(degree):
+            left, right = self.knots[m - degree + 1 + a], self.knots[m + 1 + a]
+            share = lower[:, a] / (right - left)
+            out[:, a] += (right - t) * share
+            out[:, a + 1] += (t - left) * share
+        return out
+
+    def _derived(self, lower: Array, m: Index, degree: int) -> Array:
+        out = np.zeros((len(lower), degree + 1))
+        for a in range(degree):
+            share = degree * lower[:, a] / (self.knots[m + 1 + a] - self.knots[m - degree + 1 + a])
+            out[:, a] -= share
+            out[:, a + 1] += share
+        return out

@@ -1,0 +1,124 @@
+"""The normal matrix of eq. (7) about a smoothed motion: what positions and torques say of motion and parameters.
+
+The motion is sought among all cubic splines with a knot at every sample: its acceleration, and with it the torque, is
+free at each of them. Coefficients are ordered by sample, then by joint; three of them act on a sample, so that their
+normal matrix N is a band of half-bandwidth 3 n - 1, bordered by the parameters: [[N, B], [B', D]]. The Schur complement
+D - B' N^-1 B is the Fisher information of the parameters with the motion profiled out, at a cost linear in the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.bound import variance
+from dynident.likelihood.arrow import Arrow, gather
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import moving, stretches
+
+__all__ = ["NormalMatrix", "normal_matrices"]
+
+Array = NDArray[np.float64]
+CHUNK = 2048  # samples whose products are held at once
+SHORTEST = 8  # samples of an uninterrupted stretch; fewer say next to nothing
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMatrix:
+    """The normal matrix of one uninterrupted recording of N samples: m = (N + 2) n coefficients, r parameters.
+
+    ``position`` and ``torque`` (3 n, m) are the lower bands of what the two measurements say of the coefficients,
+    ``border`` (m, r) and ``corner`` (r, r) what the torques say of the parameters.
+    """
+
+    position: Array
+    torque: Array
+    border: Array
+    corner: Array
+
+    def information(self, finer_q: float = 1.0, finer_tau: float = 1.0) -> Array:
+        """Return the information (r, r) of the parameters, with sigma_q and sigma_tau so many times smaller."""
+        a, b = finer_q**2, finer_tau**2
+        arrow = Arrow(a * self.position + b * self.torque, b * self.border)
+        return np.asarray(b * self.corner - arrow.profiled)
+
+
+def normal_matrices(
+    model: Model,
+    theta: ArrayLike,
+    motion: Motion,
+    sigma_q: ArrayLike,
+    sigma_tau: ArrayLike,
+    columns: Sequence[int] | None = None,
+    slow: tuple[float, ...] | None = None,
+) -> Iterator[NormalMatrix]:
+    """Yield the normal matrix of each uninterrupted stretch of usable samples of ``motion``, about theta (p).
+
+    ``sigma_q`` (rad, m) and ``sigma_tau`` (N m, N) are one number or one per joint. ``columns`` (r) of the regressor
+    are the parameters, those that lead base parameters say; None takes all. Torques of a joint slower than ``slow``
+    (n) do not count. Raises ConfigError for a deviation that is not positive, and ModelError where the model fails.
+    """
+    n = len(model.joints)
+    precision = [1.0 / variance(*pair, n) for pair in (("sigma_q", sigma_q), ("sigma_tau", sigma_tau))]
+    kept = list(range(len(model.parameters)) if columns is None else columns)
+    for part in stretches(motion.mask):
+        if part.stop - part.start >= SHORTEST:
+            yield _built(model, np.asarray(theta, dtype=float), motion, part, precision, kept, slow)
+
+
+def _built(
+    model: Model,
+    theta: Array,
+    motion: Motion,
+    part: slice,
+    precision: Sequence[Array],
+    columns: list[int],
+    slow: tuple[float, ...] | None,
+) -> NormalMatrix:
+    n, r, rows = len(model.joints), len(columns), part.stop - part.start
+    w, m = 3 * n, (rows + 2) * n
+    local = _cubic(motion.t[part])
+    found = NormalMatrix(np.zeros((w, m)), np.zeros((w, m)), np.zeros((m, r)), np.zeros((r, r)))
+    for start in range(0, rows, CHUNK):
+        here = slice(start, min(start + CHUNK, rows))
+        at = slice(part.start + here.start, part.start + here.stop)
+        states = motion.q[at], motion.dq[at], motion.ddq[at]
+        Y, slopes = model.regressor(*states)[:, :, columns], model.partials(*states, theta)
+        weight = np.broadcast_to(precision[1], states[0].shape)
+        if (keep := moving(states[1], slow)) is not None:
+            weight = weight * keep
+        J = sum(
+            np.einsum("ka,kij->kiaj", V, by).reshape(-1, n, w)
+            for V, by in zip(local[:, here], (slopes.q, slopes.dq, slopes.ddq), strict=True)
+        )
+        pull = (J * weight[:, :, None]).swapaxes(1, 2)  # (k, w, n)
+        known = np.einsum("ka,kb,ij->kaibj", local[0, here], local[0, here], np.diag(precision[0])).reshape(-1, w, w)
+        first, size = n * np.arange(here.stop - here.start), n * (here.stop - here.start + 2)
+        place = slice(n * here.start, n * here.start + size)
+        torque, border = gather(pull @ J, pull @ Y, first, size)
+        position, _ = gather(known, np.zeros((len(known), w, 0)), first, size)
+        found.torque[:, place] += torque
+        found.position[:, place] += position
+        found.border[place] += border
+        found.corner[:] += (Y * weight[:, :, None]).reshape(-1, r).T @ Y.reshape(-1, r)
+    return found
+
+
+def _cubic(t: Array) -> Array:
+    """Return values, first and second derivatives (3, N, 3) at the knots t (N) of the three cubic B-splines there."""
+    h = np.diff(t)
+    x = np.concatenate([t[0] - np.cumsum(h[:2])[::-1], t, t[-1] + np.cumsum(h[:-3:-1])])
+    before, here, after = x[1:-3], x[2:-2], x[3:-1]
+    wide = after - before
+    left, right = (after - here) / wide, (here - before) / wide  # the quadratic ones
+    a, b = 1 / (after - x[:-4]), 1 / (x[4:] - before)
+    values = ((after - here) * a * left, (here - before) * b * right)
+    slopes = (-3 * a * left, 3 * b * right)
+    bends = (6 * a / wide, 6 * b / wide)
+    outer = np.array([values, slopes, bends])
+    middle = np.array([1.0, 0.0, 0.0])[:, None] - outer.sum(axis=1)
+    return np.stack([outer[:, 0], middle, outer[:, 1]], axis=2)

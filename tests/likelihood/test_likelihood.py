@@ -1,0 +1,201 @@
+"""The parts of the maximum-likelihood solver: the arrow, the splines, the normal equations, the barrier, the plan."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from dynident.article import SCENARIOS
+from dynident.errors import ModelError
+from dynident.gallery import two_link_arm
+from dynident.likelihood import Barrier, Demand, State, Trajectory, demands, noise, plan, steps_of, whiteness
+from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.trajectory import DEGREE, graded
+from dynident.log import Log
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+class TestArrow:
+    def matrix(self, rng: np.random.Generator, size: int = 14, w: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        L = np.tril(rng.standard_normal((size, size))) * (np.abs(np.subtract.outer(range(size), range(size))) < w)
+        A = (L + 3 * np.eye(size)) @ (L + 3 * np.eye(size)).T
+        band = np.zeros((w, size))
+        for d in range(w):
+            band[d, : size - d] = np.diag(A, -d)
+        return A, band
+
+    def test_solves_and_inverts(self, rng: np.random.Generator) -> None:
+        A, band = self.matrix(rng)
+        B = rng.standard_normal((14, 3))
+        arrow, inverse = Arrow(band, B), np.linalg.inv(A)
+        np.testing.assert_allclose(arrow.turned, inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
+        for d in range(4):
+            np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
+
+    def test_gathers_overlapping_blocks(self, rng: np.random.Generator) -> None:
+        first = np.array([0, 2, 3])
+        half = rng.standard_normal((3, 4, 4))
+        blocks, rows = half @ half.swapaxes(1, 2), rng.standard_normal((3, 4, 2))
+        full, side = np.zeros((7, 7)), np.zeros((7, 2))
+        for at, block, row in zip(first, blocks, rows, strict=True):
+            full[at : at + 4, at : at + 4] += block
+            side[at : at + 4] += row
+        band, border = gather(blocks, rows, first, 7)
+        for d in range(4):
+            np.testing.assert_allclose(band[d, : 7 - d], np.diag(full, -d))
+        np.testing.assert_allclose(border, side)
+
+    def test_refuses_what_is_not_determined(self) -> None:
+        with pytest.raises(ModelError, match="not determined"):
+            Arrow(np.zeros((2, 5)), np.zeros((5, 1))).inner(np.ones((5, 1)))
+
+
+class TestTrajectory:
+    def test_agrees_with_scipy(self, rng: np.random.Generator) -> None:
+        path = Trajectory(np.array([0.0, 0.1, 0.3, 0.7, 1.0]))
+        t = np.sort(rng.uniform(0, 1, 50))
+        local, first = path.local(t), path.first[path.interval(t)]
+        for order in range(3):
+            whole = np.zeros((50, path.size))
+            whole[np.arange(50)[:, None], first[:, None] + np.arange(5)] = local[order]
+            spline = BSpline(path.knots, np.eye(path.size), DEGREE)
+            np.testing.assert_allclose(whole, spline.derivative(order)(t) if order else spline(t), atol=1e-10)
+
+    def test_acceleration_jumps_at_a_step_only(self, rng: np.random.Generator) -> None:
+        path = Trajectory(np.array([0.0, 0.2, 0.5, 0.8, 1.0]), steps=(0.5,))
+        C = rng.standard_normal(path.size)
+
+        def value(t: float, order: int) -> float:
+            return float(path.local(np.array([t]))[order, 0] @ C[path.first[path.interval(np.array([t]))[0]] :][:5])
+
+        for order, jumps in ((0, False), (1, False), (2, True)):
+            gap = abs(value(0.5 + 1e-9, order) - value(0.5 - 1e-9, order))
+            assert (gap > 1e-3) == jumps
+        assert abs(value(0.2 + 1e-9, 2) - value(0.2 - 1e-9, 2)) < 1e-4
+
+    def test_breaks_are_dense_after_a_step(self) -> None:
+        breaks = graded(0.0, 10.0, [3.0], 0.01, 0.5, 1.3)
+        assert (breaks[0], breaks[-1]) == (0.0, 10.0)
+        assert 3.0 in breaks
+        size = np.diff(breaks)
+        assert size[breaks[:-1] < 3.0].min() > 0.4
+        assert size[breaks[:-1] >= 3.0][0] <= 0.01
+        assert size.max() <= 0.5 + 1e-12
+
+
+def article_segment(*, rest: bool = True):
+    scenario = SCENARIOS["stated"]
+    log = scenario.record(1e-6, np.random.default_rng(0)).log.window(stop=0.5)
+    return plan(log, (), 20.0, np.full(2, 0.1), rest=rest)
+
+
+class TestSegment:
+    @pytest.mark.parametrize("rest", [True, False])
+    def test_gradient_is_that_of_the_cost(self, rng: np.random.Generator, rest: bool) -> None:
+        arm, one = two_link_arm(), article_segment(rest=rest)
+        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
+        state = one.start(sigma_q, np.full(2, 30.0))
+        found = one.equations(arm, state, theta, sigma_q, sigma_tau)
+        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma_q, sigma_tau))
+        k = found.border.shape[1] - 7
+        dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
+        dtheta = 1e-6 * theta * rng.standard_normal(7)
+        if rest:
+            dC[:2] = 0.0  # they follow the next two
+        ends = []
+        for sign in (1, -1):
+            moved = one.moved(state, sign * dC, sign * dW)
+            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma_q, sigma_tau))
+        along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
+        assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
+
+    def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
+        """The gradient by C changes with theta by the border and the bend."""
+        arm, one = two_link_arm(), article_segment()
+        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
+        state = one.start(sigma_q, np.full(2, 30.0))
+        here = one.equations(arm, state, theta, sigma_q, sigma_tau)
+        dtheta = 1e-6 * theta * rng.standard_normal(7)
+        there, back = (one.equations(arm, state, theta + s * dtheta, sigma_q, sigma_tau) for s in (1, -1))
+        change = (there.by_coefficients - back.by_coefficients) / 2
+        expected = -(here.border[:, -7:] + here.bend) @ dtheta
+        np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
+
+    def test_leverage_counts_the_coefficients(self) -> None:
+        """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""
+        arm, one = two_link_arm(), article_segment(rest=False)
+        sigma_q, sigma_tau = np.full(2, 1e-3), np.full(2, 0.1)
+        state = one.start(sigma_q, np.full(2, 30.0))
+        taken = one.leverage(arm, state, np.asarray(arm.values), sigma_q, sigma_tau)
+        assert (taken > 0).all()
+        # without a step there are no equations between samples
+        assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
+
+    def test_starts_from_rest(self) -> None:
+        one = article_segment()
+        _, dq, _ = one.motion(one.start(np.full(2, 1e-3), np.full(2, 30.0)))
+        assert one.points[0] == 0.0
+        np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
+
+
+class TestBarrier:
+    def test_derivatives(self, rng: np.random.Generator) -> None:
+        half = rng.standard_normal((3, 2, 2, 4))
+        slopes = half + half.swapaxes(1, 2)
+        slopes[..., 0] = np.eye(2)
+        barrier = Barrier((Demand(slopes, slopes @ np.array([9.0, 0, 0, 0])),), 0.5)
+        theta = np.array([9.0, 0.3, -0.2, 0.1])
+        assert barrier.inside(theta)
+        assert not barrier.inside(-theta)
+        _, gradient, hessian = barrier.terms(theta)
+        for k, e in enumerate(1e-5 * np.eye(4)):
+            up, down = barrier.terms(theta + e), barrier.terms(theta - e)
+            assert (up[0] - down[0]) / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
+            np.testing.assert_allclose((up[1] - down[1]) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
+
+    def test_the_articles_arm(self) -> None:
+        arm = two_link_arm()
+        log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log
+        barrier = Barrier(demands(arm, [log], np.asarray(arm.values)))
+        assert barrier.inside(np.asarray(arm.values))
+        for k, value in ((0, -1e-2), (1, -1e-3), (5, -0.1), (6, -0.1)):
+            theta = np.array(arm.values)
+            theta[k] = value
+            assert not barrier.inside(theta), arm.names[k]
+
+
+class TestPlan:
+    def test_noise_does_not_see_a_step(self, rng: np.random.Generator) -> None:
+        x = rng.standard_normal((4000, 1)) * 0.1 + np.sin(np.arange(4000) / 500)[:, None]
+        x[2000:] += 50
+        assert noise(x, 1e-9)[0] == pytest.approx(0.1, rel=0.06)
+
+    def test_finds_steps_and_no_others(self, rng: np.random.Generator) -> None:
+        t = np.arange(2000) * 0.01
+        tau = np.stack([np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((2000, 2))
+        log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
+        assert steps_of(log, np.full(2, 0.1)) == pytest.approx((7.0,))
+
+    def test_torque_knots_are_as_far_apart_as_the_torque_allows(self) -> None:
+        t = np.arange(400) * 0.01
+        smooth, fast = (np.sin(rate * t)[:, None] for rate in (1.0, 15.0))
+        gaps = []
+        for tau in (smooth, fast):
+            log = Log(t, np.zeros_like(tau), tau, ("a",))
+            gaps.append(np.diff(plan(log, (), 20.0, np.array([0.02]), rest=True).torque_knots[0])[0])
+        assert gaps[0] == pytest.approx(0.15)
+        assert gaps[1] < 0.1
+
+    def test_whiteness(self, rng: np.random.Generator) -> None:
+        white = rng.standard_normal((4000, 2))
+        assert whiteness(white, 0) > 1e-3
+        assert whiteness(white + 0.3 * np.sin(np.arange(4000) / 50)[:, None], 0) < 1e-6
+
+
+def test_state_is_immutable() -> None:
+    with pytest.raises(AttributeError):
+        State(np.zeros((3, 1)), np.zeros((0, 1))).C = np.ones((3, 1))

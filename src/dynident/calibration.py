@@ -17,7 +17,7 @@ from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import Model
-from dynident.regression import Regression
+from dynident.regression import Regression, compress
 from dynident.selection import choose_smoother, excerpts
 from dynident.smoothers import Delayed, Smoother
 
@@ -26,8 +26,8 @@ __all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
 FEWEST = 200  # samples below which no delay is sought
-TRIALS = (0.0, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032)  # s, of either sign; the search refines the best
-FINE = 1e-5  # s
+TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032)  # s, of either sign; the search refines the best
+FINE = 2e-5  # s
 GAIN = 0.005  # share of the error that a delay must take away to be believed
 STEEPEST = 0.2  # rad: a base that leans more was mounted so on purpose
 START = 1e-3  # rad: at zero lean the links' masses that only a lean shows have no effect yet
@@ -167,15 +167,15 @@ def find_lean(
     def residual(lean: Array) -> Array:
         turned = mounted(model, *lean)
         regression = Regression(turned, thin, slow=slow)
+        blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual
+        regression.__dict__["compressed"] = compress(iter(blocks), len(model.joints), len(model.parameters))
         value = quick(Problem(turned, thin, regression)).value
-        parts = [
-            (block.tau - block.Y @ value) * (1.0 if block.keep is None else block.keep) for block in regression.blocks()
-        ]
+        parts = [(one.tau - one.Y @ value) * (1.0 if one.keep is None else one.keep) for one in blocks]
         return np.concatenate(parts).ravel()
 
     level = residual(np.zeros(2))
     torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
-    found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-5, max_nfev=20)
+    found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
     spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(level.size - 2, 1))
     seen = np.abs(found.x) > 2.0 * spread  # what the motion does not show is left level
     x, y = (float(v) for v in found.x * seen)

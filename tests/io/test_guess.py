@@ -88,6 +88,20 @@ def test_commanded_columns_alone_are_no_guess():
     assert chosen(found) == [None, None, "tau1", "tau2"]
 
 
+def test_each_joint_has_the_unit_of_its_own_column():
+    scara = (*ARM, JointFacts("quill", "prismatic", Limits(effort=200.0, lower=0.0, upper=0.2)))
+    names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")
+    torques = ("shoulder torque [Nm]", "elbow torque [Nm]", "quill force [kN]")
+    found = guess(table(**signals(names, torques)), scara)
+    assert {name: one.unit for name, one in found.position.items()} == {
+        "shoulder": "deg",
+        "elbow": "deg",
+        "quill": "mm",
+    }
+    assert {name: one.unit for name, one in found.torque.items()} == {"shoulder": "N m", "elbow": "N m", "quill": "kN"}
+    assert found.lock == {}
+
+
 def test_units_follow_from_names():
     columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
     found = guess(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
@@ -196,7 +210,7 @@ def test_anything_gives_a_guess(names, rows, value, joints):
 
 
 def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
-    found = guess(table(time=None, **{"Zeit [ms]": 1000 * T}, **signals()), NUMBERED).time
-    assert (found.column, found.unit) == ("Zeit [ms]", "ms")
+    found = guess(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (found.column, found.unit) == ("Uhr [ms]", "ms")
     assert "is it the time?" in found.question
     assert guess(table(time=None, Zeit=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

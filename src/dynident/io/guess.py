@@ -140,7 +140,8 @@ def _positions(table: Table, joints: Sequence[JointFacts], match: Match | None, 
     found = {}
     for joint in joints:
         known = UNITS[POSITIONS[joint.kind]]
-        unit = match.family.unit if match.family.unit in known else None
+        unit = match.family.units.get(match.columns[joint.name])
+        unit = unit if unit in known else None
         question = match.question
         if unit is None:
             unit = "deg" if degrees and joint in turning else _si(joint, POSITIONS)
@@ -190,9 +191,10 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
     if match is None:
         return {name: Signal(None, unit) for name, unit in units.items()}
     if match.family.role == "current":
-        per = f"per {match.family.unit}" if match.family.unit else "per A or mA"
+        per = {name: match.family.units.get(match.columns[name], "A or mA") for name in units}
+        gain = "torque constant times gear ratio"
         return {
-            name: Signal(match.columns[name], unit, match.question, f"torque constant times gear ratio, {unit} {per}")
+            name: Signal(match.columns[name], unit, match.question, f"{gain}, {unit} per {per[name]}")
             for name, unit in units.items()
         }
     peaks = {
@@ -202,8 +204,9 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
     ratios = {name: peaks[name] / limit for name, limit in limits.items() if limit}
     found = {}
     for joint in joints:
-        named = match.family.unit in UNITS[TORQUES[joint.kind]]
-        unit = str(match.family.unit) if named else units[joint.name]
+        said = match.family.units.get(match.columns[joint.name], "")
+        named = said in UNITS[TORQUES[joint.kind]]
+        unit = said if named else units[joint.name]
         doubt = ""
         if not named and ratios.get(joint.name, 0.0) > _OVER:
             doubt = (
@@ -223,7 +226,7 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
 
 def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGuess:
     """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
-    named = [(column, one.unit) for one in found if one.role == "time" for column in one.columns.values()]
+    named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
     stamps.sort(key=lambda stamp: not increases(table.columns[stamp[0]]))
     alone = _clock(table, rows) if not stamps else None
@@ -272,7 +275,7 @@ def _step(column: Array) -> float:
 def _unit_reason(family: Family, ros: bool) -> str:
     if family.role == "current":
         return ""
-    if family.unit:
+    if family.units:
         return "; the unit is in their names"
     if ros:
         return "; the unit is that of ROS" + (", but some drivers send currents" if family.role == "torque" else "")

@@ -213,4 +213,4 @@ def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
     found = guess(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
     assert (found.column, found.unit) == ("Uhr [ms]", "ms")
     assert "is it the time?" in found.question
-    assert guess(table(time=None, Zeit=T, ticks=T + 1, **signals()), NUMBERED).time.column is None
+    assert guess(table(time=None, Uhr=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

@@ -262,7 +262,11 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
         names = ("base", "l0", "l1", "l2")
         joints = [joint(f"j{k}", "revolute", names[k], names[k + 1], (0.2, 0.0, 0.1), turns[k]) for k in range(3)]
         bodies = Bodies(urdf(*parts, *joints))
-        return structural_basis(Model((bodies, RotorInertia(bodies.joints))), **settings).rank
+        model = Model((bodies, RotorInertia(bodies.joints)))
+        found = structural_basis(model, **settings)
+        on_data = structural_basis(model, np.random.default_rng(4), **settings)
+        assert compare(found, on_data, model) == ()
+        return found.rank
 
     assert rank(1.5708) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
     assert rank(1.5708, tolerance=1e-12) > rank(1.5708)

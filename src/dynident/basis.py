@@ -187,7 +187,7 @@ def compare(structural: Basis, on_data: Basis, model: Model, motions: Sequence[M
     hidden = on_data.null
     seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
     U, s, Vt = np.linalg.svd(seen, full_matrices=False)
-    k = int((s > 1e-6 * s.max(initial=1.0)).sum())
+    k = int((s > 10 * RANK * s.max(initial=1.0)).sum())  # both bases are exact to RANK
     U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
     still = _still(motions)
     return tuple(_missing(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))

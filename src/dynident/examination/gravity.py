@@ -70,7 +70,8 @@ def _columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Arra
     """Return the nominal torques (4, M, n) of inertia, and of a gravity along x, y and z of the root link."""
     still = np.zeros_like(q)
     free = _under(model, (0.0, 0.0, 0.0))
-    pulled = [_torque(_under(model, tuple((size * axis).tolist())), q, still, still) for axis in np.eye(3)]
+    axes = ((size, 0.0, 0.0), (0.0, size, 0.0), (0.0, 0.0, size))
+    pulled = [_torque(_under(model, axis), q, still, still) for axis in axes]
     return np.array([_torque(free, q, dq, ddq), *pulled])
 
 
@@ -79,7 +80,7 @@ def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     return np.zeros_like(q) if torque is None else torque
 
 
-def _under(model: Model, gravity: tuple[float, ...]) -> Model:
+def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
     terms: list[Any] = [replace(term, gravity=gravity) if isinstance(term, Bodies) else term for term in model.terms]
     return replace(model, terms=tuple(terms))
 

@@ -56,12 +56,13 @@ class Spline:
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in told}
         how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
         mask = ends_mask(log, reach, reach)
-        parts = [fit.values, fit.derivative(1), fit.derivative(2)]
+        q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
         if (still := _still(log.q, fit.values, fit.noise)).any():
-            parts = [
-                np.where(still, rest, part) for rest, part in zip((log.q.mean(axis=0), 0.0, 0.0), parts, strict=True)
-            ]
-        return Motion(log.t, *parts, log.tau, log.joints, mask, log.source, how)
+            q, dq, ddq = (
+                np.where(still, rest, part)
+                for rest, part in zip((log.q.mean(axis=0), 0.0, 0.0), (q, dq, ddq), strict=True)
+            )
+        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
     def _sigma(self, log: Log) -> list[float] | float | None:
         if not isinstance(self.sigma, Mapping):

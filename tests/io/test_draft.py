@@ -133,6 +133,13 @@ def test_what_cannot_be_guessed_is_to_be_filled_in(arm, tmp_path):
     assert done.exit_code == 0, done.output
 
 
+def test_what_cannot_be_read_is_told_where_something_is_missing(arm, tmp_path):
+    np.savez(tmp_path / "a.npz", time=T, q=np.ones((2, N + 1)), tau=np.ones((N, 2)))
+    result = run("init", arm, tmp_path / "a.npz", "-o", tmp_path / "c.yaml")
+    assert "Note: 'q' has the shape (2, 801)" in result.output
+    assert "the columns of" in result.output
+
+
 def test_files_that_make_one_log_are_joined(arm, tmp_path):
     for name in ("position", "effort"):
         np.savetxt(

@@ -72,7 +72,8 @@ def draft(robot: str, joints: Sequence[JointFacts], guess: Guess, sources: Seque
     page.line("")
     page.line("estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(guess.strangers)}."
-    notes = (strange,) if guess.strangers else ()
+    faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
+    notes = (*((strange,) if guess.strangers else ()), *faults)
     text = "\n".join(_BREAKING.sub("?", line) for line in page.lines) + "\n"
     return Draft(text, notes, tuple(page.questions), tuple(page.blanks))
 

@@ -109,7 +109,7 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     found = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(found, config.simulation, spec, joints) if torque else None
     logs: list[Log] = []
-    warnings = [f"{spec.label}: {note}" for note in table.notes]
+    warnings = [f"{spec.label}: {note}" for note in found.table.notes]
     for window in spec.window or ((None, None),):
         name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
         log = _cut(found, window, joints, name)

@@ -15,6 +15,7 @@ NAMES = {  # role, joint, number, unit, rank
     "positions[3]": ("position", None, 3, None, 0),
     "joint_2_position": ("position", "joint_2", None, None, 0),
     "joint_10.effort": ("torque", "joint_10", None, None, 0),
+    "joint_10_eff": ("torque", "joint_10", None, None, 0),
     "elbow.position": ("position", "elbow", None, None, 0),
     "Elbow angle [°]": ("position", "elbow", None, "deg", 0),
     "Achse2 Winkel [°]": ("position", None, 2, "deg", 0),

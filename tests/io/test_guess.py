@@ -147,6 +147,23 @@ def test_the_unit_of_time_follows_from_the_step(factor, unit, asked):
     assert (found.time.unit, bool(found.time.question)) == (unit, asked)
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+@pytest.mark.parametrize("step", [1 / 8000, 0.01])
+def test_stamps_since_1970_tell_their_unit(factor, unit, step):
+    stamps = (1.731e9 + step * np.arange(N)) * factor
+    found = guess(table(time=None, stamp=stamps, **signals()), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("stamp", unit, "")
+    assert found.step == pytest.approx(step, rel=0.01)
+
+
+def test_positions_of_motors_are_asked_about():
+    geared = guess(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
+    assert "transmission" in geared.position["arm_joint1"].question
+    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
+    found = guess(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert found.position["arm_joint1"].question == ""
+
+
 def test_stamps_that_increase_are_preferred():
     found = guess(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
     assert found.time.column == "clock"

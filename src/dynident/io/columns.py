@@ -21,7 +21,7 @@ _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its rol
         "dq qd vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
     ),
     "current": _words("current currents cur curr iq amp amps ampere i strom courant corriente"),
-    "torque": _words("tau torque torques effort efforts trq tq moment force forces drehmoment kraft couple"),
+    "torque": _words("tau torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"),
     "position": _words(
         "q pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
     ),

@@ -147,6 +147,9 @@ def _positions(table: Table, joints: Sequence[JointFacts], match: Match | None, 
             unit = "deg" if degrees and joint in turning else _si(joint, POSITIONS)
             doubt = in_degrees if unit == "deg" else _doubt(joint, values[joint.name])
             question = "; ".join(filter(None, (question, doubt)))
+        elif _geared(joint, UNITS[POSITIONS[joint.kind]][unit] * values[joint.name]):
+            doubt = "it moves farther than the joint can: of the motor, before the gear (see `transmission`)?"
+            question = "; ".join(filter(None, (question, doubt)))
         found[joint.name] = Signal(match.columns[joint.name], unit, question)
     return found
 
@@ -161,6 +164,12 @@ def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
         slack = (_SLACK - 1) * (upper - lower)
         return lower - slack <= low and high <= upper + slack
     return high - low <= (2 * math.pi if joint.kind == "revolute" else 10.0)
+
+
+def _geared(joint: JointFacts, q: Array) -> bool:
+    """Whether positions in rad or m span far more than the joint's limits, as those of motors do."""
+    lower, upper = joint.limits.lower, joint.limits.upper
+    return len(q) > 0 and lower is not None and upper is not None and 0 < _OVER * (upper - lower) < float(np.ptp(q))
 
 
 def _doubt(joint: JointFacts, q: Array) -> str:
@@ -240,6 +249,7 @@ def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGu
         question = "the only column that increases evenly: is it the time?"
     if ros and unit is None:
         unit = "s"
+    unit = unit or _epoch(column)
     if unit is not None:
         return TimeGuess(name, unit, step * UNITS["time"][unit], question)
     if _FASTEST <= step <= _SLOWEST:
@@ -264,6 +274,12 @@ def _clock(table: Table, rows: int) -> tuple[str, str | None] | None:
         return None
     words = re.split("[^a-z]+", even[0].lower())
     return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
+
+
+def _epoch(column: Array) -> str | None:
+    """Return the unit in which the stamps count from 1970, None where they do not: a year from 2001 to 2049."""
+    start = float(finite(column).min(initial=np.inf))
+    return next((unit for unit in ("s", "ms", "us", "ns") if 1e9 < start * UNITS["time"][unit] < 2.5e9), None)
 
 
 def _step(column: Array) -> float:

@@ -117,6 +117,12 @@ def test_rows_written_twice_are_left_out(tmp_path):
     assert reading.warnings == ("a: 4 rows that repeat the one before, time and all, are left out.",)
 
 
+def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
+    text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
+    assert "the arm stands still from 0 to" in read(tmp_path, text).warnings[0]
+    assert read(tmp_path, text, "slow: 0.01").warnings == ()
+
+
 def test_a_window_past_the_end_is_a_warning(tmp_path):
     assert "reaches past the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
 

@@ -55,7 +55,7 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     cosine = float(down @ assumed) / (size * float(np.linalg.norm(down)) or 1.0)
     likely = found[0] > 0 and 1 / FACTOR < float(np.linalg.norm(down)) < FACTOR
     if likely and rest < (1 - CLEAR) * total and rest < BETTER * usual and cosine < np.cos(np.deg2rad(ANGLE)):
-        vector = ", ".join(f"{x:.1f}" for x in size * down / np.linalg.norm(down))
+        vector = ", ".join(f"{x:.1f}" for x in np.round(size * down / np.linalg.norm(down), 1) + 0.0)
         yield Finding(
             "warning",
             None,

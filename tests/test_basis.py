@@ -18,6 +18,7 @@ from dynident.regression import Block, Regression, compress
 from dynident.terms import Bodies, Coulomb, Joint, Offset, RotorInertia, Viscous
 from dynident.terms.term import Parameter
 from tests.estimators.welded import Drag, Welded, single, turned
+from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]
 PANDA = Path(__file__).parents[2] / "shared" / "data" / "panda" / "panda.urdf"
@@ -252,3 +253,20 @@ def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_in
     np.testing.assert_allclose(np.std(found, axis=0), told, rtol=0.15)  # 4 standard deviations of a deviation from 400
     weighted = base_std(basis, compressed, noise, 1 / noise)
     assert (weighted < told).all()
+
+
+def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
+    def rank(right: float, **settings: float) -> int:
+        parts = [link("base", 5.0), *(link(f"l{k}", 2.0, (0.1, 0.02, 0.05)) for k in range(3))]
+        turns = ((0.0, 0.0, 0.0), (right, 0.0, 0.0), (0.0, 0.0, 0.0))
+        names = ("base", "l0", "l1", "l2")
+        joints = [joint(f"j{k}", "revolute", names[k], names[k + 1], (0.2, 0.0, 0.1), turns[k]) for k in range(3)]
+        bodies = Bodies(urdf(*parts, *joints))
+        model = Model((bodies, RotorInertia(bodies.joints)))
+        found = structural_basis(model, **settings)
+        on_data = structural_basis(model, np.random.default_rng(4), **settings)
+        assert compare(found, on_data, model) == ()
+        return found.rank
+
+    assert rank(1.5708) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
+    assert rank(1.5708, tolerance=1e-12) > rank(1.5708)

@@ -22,6 +22,7 @@ from dynident.terms.term import INERTIAL, Parameter
 __all__ = ["Basis", "Missing", "base_std", "basis_of", "compare", "structural_basis"]
 
 Array = NDArray[np.float64]
+RANK = 1e-5  # singular values below this share count as none: what is less comes of a file's rounded angles (1.5708)
 ROUNDING = 1e-13  # a column this small beside the largest is rounding error
 SMALL = 1e-8  # a share this small in a base parameter is rounding error
 CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
@@ -112,7 +113,7 @@ class Basis:
         return start + np.linalg.lstsq(self.combination / self.scale, rest)[0] / self.scale
 
 
-def basis_of(factor: Array, parameters: Sequence[Parameter], tolerance: float = 1e-9) -> Basis:
+def basis_of(factor: Array, parameters: Sequence[Parameter], tolerance: float = RANK) -> Basis:
     """Read the base parameters off the triangular factor (p, p) or (p + 1, p + 1, the torque last) of a regressor.
 
     The columns are scaled to norm one; singular values below ``tolerance`` times the largest are dropped. Kept are,
@@ -156,7 +157,7 @@ def base_std(basis: Basis, compressed: Compressed, sigma: Array, weights: Array 
 
 
 def structural_basis(
-    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float = 1e-9
+    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float = RANK
 ) -> Basis:
     """Return the base parameters that any motion could show: from ``samples`` random states of the whole arm.
 
@@ -186,7 +187,7 @@ def compare(structural: Basis, on_data: Basis, model: Model, motions: Sequence[M
     hidden = on_data.null
     seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
     U, s, Vt = np.linalg.svd(seen, full_matrices=False)
-    k = int((s > 1e-6 * s.max(initial=1.0)).sum())
+    k = int((s > 10 * RANK * s.max(initial=1.0)).sum())  # both bases are exact to RANK
     U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
     still = _still(motions)
     return tuple(_missing(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))

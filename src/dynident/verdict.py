@@ -76,7 +76,8 @@ _FIRST: dict[Word, str] = {
 _HOLD_OUT = "Record another motion and name it under `validation`; windows of one recording do for a first look."
 _OTHER = "Record a motion of other paths and speeds to hold out; a repeat only shows how repeatable the robot is."
 _CLOSER = (
-    "Look at the residuals of the largest joints below; other friction terms or less noise in the motion may help."
+    "Run `dynident check` on the configuration: it asks about signs, gains, units and gravity. Then look at the "
+    "residuals of the largest joints below; other friction terms or less noise in the motion may help."
 )
 _LONGER = "Record a longer training motion that covers the speeds and accelerations of the held-out one."
 _PHYSICAL = "Fit with `estimator: {kind: consistent}`: bodies and friction are then possible, the mass matrix positive."

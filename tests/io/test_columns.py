@@ -15,8 +15,14 @@ NAMES = {  # role, joint, number, unit, rank
     "positions[3]": ("position", None, 3, None, 0),
     "joint_2_position": ("position", "joint_2", None, None, 0),
     "joint_10.effort": ("torque", "joint_10", None, None, 0),
+    "joint_10_eff": ("torque", "joint_10", None, None, 0),
     "elbow.position": ("position", "elbow", None, None, 0),
     "Elbow angle [°]": ("position", "elbow", None, "deg", 0),
+    "Achse2 Winkel [°]": ("position", None, 2, "deg", 0),
+    "Drehmoment_2_ist": ("torque", None, 2, None, 1),
+    "Achse2 Strom [mA]": ("current", None, 2, "mA", 0),
+    "Zeit [ms]": ("time", None, None, "ms", 0),
+    "A3 [°]": ("position", None, 3, "deg", 0),
     "motor_current_3": ("current", None, 3, None, 0),
     "cur_mA_3": ("current", None, 3, "mA", 0),
     "tau_meas1": ("torque", None, 1, None, 1),
@@ -52,6 +58,29 @@ def test_columns_of_one_quantity_are_a_family():
         ("position", 0, {1: "q1", 2: "q2"}),
         ("position", -2, {1: "q_d1"}),
         ("torque", 0, {"elbow": "tau_elbow", "joint_1": "tau_joint_1"}),
+    ]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Axis 1 Pos [deg]", "Axis 2 Pos [deg]", "Axis 3 Pos [mm]"),
+        ("joint_1 Torque [Nm]", "joint_2 Torque [Nm]", "elbow Force [N]"),
+    ],
+)
+def test_a_joint_that_slides_belongs_to_those_that_turn(names):
+    (found,) = families(names, JOINTS)
+    assert tuple(found.columns.values()) == names
+    assert found.units[names[0]] != found.units[names[2]]
+
+
+def test_two_spellings_of_one_quantity_are_two_families():
+    names = ["q1", "q2", "pos1", "pos2", "x_deg_1", "x_rad_2"]
+    assert [tuple(one.columns.values()) for one in families(names, JOINTS)] == [
+        ("q1", "q2"),
+        ("pos1", "pos2"),
+        ("x_deg_1",),
+        ("x_rad_2",),
     ]
 
 

@@ -88,6 +88,20 @@ def test_commanded_columns_alone_are_no_guess():
     assert chosen(found) == [None, None, "tau1", "tau2"]
 
 
+def test_each_joint_has_the_unit_of_its_own_column():
+    scara = (*ARM, JointFacts("quill", "prismatic", Limits(effort=200.0, lower=0.0, upper=0.2)))
+    names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")
+    torques = ("shoulder torque [Nm]", "elbow torque [Nm]", "quill force [kN]")
+    found = guess(table(**signals(names, torques)), scara)
+    assert {name: one.unit for name, one in found.position.items()} == {
+        "shoulder": "deg",
+        "elbow": "deg",
+        "quill": "mm",
+    }
+    assert {name: one.unit for name, one in found.torque.items()} == {"shoulder": "N m", "elbow": "N m", "quill": "kN"}
+    assert found.lock == {}
+
+
 def test_units_follow_from_names():
     columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
     found = guess(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
@@ -131,6 +145,23 @@ def test_currents_want_a_gain():
 def test_the_unit_of_time_follows_from_the_step(factor, unit, asked):
     found = guess(table(time=np.round(T * factor, 6), **signals()), NUMBERED)
     assert (found.time.unit, bool(found.time.question)) == (unit, asked)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+@pytest.mark.parametrize("step", [1 / 8000, 0.01])
+def test_stamps_since_1970_tell_their_unit(factor, unit, step):
+    stamps = (1.731e9 + step * np.arange(N)) * factor
+    found = guess(table(time=None, stamp=stamps, **signals()), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("stamp", unit, "")
+    assert found.step == pytest.approx(step, rel=0.01)
+
+
+def test_positions_of_motors_are_asked_about():
+    geared = guess(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
+    assert "transmission" in geared.position["arm_joint1"].question
+    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
+    found = guess(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert found.position["arm_joint1"].question == ""
 
 
 def test_stamps_that_increase_are_preferred():
@@ -196,7 +227,7 @@ def test_anything_gives_a_guess(names, rows, value, joints):
 
 
 def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
-    found = guess(table(time=None, **{"Zeit [ms]": 1000 * T}, **signals()), NUMBERED).time
-    assert (found.column, found.unit) == ("Zeit [ms]", "ms")
+    found = guess(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (found.column, found.unit) == ("Uhr [ms]", "ms")
     assert "is it the time?" in found.question
-    assert guess(table(time=None, Zeit=T, ticks=T + 1, **signals()), NUMBERED).time.column is None
+    assert guess(table(time=None, Uhr=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

@@ -98,6 +98,31 @@ def test_bad_samples_outside_the_window_do_not_matter(tmp_path):
     assert len(read(tmp_path, text, spec=", window: [0.2, 1.5]").logs[0]) == 131
 
 
+def test_rows_without_values_at_the_ends_are_left_out(tmp_path):
+    text = recording(
+        q=lambda k: "nan" if k < 5 or k > 180 else np.sin(0.02 * k), t=lambda k: "" if k > 190 else k * 0.01
+    )
+    reading = read(tmp_path, text)
+    assert (reading.logs[0].t[0], len(reading.logs[0])) == (0.05, 176)
+    assert reading.warnings == ("a: 24 rows at the ends, where columns are empty or NaN, are left out.",)
+    with pytest.raises(InputError, match="'tau' is empty or NaN at line 12"):
+        read(tmp_path, recording(q=lambda k: "" if k < 5 else np.sin(k), tau=lambda k: "" if k == 10 else 1))
+
+
+def test_rows_written_twice_are_left_out(tmp_path):
+    header, *rows = recording().splitlines()
+    text = "\n".join([header, *(row for k, row in enumerate(rows) for _ in range(1 + (k % 50 == 7)))])
+    reading = read(tmp_path, text)
+    assert len(reading.logs[0]) == 200
+    assert reading.warnings == ("a: 4 rows that repeat the one before, time and all, are left out.",)
+
+
+def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
+    text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
+    assert "the arm stands still from 0 to" in read(tmp_path, text).warnings[0]
+    assert read(tmp_path, text, "slow: 0.01").warnings == ()
+
+
 def test_a_window_past_the_end_is_a_warning(tmp_path):
     assert "reaches past the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
 

@@ -36,7 +36,7 @@ def test_arrays_are_those_that_scipy_reads(compress, kind, shape):
 def test_other_variables_are_told_in_words():
     data = saved(
         text="abc",
-        struct={"a": 1},
+        structs=np.array([(1,), (2,)], dtype=[("a", "f8")]),
         cell=np.array([1, "b"], dtype=object),
         sparse=scipy.sparse.eye_array(3, format="csc"),
         complex=np.array([1j, 2]),
@@ -45,12 +45,24 @@ def test_other_variables_are_told_in_words():
     read = parse_mat(data)
     assert {name: value for name, value in read.items() if isinstance(value, str)} == {
         "text": "text",
-        "struct": "a struct",
+        "structs": "a struct",
         "cell": "a cell array",
         "sparse": "a sparse matrix",
         "complex": "complex numbers",
     }
     np.testing.assert_array_equal(read["t"], [[0, 1, 2]])
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_the_fields_of_a_struct_are_variables(compress):
+    q = np.arange(12.0).reshape(6, 2)
+    read = parse_mat(
+        saved(compress, log={"q": q, "note": "abc", "arm": {"t": np.arange(6.0), "longer_name": 2.0}}, x=q)
+    )
+    assert list(read) == ["log.q", "log.note", "log.arm.t", "log.arm.longer_name", "x"]
+    np.testing.assert_array_equal(read["log.q"], q)
+    np.testing.assert_array_equal(read["log.arm.t"], [np.arange(6.0)])
+    assert read["log.note"] == "text"
 
 
 def test_the_other_byte_order():

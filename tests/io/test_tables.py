@@ -183,3 +183,11 @@ def test_damage_to_a_sound_file_is_explained(tmp_path, kind, place, junk, cut):
     data = BINARIES[kind]
     at = int(place * len(data))
     reads_or_explains(written(tmp_path, f"fuzz{kind}", data[:at] + junk + (b"" if cut else data[at + len(junk) :])))
+
+
+def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
+    q = np.arange(12.0).reshape(2, 6)
+    np.savez(tmp_path / "a.npz", t=np.arange(6.0), q=q, square=np.eye(6), other=np.ones((2, 5)))
+    table = read_columns(tmp_path / "a.npz")
+    np.testing.assert_array_equal([table.columns["q[0]"], table.columns["q[1]"]], q)
+    assert "transpose" in table.faults["other"]

@@ -112,3 +112,17 @@ def test_a_joint_that_double_precision_cannot_smooth_is_named() -> None:
     made = Log(t, np.sin(40 * t)[:, None] * [1.0, 2.0], np.zeros((len(t), 2)), ("wrist", "hand"), "run")
     with pytest.raises(InputError, match="run: joint 'wrist' cannot be smoothed like this"):
         Spline(Fixed(lam=20000.0**4 * 1e-18))(made)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-4])
+@pytest.mark.parametrize("kind", ["noise", "flicker"])
+def test_a_joint_that_stands_still_has_no_velocity(kind: str, size: float) -> None:
+    rng, n = np.random.default_rng(5), 3000
+    rest = 1e-5 * rng.standard_normal(n) if kind == "noise" else 1e-4 * (rng.uniform(size=n) > 0.7)
+    t = np.arange(n) * 0.002
+    moving = size * np.sin(3 * t) + 1e-5 * size * rng.standard_normal(n)
+    made = Spline()(Log(t, np.column_stack([0.4 + rest, moving]), np.zeros((n, 2)), ("still", "moving")))
+    assert np.ptp(made.q[:, 0]) == 0
+    assert not made.dq[:, 0].any()
+    assert not made.ddq[:, 0].any()
+    assert np.abs(made.dq[made.mask, 1] - 3 * size * np.cos(3 * t[made.mask])).max() < 0.01 * size

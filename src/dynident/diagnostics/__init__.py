@@ -3,7 +3,7 @@
 Pure functions of a ``Log``. An error is a log that would give wrong numbers, a warning one to look at.
 """
 
-from dynident.diagnostics.channels import Channel, channels, check, inspect
+from dynident.diagnostics.channels import Channel, channels, check, inspect, moving, rest
 from dynident.diagnostics.finding import Finding, require
 from dynident.diagnostics.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
 
@@ -15,7 +15,9 @@ __all__ = [
     "channels",
     "check",
     "inspect",
+    "moving",
     "require",
+    "rest",
     "split_gaps",
     "timing",
 ]

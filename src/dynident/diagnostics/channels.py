@@ -98,7 +98,7 @@ def inspect(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset
     found = [finding for finding in check(log, kinds, multi_turn) if finding.topic != "jitter"]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
-        found += [*time.stamps(facts), *time.lost(facts), *_rest(log)]
+        found += [*time.stamps(facts), *time.lost(facts), *rest(log)]
         found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
     return tuple(replace(finding, source=log.source) for finding in found)
 
@@ -219,7 +219,22 @@ def _rests(log: Log) -> NDArray[np.bool_]:
     return np.asarray(reach <= floor)
 
 
-def _rest(log: Log) -> Iterator[Finding]:
+def moving(log: Log) -> tuple[float, float]:
+    """Return from when to when (s) the arm moves, leaving out long rests of the whole arm at the ends."""
+    start, stop = float(log.t[0]), float(log.t[-1])
+    if len(log) < time.MINIMUM_SAMPLES:
+        return start, stop
+    rests = np.asarray(_rests(log).all(axis=1))
+    if rests.all():
+        return start, stop
+    size = len(log) // len(rests)
+    first, last = int(np.argmin(rests)), len(rests) - int(np.argmin(rests[::-1]))
+    begin, end = float(log.t[first * size]), float(log.t[min(last * size, len(log) - 1)])
+    least = max(_REST, 0.1 * (stop - start))
+    return (begin if begin - start >= least else start, end if stop - end >= least else stop)
+
+
+def rest(log: Log) -> Iterator[Finding]:
     """Yield where the whole arm stands still for long."""
     rests = np.asarray(_rests(log).all(axis=1))
     size = len(log) // len(rests)

@@ -9,6 +9,7 @@ from dynident.calibration import find_lean, pair
 from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Timing, channels, inspect, timing
 from dynident.errors import DynidentError
 from dynident.estimators import LeastSquares
+from dynident.examination.gravity import gravity_findings
 from dynident.examination.motion import Excitation, Rank, excitation, limit_findings, rank, rank_findings
 from dynident.examination.robot import LinkFacts, examine_robot, link_facts
 from dynident.examination.torque import Agreement, agreement, agreement_findings
@@ -125,10 +126,11 @@ def _moving(
     limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
+    findings += (downward := list(gravity_findings(model, motions)))
     for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
         findings += [
             *limit_findings(moved, limits.get(joint.name), joint.effort),
-            *agreement_findings(torque, joint.effort),
+            *(() if downward else agreement_findings(torque, joint.effort)),  # of the file under the wrong gravity
         ]
     seen = rank(model, Regression(model, motions, recipe.parallel, slow))
     findings += rank_findings(seen)

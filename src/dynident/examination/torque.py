@@ -13,7 +13,7 @@ from dynident.log import Motion
 from dynident.model import Model
 from dynident.terms.term import INERTIAL
 
-__all__ = ["Agreement", "agreement", "agreement_findings"]
+__all__ = ["Agreement", "agreement", "agreement_findings", "nominal", "nuisance", "thinned"]
 
 Array = NDArray[np.float64]
 
@@ -45,25 +45,35 @@ class Agreement:
 
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
     """Return for each joint of the model how its measured torque goes with the motion."""
-    q, dq, ddq, tau = _thinned(motions)
-    nominal = _nominal(model, q, dq, ddq)
+    q, dq, ddq, tau = thinned(motions)
+    asked_for = nominal(model, q, dq, ddq)
+    asked_for = np.zeros_like(q) if asked_for is None else asked_for
     found = []
     for j, joint in enumerate(model.joints):
-        speed = max(float(np.sqrt(np.mean(dq[:, j] ** 2))), 1e-12)
-        sign = np.tanh(dq[:, j] / (0.05 * speed))
         around = (np.sin(q[:, j]), np.cos(q[:, j])) if joint.kind == "revolute" else ()
-        columns = [ddq[:, j], dq[:, j], sign, np.ones(len(q))]
-        known = np.ptp(nominal[:, j]) > 0
-        own = np.linalg.lstsq(np.column_stack([*columns, *around]), tau[:, j])[0]
-        lost = own[1] * np.mean(dq[:, j] ** 2) + own[2] * np.mean(sign * dq[:, j])
-        power = speed * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
-        compared = _partial(nominal[:, j], tau[:, j], np.column_stack(columns)) if known else (np.nan,) * 3
+        columns = nuisance(q, dq, ddq, j)
+        known = np.ptp(asked_for[:, j]) > 0
+        own = np.linalg.lstsq(np.column_stack([columns, *around]), tau[:, j])[0]
+        lost = own[1] * np.mean(dq[:, j] ** 2) + own[2] * np.mean(columns[:, 2] * dq[:, j])
+        power = _speed(dq, j) * max(float(np.sqrt(np.mean(tau[:, j] ** 2))), 1e-300)
+        compared = _partial(asked_for[:, j], tau[:, j], columns) if known else (np.nan,) * 3
         scale, correlation, asked = map(float, compared)
         found.append(Agreement(joint.name, scale, correlation, float(own[0]), float(lost / power), asked))
     return tuple(found)
 
 
-def _thinned(motions: Sequence[Motion]) -> tuple[Array, ...]:
+def _speed(dq: Array, joint: int) -> float:
+    """Return the rms speed of a joint."""
+    return max(float(np.sqrt(np.mean(dq[:, joint] ** 2))), 1e-12)
+
+
+def nuisance(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
+    """Return the columns (M, 4) of what a joint has beside its bodies: rotor, viscous and Coulomb friction, offset."""
+    sign = np.tanh(dq[:, joint] / (0.05 * _speed(dq, joint)))
+    return np.column_stack([ddq[:, joint], dq[:, joint], sign, np.ones(len(q))])
+
+
+def thinned(motions: Sequence[Motion]) -> tuple[Array, ...]:
     """Return q, dq, ddq, tau (M, n) of a few thousand usable samples of all motions."""
     step = max(1, sum(int(motion.mask.sum()) for motion in motions) // SAMPLES)
     return tuple(
@@ -72,11 +82,11 @@ def _thinned(motions: Sequence[Motion]) -> tuple[Array, ...]:
     )
 
 
-def _nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (M, n) of the inertias that the robot file gives, zero where it does not give all of them."""
+def nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array | None:
+    """Return the torque (M, n) of the inertias that the robot file gives, None where it does not give all of them."""
     values = [parameter.value if parameter.role in INERTIAL else 0.0 for parameter in model.parameters]
     if any(value is None for value in values):
-        return np.zeros_like(q)
+        return None
     return model.torque(q, dq, ddq, np.array(values, dtype=float))
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from dynident.io.fields import UNITS
 
 __all__ = ["Family", "Named", "families", "read_name", "tokens"]
 
@@ -14,18 +16,22 @@ def _words(text: str) -> frozenset[str]:
 
 
 _ROLES: Mapping[str, frozenset[str]] = {  # the first that a name has is its role
-    "acceleration": _words("ddq qdd acc accel acceleration accelerations ddtheta qddot"),
-    "velocity": _words("dq qd vel velocity velocities speed speeds qdot dtheta omega"),
-    "current": _words("current currents cur curr iq amp amps ampere i"),
-    "torque": _words("tau torque torques effort efforts trq tq moment force forces"),
-    "position": _words("q pos position positions angle angles ang theta th phi enc encoder encoders qm"),
-    "time": _words("t time times stamp stamps timestamp timestamps clock secs"),
+    "acceleration": _words("ddq qdd acc accel acceleration accelerations ddtheta qddot beschleunigung"),
+    "velocity": _words(
+        "dq qd vel velocity velocities speed speeds qdot dtheta omega geschwindigkeit drehzahl vitesse velocidad"
+    ),
+    "current": _words("current currents cur curr iq amp amps ampere i strom courant corriente"),
+    "torque": _words("tau torque torques effort efforts eff trq tq moment force forces drehmoment kraft couple"),
+    "position": _words(
+        "q pos position positions angle angles ang theta th phi enc encoder encoders qm winkel posicion posizione"
+    ),
+    "time": _words("t time times stamp stamps timestamp timestamps clock secs zeit temps tiempo tempo"),
 }
 _COMMANDED = _words(
     "cmd command commands commanded des desired target targets ref reference goal setpoint sp d nominal plan planned "
-    "con control"
+    "con control soll sollwert consigne"
 )
-_MEASURED = _words("meas measured actual act fb feedback msr real sensed raw state read")
+_MEASURED = _words("meas measured actual act fb feedback msr real sensed raw state read ist istwert")
 _FILTERED = _words("filt filtered smooth smoothed est estimated hat lp")
 _OTHER = _words(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
@@ -47,7 +53,11 @@ _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower ca
     "torque": {"nm": "N m", "mnm": "mN m", "knm": "kN m", "ncm": "N cm", "n": "N", "kn": "kN"},
     "current": {"a": "A", "amp": "A", "amps": "A", "ma": "mA"},
 }
-_TELLING = {"deg": "position", "rad": "position", "nm": "torque", "ma": "current"}  # units that tell the role too
+_TELLING = {  # units that tell the role too
+    **dict.fromkeys(("deg", "rad", "°", "degrees", "mrad"), "position"),
+    **dict.fromkeys(("nm", "mnm"), "torque"),
+    "ma": "current",
+}
 _UNIT = re.compile(
     r"[\[(]\s*(?P<bracket>[^\W\d][^\])\d]*|°)\s*[\])]|(?<=[\W_])(?P<tail>[^\W\d_]+|°)(?=[\W_]*\d*[\W_]*$)"
 )
@@ -69,12 +79,15 @@ class Named:
 
 @dataclass(frozen=True)
 class Family:
-    """Columns of one quantity, by joint or by number; None is the key of a column without either."""
+    """Columns of one quantity, by joint or by number; None is the key of a column without either.
+
+    ``units`` has the unit of each column whose name says it.
+    """
 
     role: str
-    unit: str | None
     rank: int
     columns: Mapping[str | int | None, str]
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 def tokens(name: str) -> tuple[str, ...]:
@@ -100,12 +113,53 @@ def read_name(column: str, joints: Iterable[str]) -> Named:
 
 def families(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
     """Return the families of the columns, in the order of the file; those without a known role are left out."""
-    found: dict[tuple[object, ...], dict[str | int | None, str]] = {}
+    alike: dict[tuple[object, ...], dict[str | int | None, Named]] = {}
     for one in (read_name(column, joints) for column in columns):
         if one.role:
             key = (one.role, one.unit, one.rank, one.family, one.joint is None, one.number is None)
-            found.setdefault(key, {}).setdefault(one.joint if one.joint is not None else one.number, one.column)
-    return [Family(str(role), unit, rank, members) for (role, unit, rank, *_), members in found.items()]  # type: ignore[arg-type]
+            alike.setdefault(key, {}).setdefault(one.joint if one.joint is not None else one.number, one)
+    found: list[dict[str | int | None, Named]] = []
+    for members in alike.values():
+        whole = next((other for other in found if _complete(other, members)), None)
+        if whole is None:
+            found.append(members)
+        else:
+            whole |= members
+    return [_family(list(members.values()), list(members)) for members in found]
+
+
+def _family(members: Sequence[Named], keys: Sequence[str | int | None]) -> Family:
+    return Family(
+        members[0].role,
+        members[0].rank,
+        {key: one.column for key, one in zip(keys, members, strict=True)},
+        {one.column: one.unit for one in members if one.unit},
+    )
+
+
+def _complete(some: Mapping[str | int | None, Named], others: Mapping[str | int | None, Named]) -> bool:
+    """Whether two families are one quantity of different joints, of which one slides, say: mm beside deg, N beside N m.
+
+    Columns that have numbers only must differ in the dimension of their unit.
+    """
+    if set(some) & set(others):
+        return False
+    one, other = (next(iter(members.values())) for members in (some, others))
+    if (one.role, one.rank, _plain(one)) != (other.role, other.rank, _plain(other)):
+        return False
+    if one.joint is None or other.joint is None:
+        numbered = one.number is not None and other.number is not None
+        return numbered and "" != _dimension(one) != _dimension(other) != ""
+    return True
+
+
+def _plain(one: Named) -> tuple[str, ...]:
+    """Return the words of a family without its unit, and without those for the role: force beside torque."""
+    return tuple(word for word in one.family[:-1] if word not in _ROLES.get(one.role, ()))
+
+
+def _dimension(one: Named) -> str:
+    return next((dimension for dimension, known in UNITS.items() if one.unit in known), "")
 
 
 def _joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, tuple[str, ...]]:

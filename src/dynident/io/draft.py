@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 from yaml.reader import Reader
 
+from dynident.diagnostics import moving
 from dynident.errors import InputError, choices
 from dynident.io.fields import UNITS
 from dynident.io.guess import Guess, Signal
@@ -20,6 +21,7 @@ from dynident.io.match import JointFacts
 from dynident.io.robot import SUFFIXES
 from dynident.io.sources import Source
 from dynident.io.tables import Table
+from dynident.log import Log
 
 __all__ = ["Draft", "draft", "same_columns"]
 
@@ -27,6 +29,8 @@ _PLAIN = re.compile(r"[A-Za-z_./][A-Za-z0-9_./-]*")  # names that YAML takes as 
 # what no line may hold: names in quotes are escaped by then, so that this is left in comments only
 _BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log
+_LARGEST = 1e100  # of values that can have been measured
+_STILL = "; the arm stands still outside, where friction is not known"
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,8 @@ def draft(robot: str, joints: Sequence[JointFacts], guess: Guess, sources: Seque
     page.line("")
     page.line("estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(guess.strangers)}."
-    notes = (strange,) if guess.strangers else ()
+    faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
+    notes = (*((strange,) if guess.strangers else ()), *faults)
     text = "\n".join(_BREAKING.sub("?", line) for line in page.lines) + "\n"
     return Draft(text, notes, tuple(page.questions), tuple(page.blanks))
 
@@ -174,21 +179,28 @@ def _logs(page: _Page, guess: Guess, sources: Sequence[Source], folder: Path) ->
     if len(sources) > 1:
         *train, last = sources
         page.line("train:")
-        page.lines.extend(line for source in train for line in _log(source, folder))
+        page.lines.extend(line for source in train for line in (*_log(source, folder), *_moving(guess, source.table)))
         page.line("validation:  # held out: to judge the fit, on another motion at best")
-        page.lines.extend(_log(last, folder))
+        page.lines.extend((*_log(last, folder), *_moving(guess, last.table)))
         return
-    cut = _cut(guess, sources[0].table)
+    start, stop, cut = _span(guess, sources[0].table)
     page.line(f"train:  # the first {100 * _TRAIN:.0f} % of the only log")
-    for role, window in (("train", f"[null, {cut}]"), ("validation", f"[{cut}, null]")):
+    for role, window in (("train", f"[{start}, {cut}]"), ("validation", f"[{cut}, {stop}]")):
         if role == "validation":
             page.line("validation:  # its rest; another motion says more")
         page.lines.extend(_log(sources[0], folder))
-        if cut:
-            page.line(f"    window: {window}  # s")
+        if cut != "null":
+            page.line(f"    window: {window}  # s{_STILL if window.count('null') == 0 else ''}")
         else:
             page.want(f"{role}[0].window", "start and stop in s, because the times are not known", "    ")
             page.line("    # window: [ , ]")
+
+
+def _moving(guess: Guess, table: Table) -> Iterator[str]:
+    """Yield the window in which the arm moves, where it rests for long before or after."""
+    start, stop, _ = _span(guess, table)
+    if (start, stop) != ("null", "null"):
+        yield f"    window: [{start}, {stop}]  # s{_STILL}"
 
 
 def _log(source: Source, folder: Path) -> Iterator[str]:
@@ -202,17 +214,27 @@ def _log(source: Source, folder: Path) -> Iterator[str]:
         yield f"    width: {{ {widths} }}  # one number a line: this many make a row"
 
 
-def _cut(guess: Guess, table: Table) -> str:
-    """Return the time in s at which a single log is cut in two, in few digits; "" where it is not known."""
-    if guess.time.column is None:
-        return ""
-    column = table.columns[guess.time.column]
-    t = column[np.isfinite(column)] * UNITS["time"][guess.time.unit]
-    span = float(np.ptp(t)) if len(t) else 0.0
-    if not span > 0:
-        return ""
-    digits = max(0, 2 - math.floor(math.log10(span)))
-    return f"{round(float(t.min()) + _TRAIN * span, digits):.{digits}f}"
+def _span(guess: Guess, table: Table) -> tuple[str, str, str]:
+    """Return where the arm begins and ends to move, and where a single log is cut in two, in s and few digits.
+
+    The first two are "null" where it moves from the start, or to the end; all are where the times are not known.
+    """
+    names = [guess.time.column, *(one.column for one in guess.position.values() if one.column)]
+    columns = [table.columns[name] for name in names if name is not None]
+    if guess.time.column is None or len({len(column) for column in columns}) != 1:
+        return "null", "null", "null"
+    rows = np.column_stack(columns)
+    rows = rows[(np.abs(rows) < _LARGEST).all(axis=1)]
+    t = rows[:, 0] * UNITS["time"][guess.time.unit]
+    if len(t) < 2 or not t[-1] > t[0]:
+        return "null", "null", "null"
+    start, stop = float(t[0]), float(t[-1])
+    if len(columns) > 1 and (np.diff(t) > 0).all():
+        q = rows[:, 1:]
+        start, stop = moving(Log(t, q, np.zeros(q.shape), tuple(map(str, range(q.shape[1])))))
+    digits = max(0, 2 - math.floor(math.log10(stop - start)))
+    first, last = (f"{x:.{digits}f}" if x != end else "null" for x, end in ((start, t[0]), (stop, t[-1])))
+    return (first, last, f"{start + _TRAIN * (stop - start):.{digits}f}")
 
 
 def _relative(path: Path, folder: Path) -> str:

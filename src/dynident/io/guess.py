@@ -140,11 +140,15 @@ def _positions(table: Table, joints: Sequence[JointFacts], match: Match | None, 
     found = {}
     for joint in joints:
         known = UNITS[POSITIONS[joint.kind]]
-        unit = match.family.unit if match.family.unit in known else None
+        unit = match.family.units.get(match.columns[joint.name])
+        unit = unit if unit in known else None
         question = match.question
         if unit is None:
             unit = "deg" if degrees and joint in turning else _si(joint, POSITIONS)
             doubt = in_degrees if unit == "deg" else _doubt(joint, values[joint.name])
+            question = "; ".join(filter(None, (question, doubt)))
+        elif _geared(joint, UNITS[POSITIONS[joint.kind]][unit] * values[joint.name]):
+            doubt = "it moves farther than the joint can: of the motor, before the gear (see `transmission`)?"
             question = "; ".join(filter(None, (question, doubt)))
         found[joint.name] = Signal(match.columns[joint.name], unit, question)
     return found
@@ -160,6 +164,12 @@ def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
         slack = (_SLACK - 1) * (upper - lower)
         return lower - slack <= low and high <= upper + slack
     return high - low <= (2 * math.pi if joint.kind == "revolute" else 10.0)
+
+
+def _geared(joint: JointFacts, q: Array) -> bool:
+    """Whether positions in rad or m span far more than the joint's limits, as those of motors do."""
+    lower, upper = joint.limits.lower, joint.limits.upper
+    return len(q) > 0 and lower is not None and upper is not None and 0 < _OVER * (upper - lower) < float(np.ptp(q))
 
 
 def _doubt(joint: JointFacts, q: Array) -> str:
@@ -190,9 +200,10 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
     if match is None:
         return {name: Signal(None, unit) for name, unit in units.items()}
     if match.family.role == "current":
-        per = f"per {match.family.unit}" if match.family.unit else "per A or mA"
+        per = {name: match.family.units.get(match.columns[name], "A or mA") for name in units}
+        gain = "torque constant times gear ratio"
         return {
-            name: Signal(match.columns[name], unit, match.question, f"torque constant times gear ratio, {unit} {per}")
+            name: Signal(match.columns[name], unit, match.question, f"{gain}, {unit} per {per[name]}")
             for name, unit in units.items()
         }
     peaks = {
@@ -202,8 +213,9 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
     ratios = {name: peaks[name] / limit for name, limit in limits.items() if limit}
     found = {}
     for joint in joints:
-        named = match.family.unit in UNITS[TORQUES[joint.kind]]
-        unit = str(match.family.unit) if named else units[joint.name]
+        said = match.family.units.get(match.columns[joint.name], "")
+        named = said in UNITS[TORQUES[joint.kind]]
+        unit = said if named else units[joint.name]
         doubt = ""
         if not named and ratios.get(joint.name, 0.0) > _OVER:
             doubt = (
@@ -223,7 +235,7 @@ def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ro
 
 def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGuess:
     """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
-    named = [(column, one.unit) for one in found if one.role == "time" for column in one.columns.values()]
+    named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
     stamps.sort(key=lambda stamp: not increases(table.columns[stamp[0]]))
     alone = _clock(table, rows) if not stamps else None
@@ -237,6 +249,7 @@ def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGu
         question = "the only column that increases evenly: is it the time?"
     if ros and unit is None:
         unit = "s"
+    unit = unit or _epoch(column)
     if unit is not None:
         return TimeGuess(name, unit, step * UNITS["time"][unit], question)
     if _FASTEST <= step <= _SLOWEST:
@@ -263,6 +276,12 @@ def _clock(table: Table, rows: int) -> tuple[str, str | None] | None:
     return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
 
 
+def _epoch(column: Array) -> str | None:
+    """Return the unit in which the stamps count from 1970, None where they do not: a year from 2001 to 2049."""
+    start = float(finite(column).min(initial=np.inf))
+    return next((unit for unit in ("s", "ms", "us", "ns") if 1e9 < start * UNITS["time"][unit] < 2.5e9), None)
+
+
 def _step(column: Array) -> float:
     """Return the median step, nan where there is none."""
     steps = np.diff(finite(column))
@@ -272,7 +291,7 @@ def _step(column: Array) -> float:
 def _unit_reason(family: Family, ros: bool) -> str:
     if family.role == "current":
         return ""
-    if family.unit:
+    if family.units:
         return "; the unit is in their names"
     if ros:
         return "; the unit is that of ROS" + (", but some drivers send currents" if family.role == "torque" else "")

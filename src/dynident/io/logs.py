@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Finding, check, require, split_gaps
+from dynident.diagnostics import MINIMUM_SAMPLES, Finding, check, require, rest, split_gaps
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
@@ -109,7 +109,7 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     found = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(found, config.simulation, spec, joints) if torque else None
     logs: list[Log] = []
-    warnings = [f"{spec.label}: {note}" for note in table.notes]
+    warnings = [f"{spec.label}: {note}" for note in found.table.notes]
     for window in spec.window or ((None, None),):
         name = spec.label if len(spec.window) < 2 else f"{spec.label} {interval_words(window)}"
         log = _cut(found, window, joints, name)
@@ -172,7 +172,7 @@ def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, mea
     """Return the findings on a log; InputError where one of them is an error."""
     findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
-    return findings
+    return (*findings, *rest(log)) if config.slow is None and len(log) >= MINIMUM_SAMPLES else findings
 
 
 def turning_joints(config: Config) -> frozenset[str]:

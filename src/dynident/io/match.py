@@ -44,17 +44,14 @@ def headerless(table: Table, count: int) -> list[Family]:
     names = list(table.columns)
     if not names or not all(name.isdecimal() for name in names):
         return []
-    first = [Family("time", None, 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
+    first = [Family("time", 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
     rest = names[len(first) :]
     if len(rest) not in (2 * count, 3 * count):
         return first
     parts = (rest[:count], rest[-count:])
     return [
         *first,
-        *(
-            Family(role, None, 0, dict(enumerate(part)))
-            for role, part in zip(("position", "torque"), parts, strict=True)
-        ),
+        *(Family(role, 0, dict(enumerate(part))) for role, part in zip(("position", "torque"), parts, strict=True)),
     ]
 
 

@@ -20,7 +20,8 @@ _HEADER = 128
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _INT8, _MATRIX, _COMPRESSED = 1, 14, 15  # types of data elements
 _NUMERIC = range(6, 16)  # classes of arrays, from double to uint64
-_CLASSES = {1: "a cell array", 2: "a struct", 3: "an object", 4: "text", 5: "a sparse matrix"}
+_STRUCT, _DEEPEST = "a struct", 20  # structs in structs beyond this are taken for damage
+_CLASSES = {1: "a cell array", 2: _STRUCT, 3: "an object", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x800
 
 
@@ -41,10 +42,10 @@ def parse_mat(data: bytes) -> dict[str, NDArray[Any] | str]:
             kind, content = next(_elements(zlib.decompress(content), order), (0, b""))
         if kind != _MATRIX:
             raise ValueError(f"a data element of type {kind}, where a variable is expected")
-        name, value = _variable(content, order)
-        if name in variables:
-            raise ValueError(f"the variable {name!r} is there twice")
-        variables[name] = value
+        for name, value in _variables(content, order):
+            if name in variables:
+                raise ValueError(f"the variable {name!r} is there twice")
+            variables[name] = value
     variables.pop("", None)  # MATLAB's own workspace of function handles has no name
     return variables
 
@@ -64,6 +65,27 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             raise ValueError(f"a data element of {size} bytes is cut off")
         yield kind, data[start : start + size]
         at = after
+
+
+def _variables(content: bytes, order: str, within: str = "") -> Iterator[tuple[str, NDArray[Any] | str]]:
+    """Yield name and value of a variable; of a single struct those of its fields, as ``struct.field``."""
+    name, value = _variable(content, order)
+    path = f"{within}{name}"
+    if not (isinstance(value, str) and value == _STRUCT) or within.count(".") > _DEEPEST:
+        yield path, value
+        return
+    parts = _elements(content, order)
+    _, dimensions, _, width, names = (_next(parts)[1] for _ in range(5))
+    (size,) = struct.unpack_from(f"{order}i", width)
+    if size < 1 or np.frombuffer(dimensions, f"{order}i4").prod() != 1:
+        yield path, value
+        return
+    fields = [names[k : k + size].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
+    for field in fields:
+        kind, inner = _next(parts)
+        if kind != _MATRIX:
+            raise ValueError(f"the field {path}.{field} is a data element of type {kind}")
+        yield from _variables(inner, order, f"{path}.{field}") if inner else ()
 
 
 def _variable(content: bytes, order: str) -> tuple[str, NDArray[Any] | str]:

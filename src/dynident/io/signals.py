@@ -43,8 +43,11 @@ def has_torques(table: Table, config: Config, joints: Sequence[Joint]) -> bool:
 def signals(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
-    Raises ConfigError where the transmission is singular, InputError where a column is missing or a time is wrong.
+    Rows at both ends without all values, and rows that only say the one before again, are dropped, and a note of the
+    table says so. Raises ConfigError where the transmission is singular, InputError where a column is missing or a time
+    is wrong.
     """
+    table = _tidy(table, _used(table, config, joints, measured=measured), config.time.column is not None)
     used = _used(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
     q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
@@ -118,6 +121,25 @@ def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bo
                 f"{name!r} has {len(used[name])}. Take all columns of a log from one recording."
             )
     return used
+
+
+def _tidy(table: Table, used: Mapping[str, Array], stamped: bool) -> Table:
+    """Drop what recorders leave before the start and after the end, and rows written twice."""
+    values = np.column_stack(list(used.values()))
+    whole = np.flatnonzero(~np.isnan(values).any(axis=1))
+    if not len(whole):
+        return table
+    first, last = int(whole[0]), int(whole[-1])
+    if last - first + 1 < len(values):
+        inside = np.zeros(len(values), dtype=bool)
+        inside[first : last + 1] = True
+        lost = len(values) - inside.sum()
+        table = table.kept(inside, f"{lost} rows at the ends, where columns are empty or NaN, are left out.")
+        values = values[inside]
+    new = np.append(True, (values[1:] != values[:-1]).any(axis=1))
+    if new.all() or not stamped:  # without stamps, equal rows are a standstill
+        return table
+    return table.kept(new, f"{(~new).sum()} rows that repeat the one before, time and all, are left out.")
 
 
 def _matrix(

@@ -28,8 +28,8 @@ class Table:
     """Columns and scalars of a file, as float64 and without units.
 
     ``faults`` says why a column that is in the file cannot be used, ``lines`` are the lines of the file from which
-    the rows come (text files only), ``notes`` what was mended in reading. Columns may differ in length: a file may
-    hold more than one log.
+    its rows come (text files only), ``rows`` which of these are left where some were dropped, ``notes`` what was
+    mended in reading. Columns may differ in length: a file may hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -38,6 +38,7 @@ class Table:
     faults: Mapping[str, str] = field(default_factory=dict)
     lines: Sequence[int] | None = None
     notes: tuple[str, ...] = ()
+    rows: NDArray[np.intp] | None = None
 
     def __post_init__(self) -> None:
         for column in self.columns.values():
@@ -67,7 +68,14 @@ class Table:
 
     def place(self, row: int) -> str:
         """Word where a row is in the file."""
-        return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
+        k = row if self.rows is None else int(self.rows[row])
+        return f"row {k + 1}" if self.lines is None else f"line {self.lines[k]}"
+
+    def kept(self, keep: NDArray[np.bool_], note: str) -> Table:
+        """Return the table with the rows that ``keep`` (N) picks in the columns of that length, and a note on it."""
+        columns = {name: x[keep] if len(x) == len(keep) else x for name, x in self.columns.items()}
+        rows = np.arange(len(keep)) if self.rows is None else self.rows
+        return replace(self, columns=columns, rows=rows[keep], notes=(*self.notes, note))
 
 
 def _led(where: str) -> str:
@@ -182,9 +190,12 @@ def _read_hdf5(data: bytes, source: str) -> Table:
 
 
 def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
+    arrays = {name: (value, np.asarray(value)) for name, value in items}
+    lengths = {array.size for _, array in arrays.values() if max(array.shape, default=0) == array.size > 1}
     columns, constants, faults = {}, {}, {}
-    for name, value in items:
-        array = np.asarray(value)
+    for name, (value, array) in arrays.items():
+        if array.ndim == 2 and array.shape[1] in lengths and array.shape[0] not in lengths:
+            array = array.T  # time runs along the rows, as the length of other columns tells
         if array.dtype.kind not in "biuf" or array.size == 0:
             faults[name] = f"holds {_content(value, array)}, not an array of numbers."
         elif array.size == 1:

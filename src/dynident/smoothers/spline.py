@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
@@ -14,6 +15,11 @@ from dynident.smoothers.smoother import ends_mask
 from dynident.splines import Constraint, Rule, noise_sigma, smooth
 
 __all__ = ["Spline"]
+
+Array = NDArray[np.float64]
+
+
+STILL = 3.0  # times the noise: a joint that moves less in the whole log stands still, and its speed is noise
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,13 @@ class Spline:
         how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in told}
         how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
         mask = ends_mask(log, reach, reach)
-        parts = (fit.values, fit.derivative(1), fit.derivative(2))
-        return Motion(log.t, *parts, log.tau, log.joints, mask, log.source, how)
+        q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
+        if (still := _still(log.q, fit.values, fit.noise)).any():
+            q, dq, ddq = (
+                np.where(still, rest, part)
+                for rest, part in zip((log.q.mean(axis=0), 0.0, 0.0), (q, dq, ddq), strict=True)
+            )
+        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
     def _sigma(self, log: Log) -> list[float] | float | None:
         if not isinstance(self.sigma, Mapping):
@@ -64,3 +75,11 @@ class Spline:
                 raise ConfigError(f"sigma names the joint {name!r}; the log has others. {choices(name, log.joints)}")
         estimate = noise_sigma(log.t, log.q)
         return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
+
+
+def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
+    """Tell which joints (n) stand still: within the noise, or within two counts of a quantised encoder."""
+    steps = np.abs(np.diff(q, axis=0))
+    count = np.where(steps > 0, steps, np.inf).min(axis=0)
+    flicker = np.ptp(q, axis=0) <= np.where(np.isfinite(count), 2.001 * count, 0.0)
+    return np.asarray((np.ptp(smoothed, axis=0) <= STILL * noise) | flicker)

@@ -36,6 +36,7 @@ NAMES = {  # role, joint, number, unit, rank
     "dq_2": ("velocity", None, 2, None, 0),
     "ddq2": ("acceleration", None, 2, None, 0),
     "J1_deg": ("position", None, 1, "deg", 0),
+    "T2 [Nm]": ("torque", None, 2, "N m", 0),
     "i3": ("current", None, 3, None, 0),
     "time_ms": ("time", None, None, "ms", 0),
     "Time [s]": ("time", None, None, "s", 0),

@@ -100,7 +100,9 @@ def read_name(column: str, joints: Iterable[str]) -> Named:
     words = tokens(column)
     joint, rest = _joint(words, joints)
     spelled, unit_words = _unit(column)
-    role = _role(rest) or (_role(words) if joint else "") or _TELLING.get(spelled, "")
+    told = _TELLING.get(spelled, "")
+    role = _role(rest) or (_role(words) if joint else "") or told
+    role = told if told and role == "time" else role  # T1 [Nm] is a torque
     unit = _UNITS.get(role, {}).get(spelled)
     if unit:
         rest = _without(rest, unit_words)

@@ -177,6 +177,11 @@ class _Run:
                 break
             spacing /= 2
         self.states = tuple(one.start(self.sigma_q, bend) for one in self.segments)
+        if self.settings.huber is None:
+            pairs = zip(self.segments, self.states, strict=True)
+            self.segments = tuple(
+                one.condensed(self.problem.model, state, self.theta, self.sigma_tau) for one, state in pairs
+            )
 
     def white(self, left: Sequence[Array]) -> bool:
         """Return whether the residuals of all positions are as good as white."""
@@ -247,7 +252,7 @@ class _Run:
             for one, state in zip(self.segments, self.states, strict=True)
         ]
         q = [a / self.sigma_q for a, _ in pairs]
-        return q, [b[one.sample] / self.sigma_tau for (_, b), one in zip(pairs, self.segments, strict=True)]
+        return q, [b / self.sigma_tau for _, b in pairs]
 
     def reweighted(self) -> None:
         """Estimate the noise from the residuals and the degrees of freedom left; with Huber, the trust too."""
@@ -260,8 +265,8 @@ class _Run:
         free = np.maximum(N - np.asarray(taken), 0.05 * N)
         if self.settings.huber is not None:
             c = self.settings.huber
-            trust = [np.sqrt(np.minimum(1.0, c / np.maximum(np.abs(x), 1e-300))) for x in tau]
-            self.segments = tuple(replace(one, trust=x) for one, x in zip(self.segments, trust, strict=True))
+            trust = [np.minimum(1.0, c / np.maximum(np.abs(x), 1e-300)) for x in tau]
+            self.segments = tuple(one.trusting(x) for one, x in zip(self.segments, trust, strict=True))
             scale = 1.4826 * np.median(np.abs(np.concatenate(tau)), axis=0) * np.sqrt(N / free[1])
         else:
             scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.likelihood.segment import Segment
+from dynident.likelihood.torques import Torques
 from dynident.likelihood.trajectory import Trajectory, graded
 from dynident.log import Log
 
@@ -69,7 +70,7 @@ def plan(log: Log, steps: Sequence[float], spacing: float, sigma_tau: Array, *, 
         graded(begin, end, marks, FINE * h, spacing * h, GROWTH), tuple(mark for mark in marks if mark > begin)
     )
     found = [_corners(log, left, right, h, sigma_tau) for left, right in itertools.pairwise([*marks, end])]
-    return Segment(log, trajectory, tuple(knots for knots in found if len(knots)), rest)
+    return Segment(log, trajectory, Torques.of(log), tuple(knots for knots in found if len(knots)), rest)
 
 
 def _corners(log: Log, left: float, right: float, h: float, sigma_tau: Array) -> Array:

@@ -124,6 +124,7 @@ class _Run:
         wanted = demands(problem.model, logs, start.value)
         barrier = Barrier(wanted, settings.weight)
         theta = _feasible(start.value, problem, wanted)
+        sigma_tau = np.maximum(sigma_tau, _misfit(problem, theta))  # what the model cannot explain counts as noise
         return cls(settings, problem, start, logs, barrier, theta, sigma_q, sigma_tau)
 
     def estimate(self) -> Estimate:
@@ -198,7 +199,8 @@ class _Run:
         self, theta: Array, states: tuple[State, ...], hold: int = 0, loose: float = 1.0, fixed: int | None = None
     ) -> Fitted:
         """Search from a theta and states, with one parameter fixed or none."""
-        settings = Settings(loose * self.settings.tolerance, self.settings.iterations)
+        bodies = any(parameter.body for parameter in self.problem.model.parameters)
+        settings = Settings(loose * self.settings.tolerance, self.settings.iterations, newton=not bodies)
         model, noise = self.problem.model, (self.sigma_q, self.sigma_tau)
         return maximise(model, self.segments, states, theta, *noise, self.barrier, settings, hold, fixed)
 
@@ -321,6 +323,14 @@ def _logs(problem: Problem) -> tuple[Log, ...]:
     if not out:
         raise InputError("maximum likelihood needs a run of at least 20 usable samples.")
     return tuple(out)
+
+
+def _misfit(problem: Problem, theta: Array) -> Array:
+    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions: it does not see transients."""
+    left = [
+        (one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions
+    ]
+    return np.asarray(1.4826 * np.median(np.abs(np.concatenate(left)), axis=0))
 
 
 def _feasible(theta: Array, problem: Problem, wanted: tuple[Demand, ...], margin: float = MARGIN) -> Array:

@@ -18,6 +18,7 @@ from dynident.model import Model
 __all__ = ["Fitted", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
+NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
 SHORTEST = 1e-3  # share of a step below which the search gives up
@@ -25,10 +26,14 @@ SHORTEST = 1e-3  # share of a step below which the search gives up
 
 @dataclass(frozen=True)
 class Settings:
-    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps."""
+    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps.
+
+    ``newton`` takes second derivatives by trajectory and theta, which cost 3 n regressors a step.
+    """
 
     tolerance: float = 1e-4
     iterations: int = 60
+    newton: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +80,18 @@ class _Step:
     observed: Array
 
 
-def _step(
-    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, *, newton: bool = True
-) -> _Step:
-    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
-    p = len(theta)
-    _, push, stiff = barrier.terms(theta)
-    reduced = []
-    for bend in (True, False):
-        information, gradient, fall, maps = stiff, -push, 0.0, []
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    """Information (p, p), gradient (p), twice the fall that the trajectories alone promise, and the maps to them."""
+
+    information: Array
+    gradient: Array
+    fall: float
+    maps: tuple[tuple[Array, int], ...]
+
+    @classmethod
+    def of(cls, found: Sequence[Equations], p: int, *, bend: bool) -> _Quadratic:
+        information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
         for one in found:
             k, border = one.border.shape[1] - p, one.border
             if bend:
@@ -92,18 +100,44 @@ def _step(
             S, g, back, extra = _schur(one, border, k)
             information, gradient, fall = information + S, gradient + g, fall + extra
             maps.append((back, k))
-        reduced.append((information, gradient, fall, tuple(maps)))
-    observed, gauss = reduced[0][0], reduced[1][0]
-    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
-    if not (np.isfinite(gauss).all() and np.isfinite(observed).all()):
-        raise ModelError("the normal equations of the parameters are not finite.")
-    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
-    H, gradient, fall, maps_used = reduced[0] if newton and weakest[0] > SAFE * weakest[1] else reduced[1]
+        if not np.isfinite(information).all():
+            raise ModelError("the normal equations of the parameters are not finite.")
+        return cls(information, gradient, fall, tuple(maps))
+
+
+def _step(
+    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, accuracy: float, *, newton: bool
+) -> _Step:
+    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
+    p = len(theta)
+    gauss = used = _Quadratic.of(found, p, bend=False)
+    if newton:
+        bent = _Quadratic.of(found, p, bend=True)
+        if _safe(bent.information, gauss.information):
+            used = bent
     free = np.array([k for k in range(p) if k != fixed], dtype=int)
-    dtheta = np.zeros(p)
-    dtheta[free] = np.linalg.solve((H / np.outer(scale, scale))[np.ix_(free, free)], (gradient / scale)[free])
-    dtheta /= scale
-    return _Step(dtheta, maps_used, fall + float(gradient @ dtheta), gauss - stiff, observed - stiff)
+    H, g = _positive(used.information), used.gradient
+    dtheta = barrier.minimum(theta, H, g, accuracy, free)
+    gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
+    observed = bent.information if newton else gauss.information
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, observed)
+
+
+def _positive(H: Array) -> Array:
+    """Return H (p, p) without what rounding has made negative, or of nothing."""
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-200))
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    if values[0] > NULL * values[-1]:
+        return H
+    half = vectors * np.sqrt(np.where(values > NULL * values[-1], values, 0.0)) * scale[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _safe(observed: Array, gauss: Array) -> bool:
+    """Return whether the observed information is no less than a small share of the expected one, in any direction."""
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
+    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
+    return weakest[0] > SAFE * weakest[1]
 
 
 @dataclass(eq=False)
@@ -122,7 +156,7 @@ class _Search:
             return np.inf
         pairs = zip(self.segments, states, strict=True)
         data = sum(one.cost(self.model, state, theta, self.sigma_q, self.sigma_tau) for one, state in pairs)
-        return data + self.barrier.terms(theta)[0]
+        return data + self.barrier.value(theta)
 
     def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
         pairs = zip(self.segments, states, strict=True)
@@ -167,6 +201,7 @@ def maximise(
     the equations cannot be solved.
     """
     settings = settings or Settings()
+    accuracy = 0.01 * settings.tolerance
     search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
     states, iteration = tuple(states), 0
     for _ in range(hold):
@@ -179,17 +214,17 @@ def maximise(
     while True:
         near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
         bends = [one.bend for one in equations]
-        equations = search.equations(states, theta, bend=not near)
+        equations = search.equations(states, theta, bend=settings.newton and not near)
         if near:
             equations = [replace(one, bend=bend) for one, bend in zip(equations, bends, strict=True)]
-        step = _step(equations, theta, barrier, fixed)
+        step = _step(equations, theta, barrier, fixed, accuracy, newton=settings.newton)
         trace(iteration, cost, step.decrement, theta)
         converged = 0 <= step.decrement < settings.tolerance
         if converged or iteration >= settings.iterations:
             break
         found = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
-        if found is None:  # far from the solution Newton's matrix may mislead
-            step = _step(equations, theta, barrier, fixed, newton=False)
+        if found is None and settings.newton:  # far from the solution Newton's matrix may mislead
+            step = _step(equations, theta, barrier, fixed, accuracy, newton=False)
             found = _descend(search, states, theta, step, cost)
         if found is None:
             break
@@ -203,8 +238,6 @@ def _descend(
 ) -> tuple[tuple[State, ...], Array, float] | None:
     """Return states, theta and cost after a share of the step that lowers the cost; None where there is none."""
     size = 1.0
-    while not search.barrier.inside(theta + size * step.theta / 0.9):
-        size *= 0.7
     while size > SHORTEST:
         moved, aim = search.tried(states, step, size), theta + size * step.theta
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed

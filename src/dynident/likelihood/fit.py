@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.likelihood.arrow import Arrow
 from dynident.likelihood.barrier import Barrier
-from dynident.likelihood.segment import Equations, Segment, State
+from dynident.likelihood.equations import Equations, equations
+from dynident.likelihood.segment import Segment, State
 from dynident.model import Model
 
 __all__ = ["Fitted", "Settings", "maximise"]
@@ -38,16 +39,23 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out."""
+    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
+
+    ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
+    """
 
     theta: Array
     states: tuple[State, ...]
     information: Array
-    observed: Array
+    maps: tuple[tuple[Array, int], ...]
     cost: float
     decrement: float
     iterations: int
     converged: bool
+
+    def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
+        """Return the states that belong to another theta nearby, to first order."""
+        return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
 def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, float]:
@@ -77,7 +85,6 @@ class _Step:
     maps: tuple[tuple[Array, int], ...]
     decrement: float
     information: Array
-    observed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +126,7 @@ def _step(
     H, g = _positive(used.information), used.gradient
     dtheta = barrier.minimum(theta, H, g, accuracy, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    observed = bent.information if newton else gauss.information
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, observed)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information)
 
 
 def _positive(H: Array) -> Array:
@@ -160,7 +166,7 @@ class _Search:
 
     def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
         pairs = zip(self.segments, states, strict=True)
-        return [one.equations(self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
 
     def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
         """Return the states after one step of Gauss and Newton at this theta."""
@@ -173,11 +179,21 @@ class _Search:
 
     def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
         """Return the states that a share ``size`` of the step leads to."""
-        out = []
-        for one, state, (back, k) in zip(self.segments, states, step.maps, strict=True):
-            move = size * (back[:, 0] - back[:, 1:] @ step.theta)
-            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-        return tuple(out)
+        return _carried(self.segments, states, step.maps, step.theta, size)
+
+
+def _carried(
+    segments: Sequence[Segment],
+    states: Sequence[State],
+    maps: Sequence[tuple[Array, int]],
+    dtheta: Array,
+    size: float = 1.0,
+) -> tuple[State, ...]:
+    out = []
+    for one, state, (back, k) in zip(segments, states, maps, strict=True):
+        move = size * (back[:, 0] - back[:, 1:] @ dtheta)
+        out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+    return tuple(out)
 
 
 def maximise(
@@ -209,28 +225,28 @@ def maximise(
     cost = search.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{model.name}: the start is outside of what physics allows.")
-    equations: list[Equations] = []
+    found: list[Equations] = []
     step: _Step | None = None
     while True:
         near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
-        bends = [one.bend for one in equations]
-        equations = search.equations(states, theta, bend=settings.newton and not near)
+        bends = [one.bend for one in found]
+        found = search.equations(states, theta, bend=settings.newton and not near)
         if near:
-            equations = [replace(one, bend=bend) for one, bend in zip(equations, bends, strict=True)]
-        step = _step(equations, theta, barrier, fixed, accuracy, newton=settings.newton)
+            found = [replace(one, bend=bend) for one, bend in zip(found, bends, strict=True)]
+        step = _step(found, theta, barrier, fixed, accuracy, newton=settings.newton)
         trace(iteration, cost, step.decrement, theta)
-        converged = 0 <= step.decrement < settings.tolerance
+        converged = abs(step.decrement) < settings.tolerance
         if converged or iteration >= settings.iterations:
             break
-        found = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
-        if found is None and settings.newton:  # far from the solution Newton's matrix may mislead
-            step = _step(equations, theta, barrier, fixed, accuracy, newton=False)
-            found = _descend(search, states, theta, step, cost)
-        if found is None:
+        better = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
+        if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
+            step = _step(found, theta, barrier, fixed, accuracy, newton=False)
+            better = _descend(search, states, theta, step, cost)
+        if better is None:
             break
-        states, theta, cost = found
+        states, theta, cost = better
         iteration += 1
-    return Fitted(theta, states, step.information, step.observed, cost, step.decrement, iteration, converged)
+    return Fitted(theta, states, step.information, step.maps, cost, step.decrement, iteration, converged)
 
 
 def _descend(

@@ -30,38 +30,46 @@ class Torques:
     scatter: Array
 
     @classmethod
-    def of(cls, log: Log) -> Torques:
-        """Return a log's samples, one by one."""
-        return cls(log.t, log.tau, np.ones_like(log.tau), np.zeros(log.tau.shape[1]))
+    def of(cls, log: Log, delay: float = 0.0, used: NDArray[np.bool_] | None = None) -> Torques:
+        """Return a log's samples one by one: those at which the positions, ``delay`` (s) late, show the motion.
+
+        Samples that are not ``used`` (N, n) have weight zero.
+        """
+        t = log.t
+        keep = (t >= t[0] - delay) & (t <= t[-1] - delay)
+        weight = np.ones_like(log.tau) if used is None else used.astype(float)
+        return cls(t[keep], log.tau[keep], weight[keep], np.zeros(log.tau.shape[1]))
 
 
-def condensed(log: Log, interval: NDArray[np.intp], torque: Array, sigma_tau: Array) -> Torques:
-    """Return the log's torques with those of each interval replaced by a few points, where that loses nothing.
+def condensed(raw: Torques, interval: NDArray[np.intp], torque: Array, sigma_tau: Array) -> Torques:
+    """Return torques with those of each interval replaced by a few points, where that loses nothing.
 
-    ``interval`` (N) tells, in order, where each sample lies; ``torque`` (N, n) is about what the model will say, which
-    has to be a polynomial of degree 7 there, but for a small part of ``sigma_tau`` (n), and so in the intervals beside.
-    The points are the zeros of the polynomial of degree 8 that is orthogonal over the samples, with Gauss and
-    Christoffel's weights: squares of polynomials of degree 7 are summed exactly (Golub and Welsch, 1969).
+    ``interval`` (K) tells, in order, where each lies; ``torque`` (K, n) is about what the model will say, which has to
+    be a polynomial of degree 7 there, but for a small part of ``sigma_tau`` (n), and so in the intervals beside. The
+    points are the zeros of the polynomial of degree 8 that is orthogonal over the samples, with Gauss and Christoffel's
+    weights: squares of polynomials of degree 7 are summed exactly (Golub and Welsch, 1969).
     """
     first, count = np.unique(interval, return_index=True, return_counts=True)[1:]
-    chosen = count > POINTS + 1
+    chosen = (count > POINTS + 1) & np.logical_and.reduceat((raw.weight == 1).all(axis=1), first)
     if not chosen.any():
-        return Torques.of(log)
-    rough = _Rule.over(log.t, first, count, chosen).left(torque / sigma_tau)
+        return raw
+    rough = _Rule.over(raw.t, first, count, chosen).left(torque / sigma_tau)
     plain = np.ones(len(count), dtype=bool)
     np.logical_and.at(plain, np.repeat(np.flatnonzero(chosen), count[chosen]), (np.abs(rough) < CLOSE).all(axis=1))
     plain[1:-1] &= plain[2:] & plain[:-2]  # a reversal of the motion may still move
     chosen &= plain
     if not chosen.any():
-        return Torques.of(log)
-    rule = _Rule.over(log.t, first, count, chosen)
-    t, tau, weight = rule.points(log.tau)
+        return raw
+    rule = _Rule.over(raw.t, first, count, chosen)
+    t, tau, weight = rule.points(raw.tau)
     own = ~rule.member
-    n = tau.shape[1]
-    t, tau = np.concatenate([log.t[own], t]), np.concatenate([log.tau[own], tau])
-    weight = np.concatenate([np.ones((int(own.sum()), n)), np.repeat(weight[:, None], n, axis=1)])
-    order = np.argsort(t, kind="stable")
-    return Torques(t[order], tau[order], weight[order], (rule.left(log.tau) ** 2).sum(axis=0))
+    order = np.argsort(np.concatenate([raw.t[own], t]), kind="stable")
+    return Torques(
+        np.concatenate([raw.t[own], t])[order],
+        np.concatenate([raw.tau[own], tau])[order],
+        np.concatenate([raw.weight[own], np.repeat(weight[:, None], tau.shape[1], axis=1)])[order],
+        (rule.left(raw.tau) ** 2).sum(axis=0),
+    )
 
 
 @dataclass(frozen=True, eq=False)

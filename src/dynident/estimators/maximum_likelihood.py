@@ -52,7 +52,7 @@ class MaximumLikelihood:
     steps: bool | None = None
     huber: float | None = None
     rounds: int = 2
-    profile: float | None = 0.15
+    profile: float | None = 0.35
     weight: float = 1e-3
     tolerance: float = 1e-3
     iterations: int = 60
@@ -111,7 +111,8 @@ class _Run:
 
     def estimate(self) -> Estimate:
         fitted = self.fitted()
-        if not fitted.converged or inverted(fitted.information)[3].any():
+        bodies = not self.search.settings.newton  # some of their parameters are never determined
+        if not fitted.converged or (inverted(fitted.information)[3].any() and not bodies):
             fitted = self.again(fitted)
         if self.settings.start == "test":
             fitted = self.tested(fitted)
@@ -162,13 +163,20 @@ class _Run:
         return free
 
     def intervals(self, fitted: Fitted, covariance: Array) -> Array:
-        """Return the 95 % intervals (p, 2): by profile likelihood where the standard error is large, else symmetric."""
+        """Return the 95 % intervals (p, 2): along profile likelihoods where a standard error is large, else symmetric.
+
+        Each parameter follows the one with a large standard error that it is correlated with most.
+        """
         std, share = np.sqrt(np.diag(covariance)), self.settings.profile
         out = fitted.theta[:, None] + NORMAL * std[:, None] * np.array([-1.0, 1.0])
-        if share is not None and np.isfinite(std).all():
-            for k in np.flatnonzero(std > share * np.abs(fitted.theta)):
-                out[k] = [self.search.end(fitted, covariance, int(k), sign) for sign in (-1, 1)]
-        return out
+        asked = share is not None and bool(np.isfinite(std).all())
+        weak = np.flatnonzero(std > (share or np.inf) * np.abs(fitted.theta))
+        if asked and len(weak):
+            correlation = np.abs(covariance[:, weak]) / np.outer(std, std[weak])
+            leader = np.argmax(correlation, axis=1)
+            for at, k in enumerate(weak):
+                out[leader == at] = self.search.profiled(fitted, covariance, int(k))[leader == at]
+        return np.asarray(out)
 
     def told(self, fitted: Fitted) -> Estimate:
         model, search = self.problem.model, self.search

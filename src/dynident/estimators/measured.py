@@ -18,6 +18,7 @@ __all__ = ["feasible", "misfit", "recordings", "smoothed_away", "usual_noise"]
 
 Array = NDArray[np.float64]
 MARGIN = 0.3  # room to the boundary that a start is given, relative to the usual size
+THIN = 1e-3  # the same for bodies, which are often nearly rods or plates
 LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 SHORTEST = 20  # samples of a recording
 
@@ -53,7 +54,7 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 
 
 def misfit(problem: Problem, theta: Array) -> Array:
-    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions; it does not see transients."""
+    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
     return np.asarray(1.4826 * np.median(np.abs(np.concatenate(left)), axis=0))
 
@@ -83,7 +84,7 @@ def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: f
         usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
         scale = 1.0 / np.sqrt(usual)
         matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
-        room.append(margin if one.centre is None else 1e-9)
+        room.append(margin if one.centre is None else THIN)
     inside = all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
     return theta if inside else positive(theta, hessian, matrices, room)
 
@@ -100,7 +101,8 @@ def _runs(problem: Problem) -> tuple[Log, ...]:
 
 
 def _thinned(log: Log, group: int) -> Log:
-    return Log(*(_means(x, group) for x in (log.t, log.q, log.tau)), log.joints, log.source)
+    t, q, tau = (_means(x, group) for x in (log.t, log.q, log.tau))
+    return Log(t, q, tau, log.joints, log.source)
 
 
 def _means(x: Array, group: int) -> Array:

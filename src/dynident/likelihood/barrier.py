@@ -19,7 +19,8 @@ __all__ = ["Barrier", "Demand", "demands"]
 
 Array = NDArray[np.float64]
 SIGNED = ("viscous", "coulomb", "rotor")
-INNER = 30  # steps at one weight of the barrier; a few are needed
+INNER = 500  # steps at one weight of the barrier; a few are needed, but many along the edge of a thin body
+ROUND = 0.01  # least eigenvalue of a body to draw others to, beside its diagonal
 POSES = 16  # configurations of the recordings at which the mass matrix must be positive definite
 
 
@@ -158,11 +159,23 @@ def _solved(H: Array, g: Array, free: NDArray[np.intp]) -> Array:
     return out
 
 
+def _body(known: Sequence[float | None], start: Array) -> Array:
+    """Return the pseudo-inertia (4, 4) to draw a body to: the nominal one, or where that is none a start made round."""
+    if None not in known:
+        nominal = to_pseudo(np.array(known, dtype=float))
+        scale = np.sqrt(np.maximum(np.diag(nominal), 1e-300))
+        if np.linalg.eigvalsh(nominal / np.outer(scale, scale))[0] > ROUND:
+            return nominal
+    found = to_pseudo(start)
+    size = np.abs(np.diag(found))
+    return np.asarray(found + ROUND * np.diag(np.maximum(size, 1e-3 * size.max())))
+
+
 def demands(model: Model, logs: Sequence[Log], start: Array) -> tuple[Demand, ...]:
     """Return what physics demands: bodies with a mass distribution, friction and rotors that are not negative.
 
-    Bodies are drawn to those of ``start`` (p). A model without bodies must have a positive definite mass matrix at
-    configurations of the logs, where it has one at all.
+    Bodies are drawn to their nominal ones, or to those of ``start`` (p). A model without bodies must have a positive
+    definite mass matrix at configurations of the logs, where it has one at all.
     """
     found, p = [], len(model.parameters)
     place = {(x.body, x.role): k for k, x in enumerate(model.parameters) if x.body}
@@ -171,7 +184,8 @@ def demands(model: Model, logs: Sequence[Log], start: Array) -> tuple[Demand, ..
         columns = [place[body, role] for role in INERTIAL if (body, role) in place]
         if len(columns) == len(INERTIAL):
             slopes = np.moveaxis(to_pseudo(unit[columns].T), 0, -1)[None]
-            found.append(Demand(slopes, slopes @ start))
+            known = [model.parameters[k].value for k in columns]
+            found.append(Demand(slopes, _body(known, start[columns])[None]))
     if not found:
         q = np.concatenate([log.q[:: max(len(log) * len(logs) // POSES, 1)] for log in logs])
         slopes = np.stack([model.mass_matrix(q, one) for one in unit], axis=-1)

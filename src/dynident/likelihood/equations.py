@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.likelihood.arrow import Arrow, gather
 from dynident.likelihood.segment import Segment, State
 from dynident.model import Model
+from dynident.terms.term import Partials
 
 __all__ = ["Equations", "equations", "leverage", "scores"]
 
@@ -64,33 +65,42 @@ class _Part:
 
 
 def _parts(segment: Segment, model: Model, state: State, theta: Array, sigma_tau: Array) -> Iterator[_Part]:
-    n, p, k = len(sigma_tau), len(theta), segment.hats.shape[1]
-    motion, weight, w = segment.motion(state), segment.weights(sigma_tau), 5 * n
-    wanted = segment.wanted(state)
-    interval = segment.trajectory.interval(segment.points)
-    I, lo = len(segment.trajectory.first), 0
-    edges = np.searchsorted(interval, np.arange(I + 1))
-    while lo < I:
-        hi = max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1)
-        hi = I if edges[min(hi, I)] == edges[-1] else hi
-        part = slice(int(edges[lo]), int(edges[hi]))
-        states = (motion[0][part], motion[1][part], motion[2][part])
-        Z, slopes, scale = model.regressor(*states), model.partials(*states, theta), weight[part]
-        B = len(scale)
-        rows = np.zeros((B, n, w + k * n + p + 1))
-        for V, by in zip(segment.local[:, part], (slopes.q, slopes.dq, slopes.ddq), strict=True):
-            rows[:, :, :w] += (V[:, None, :, None] * by[:, :, None, :]).reshape(B, n, w)
-        for j in range(n):
-            rows[:, j, w + j : w + k * n : n] = -segment.hats[part]
-        rows[:, :, w + k * n : -1] = Z
-        rows[:, :, -1] = wanted[part] - Z @ theta
-        rows *= scale[:, :, None]
-        count = np.diff(edges[lo : hi + 1])
-        groups = [(np.flatnonzero(count == c), c) for c in np.unique(count) if c]
-        start = edges[lo:hi] - edges[lo]
-        placed = [(same, start[same][:, None] + np.arange(c)) for same, c in groups]
-        yield _Part(lo, hi, part, rows, states, Z, scale, placed)
+    """Yield the parts of a segment, each of about as many points as a block has."""
+    motion, weight, wanted = segment.motion(state), segment.weights(sigma_tau), segment.wanted(state)
+    count = len(segment.trajectory.first)
+    edges = np.searchsorted(segment.trajectory.interval(segment.points), np.arange(count + 1))
+    lo = 0
+    while lo < count:
+        hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
+        points = slice(int(edges[lo]), int(edges[hi]))
+        states = (motion[0][points], motion[1][points], motion[2][points])
+        Z = model.regressor(*states)
+        slopes = model.partials(*states, theta)
+        rows = _rows(segment, points, Z, slopes, wanted[points] - Z @ theta)
+        rows *= weight[points][:, :, None]
+        yield _Part(lo, hi, points, rows, states, Z, weight[points], _groups(edges[lo : hi + 1] - edges[lo]))
         lo = hi
+
+
+def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Array) -> Array:
+    """Return the derivatives (B, n, 5 n + k n + p) of the model by C, W and theta; in a last column what is left."""
+    B, n, p = Z.shape
+    w, k = 5 * n, segment.hats.shape[1]
+    rows = np.zeros((B, n, w + k * n + p + 1))
+    for V, by in zip(segment.local[:, points], (slopes.q, slopes.dq, slopes.ddq), strict=True):
+        rows[:, :, :w] += (V[:, None, :, None] * by[:, :, None, :]).reshape(B, n, w)
+    for j in range(n):
+        rows[:, j, w + j : w + k * n : n] = -segment.hats[points]
+    rows[:, :, w + k * n : -1] = Z
+    rows[:, :, -1] = left
+    return rows
+
+
+def _groups(edges: NDArray[np.intp]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Return intervals (K) with the same number c of points, and where these are (K, c), for each c."""
+    count = np.diff(edges)
+    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
+    return [(there, edges[there][:, None] + along) for there, along in same]
 
 
 def equations(
@@ -142,9 +152,7 @@ def _bends(segment: Segment, model: Model, part: _Part) -> Array:
     return -part.products(np.moveaxis(segment.local[:, part.points], 0, 1), slopes).reshape(-1, 5 * n, p)
 
 
-def leverage(
-    segment: Segment, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array
-) -> Array:
+def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> Array:
     """Return how many degrees of freedom (2, n) the trajectory takes from the positions and torques of each joint.
 
     These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.

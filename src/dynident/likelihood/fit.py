@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
+INEXACT = 0.01  # share of the tolerance to which a step is found
+STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 
 
@@ -112,21 +114,19 @@ class _Quadratic:
         return cls(information, gradient, fall, tuple(maps))
 
 
-def _step(
-    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, accuracy: float, *, newton: bool
-) -> _Step:
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, settings: Settings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
     gauss = used = _Quadratic.of(found, p, bend=False)
-    if newton:
+    if settings.newton:
         bent = _Quadratic.of(found, p, bend=True)
         if _safe(bent.information, gauss.information):
             used = bent
     free = np.array([k for k in range(p) if k != fixed], dtype=int)
     H, g = _positive(used.information), used.gradient
-    dtheta = barrier.minimum(theta, H, g, accuracy, free)
+    dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, used.information)
 
 
 def _positive(H: Array) -> Array:
@@ -167,6 +167,13 @@ class _Search:
     def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
         pairs = zip(self.segments, states, strict=True)
         return [equations(one, self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+
+    def linearised(
+        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
+    ) -> list[Equations]:
+        """Return the equations about states and theta; with the second derivatives of those before, if any."""
+        found = self.equations(states, theta, bend=bend and not before)
+        return [replace(one, bend=old.bend) for one, old in zip(found, before, strict=True)] if before else found
 
     def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
         """Return the states after one step of Gauss and Newton at this theta."""
@@ -217,35 +224,31 @@ def maximise(
     the equations cannot be solved.
     """
     settings = settings or Settings()
-    accuracy = 0.01 * settings.tolerance
     search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
-    states, iteration = tuple(states), 0
+    states = tuple(states)
     for _ in range(hold):
         states = search.followed(states, theta)
     cost = search.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{model.name}: the start is outside of what physics allows.")
     found: list[Equations] = []
-    step: _Step | None = None
+    near, iteration, slow = False, 0, 0
     while True:
-        near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
-        bends = [one.bend for one in found]
-        found = search.equations(states, theta, bend=settings.newton and not near)
-        if near:
-            found = [replace(one, bend=bend) for one, bend in zip(found, bends, strict=True)]
-        step = _step(found, theta, barrier, fixed, accuracy, newton=settings.newton)
+        found = search.linearised(states, theta, found if near else [], bend=settings.newton)
+        step = _step(found, theta, barrier, fixed, settings)
         trace(iteration, cost, step.decrement, theta)
         converged = abs(step.decrement) < settings.tolerance
-        if converged or iteration >= settings.iterations:
+        if converged or iteration >= settings.iterations or slow >= PATIENCE:
             break
         better = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
         if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
-            step = _step(found, theta, barrier, fixed, accuracy, newton=False)
+            step = _step(found, theta, barrier, fixed, replace(settings, newton=False))
             better = _descend(search, states, theta, step, cost)
         if better is None:
             break
+        slow = slow + 1 if cost - better[2] < STALLED * 0.5 * step.decrement else 0
         states, theta, cost = better
-        iteration += 1
+        near, iteration = step.decrement < NEAR, iteration + 1
     return Fitted(theta, states, step.information, step.maps, cost, step.decrement, iteration, converged)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dynident.model import Model
 from dynident.terms import Coulomb, Coupling
+from dynident.terms.term import Term
 
 __all__ = ["has_sign", "softened"]
 
@@ -26,7 +27,7 @@ def softened(model: Model, width: Array) -> Model:
     The parameters stay the same, in the same order. Terms with a width or a dead band of their own are left as they
     are.
     """
-    terms = []
+    terms: list[Term] = []
     for term in model.terms:
         if isinstance(term, Coulomb) and _sharp(term):
             terms += _by_joint(term, width)

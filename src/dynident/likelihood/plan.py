@@ -54,7 +54,7 @@ def steps_of(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, ...]
     worst = np.abs(jump).max(axis=1)
     peaks = [k for k in np.flatnonzero(worst > size) if worst[k] == worst[max(k - SIDE, 0) : k + SIDE + 1].max()]
     height = np.sqrt(2) * np.linalg.norm(ahead) * sigma_tau
-    return tuple(float(log.t[k + SIDE]) for k in peaks if _persists(log.tau, k + SIDE, jump[k] * height))
+    return tuple(float(log.t[k + SIDE]) for k in peaks if _persists(log.tau, int(k) + SIDE, jump[k] * height))
 
 
 def _persists(tau: Array, k: int, jump: Array) -> bool:

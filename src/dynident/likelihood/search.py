@@ -12,7 +12,7 @@ from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import leverage, scores
 from dynident.likelihood.fit import Fitted, Settings, maximise
 from dynident.likelihood.plan import plan, whiteness
-from dynident.likelihood.profile import crossing
+from dynident.likelihood.profile import crossing, swept
 from dynident.likelihood.segment import Segment, State
 from dynident.log import Log
 from dynident.model import Model
@@ -24,6 +24,7 @@ WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 WHITE = 1e-3  # probability below which residuals are not white
+AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
 CLUSTERS = 100  # parts of the recordings whose pulls on theta count as independent
 
 
@@ -78,9 +79,7 @@ class Search:
         self.states = tuple(one.start(self.sigma_q, self.given.bend) for one in self.segments)
         if condense:
             pairs = zip(self.segments, self.states, strict=True)
-            self.segments = tuple(
-                one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs
-            )
+            self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs)
 
     def width(self) -> Array:
         """Return how well velocities (n) are known: their noise, or what they change by from sample to sample."""
@@ -99,6 +98,7 @@ class Search:
         return self.moved_to(self.searched(self.theta, self.states, hold, loose))
 
     def moved_to(self, fitted: Fitted) -> Fitted:
+        """Move to where a search ended, and return that."""
         self.theta, self.states = fitted.theta, fitted.states
         return fitted
 
@@ -120,7 +120,9 @@ class Search:
             one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
         ]
         torques = zip(pairs, self.segments, strict=True)
-        return [a / self.sigma_q for a, _ in pairs], [(one.raw.weight > 0) * b / self.sigma_tau for (_, b), one in torques]
+        return [a / self.sigma_q for a, _ in pairs], [
+            (one.raw.weight > 0) * b / self.sigma_tau for (_, b), one in torques
+        ]
 
     def reweight(self, huber: float | None) -> None:
         """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
@@ -128,7 +130,9 @@ class Search:
         pairs = zip(self.segments, self.states, strict=True)
         noise = (self.sigma_q, self.sigma_tau)
         taken = np.sum([leverage(one, self.model, state, self.theta, *noise) for one, state in pairs], axis=0)
-        there = np.array([sum(map(len, q)) + 0 * self.sigma_q, sum((one.raw.weight > 0).sum(0) for one in self.segments)])
+        there = np.array(
+            [sum(map(len, q)) + 0 * self.sigma_q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
+        )
         free = np.maximum(there - taken, 0.05 * there)
         if huber is not None:
             trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
@@ -139,30 +143,39 @@ class Search:
         self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
         self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
 
-    def end(self, fitted: Fitted, covariance: Array, k: int, sign: int) -> float:
-        """Return one end of the 95 % interval of parameter k by profile likelihood.
+    def profiled(self, fitted: Fitted, covariance: Array, k: int) -> Array:
+        """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
 
-        The parameter moves by factors exp(sign x), so that it keeps its sign. Where physics stops it before, that is
-        the end as far as it was seen.
+        The parameter moves by factors exp(+-x), so that it keeps its sign. Where physics stops it before, that is the
+        end as far as it was seen.
         """
         value, size = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]) / abs(fitted.theta[k]))
-        along, last = covariance[:, k] / covariance[k, k], [fitted]
+        along, known, ends = covariance[:, k] / covariance[k, k], [(0.0, fitted.theta)], []
+        for sign in (-1, 1):
+            last = [fitted]
 
-        def aim(x: float) -> float:
-            return value * float(np.exp(sign * np.sign(value) * x))
+            def aim(x: float, sign: int = sign) -> float:
+                return value * float(np.exp(sign * np.sign(value) * x))
 
-        def deviation(x: float) -> float:
-            theta = last[0].theta + along * (aim(x) - last[0].theta[k])
-            theta[k] = aim(x)
-            if not self.barrier.inside(theta):
-                theta = last[0].theta.copy()
-                theta[k] = aim(x)
-            if not self.barrier.inside(theta):
-                return np.nan
-            last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=30.0, fixed=k)
-            return float(np.sqrt(2 * max(last[0].cost - 0.5 * last[0].decrement - fitted.cost, 0.0)))
+            def deviation(x: float, sign: int = sign, last: list[Fitted] = last) -> float:
+                theta = last[0].theta + along * (aim(x, sign) - last[0].theta[k])
+                theta[k] = aim(x, sign)
+                if not self.barrier.inside(theta):
+                    theta = last[0].theta.copy()
+                    theta[k] = aim(x, sign)
+                if not self.barrier.inside(theta):
+                    return np.nan
+                last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=AFAR, fixed=k)
+                found = float(np.sqrt(2 * max(last[0].cost - 0.5 * last[0].decrement - fitted.cost, 0.0)))
+                known.append((sign * found, last[0].theta))
+                return found
 
-        return aim(crossing(deviation, size))
+            ends.append(aim(crossing(deviation, size)))
+        known.sort(key=lambda pair: pair[0])
+        deviations = np.array([one for one, _ in known])
+        out = swept(np.array([theta for _, theta in known]), deviations, covariance, k)
+        out[k] = ends
+        return out
 
     def spread(self, fitted: Fitted, covariance: Array) -> tuple[Array, Array]:
         """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
@@ -174,7 +187,9 @@ class Search:
             pulls = scores(one, self.model, state, fitted.theta, *noise, back[:, 1:])
             middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
             part = max(int(CLUSTERS / len(self.segments)), 2)
-            edges = np.searchsorted(middle, np.linspace(one.trajectory.breaks[0], one.trajectory.breaks[-1], part + 1)[:-1])
+            edges = np.searchsorted(
+                middle, np.linspace(one.trajectory.breaks[0], one.trajectory.breaks[-1], part + 1)[:-1]
+            )
             edges = np.unique(np.minimum(edges, len(middle) - 1))
             out.append(np.add.reduceat(pulls, edges))
         square = (np.concatenate(out) @ covariance) ** 2

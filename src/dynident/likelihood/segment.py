@@ -74,7 +74,7 @@ class Segment:
 
     def condensed(self, model: Model, state: State, theta: Array, sigma_tau: Array) -> Segment:
         """Return the segment with few points for many torques, where the model's torque about a state allows it."""
-        torque = model.torque(*(basis @ state.C for basis in self._torques), theta)
+        torque = self._modelled(model, state, theta)
         interval = self.trajectory.interval(self.raw.t)
         return replace(self, torques=condensed(self.raw, interval, torque, sigma_tau))
 
@@ -160,8 +160,11 @@ class Segment:
 
     def residuals(self, model: Model, state: State, theta: Array) -> tuple[Array, Array]:
         """Return what is left of the positions (N, n) and torques (K, n) as measured, in their units."""
-        torque = model.torque(*(basis @ state.C for basis in self._torques), theta)
-        return self.offset(state), self.raw.tau - torque
+        return self.offset(state), self.raw.tau - self._modelled(model, state, theta)
+
+    def _modelled(self, model: Model, state: State, theta: Array) -> Array:
+        q, dq, ddq = (basis @ state.C for basis in self._torques)
+        return model.torque(q, dq, ddq, theta)
 
     def offset(self, state: State) -> Array:
         """Return what is left of the positions (N, n)."""

@@ -18,7 +18,7 @@ CLOSE = 0.03  # torques this near to a polynomial, in standard deviations of a s
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques tau (K, n) at times t (K), each of ``weight`` (K, n) samples; ``scatter`` (n), what is left of a polynomial.
+    """Torques tau (K, n) at times t (K), each of ``weight`` (K, n) samples; ``scatter`` (n) is what they leave out.
 
     The sum over all samples of the squared distance from a smooth function f is that of weight (tau - f(t))^2, and the
     scatter.

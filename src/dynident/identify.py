@@ -143,7 +143,8 @@ def _identify(
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
     progress("estimating")
-    estimate = recipe.estimator(Problem(model, fitted, regression, tuple(roles["train"].values())))
+    late = smoother.delay if isinstance(smoother, Delayed) else 0.0
+    estimate = recipe.estimator(Problem(model, fitted, regression, trained, late))
     progress("validating")
     judged = tuple(
         validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)

@@ -23,13 +23,15 @@ Verdict = Literal["data", "prior", "bound", "unidentifiable"]
 class Problem:
     """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
 
-    ``logs`` may be empty: the positions of the motions then stand for the measured ones.
+    ``logs`` may be empty: the positions of the motions then stand for the measured ones. The motions are those that the
+    logs show ``delay`` (s) late; the logs themselves are as stamped.
     """
 
     model: Model
     motions: tuple[Motion, ...]
     regression: Regression
     logs: tuple[Log, ...] = ()
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

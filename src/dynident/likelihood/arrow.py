@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.linalg.lapack import dpbtrs
+from scipy.sparse import csr_array
 
 from dynident.errors import ModelError
 
@@ -22,16 +23,15 @@ JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has sp
 def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
     """Add up overlapping blocks (I, w, w) and their rows (I, w, b), block i at the unknowns first[i] + (0 ... w - 1).
 
-    Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b). ``first`` must not
-    repeat an index.
+    Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
     """
-    w = blocks.shape[1]
-    band, border = np.zeros((w, size)), np.zeros((size, rows.shape[2]))
-    for a in range(w):
-        border[first + a] += rows[:, a]
-        for d in range(w - a):
-            band[d, first + a] += blocks[:, a + d, a]
-    return band, border
+    count, w = blocks.shape[:2]
+    place = (first[:, None] + np.arange(w)).ravel()
+    adds = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), shape=(len(place), size)).T
+    across, down = np.meshgrid(np.arange(w), np.arange(w))
+    below = blocks[:, np.minimum(across + down, w - 1), down]
+    below[:, across + down >= w] = 0.0
+    return (adds @ below.reshape(count * w, w)).T, adds @ rows.reshape(count * w, -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,37 +12,52 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.likelihood.arrow import Arrow
 from dynident.likelihood.barrier import Barrier
-from dynident.likelihood.segment import Equations, Segment, State
+from dynident.likelihood.equations import Equations, equations
+from dynident.likelihood.segment import Segment, State
 from dynident.model import Model
 
 __all__ = ["Fitted", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
+NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
+INEXACT = 0.01  # share of the tolerance to which a step is found
+STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 
 
 @dataclass(frozen=True)
 class Settings:
-    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps."""
+    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps.
+
+    ``newton`` takes second derivatives by trajectory and theta, which cost 3 n regressors a step.
+    """
 
     tolerance: float = 1e-4
     iterations: int = 60
+    newton: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out."""
+    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
+
+    ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
+    """
 
     theta: Array
     states: tuple[State, ...]
     information: Array
-    observed: Array
+    maps: tuple[tuple[Array, int], ...]
     cost: float
     decrement: float
     iterations: int
     converged: bool
+
+    def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
+        """Return the states that belong to another theta nearby, to first order."""
+        return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
 def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, float]:
@@ -72,18 +87,20 @@ class _Step:
     maps: tuple[tuple[Array, int], ...]
     decrement: float
     information: Array
-    observed: Array
 
 
-def _step(
-    found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, *, newton: bool = True
-) -> _Step:
-    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
-    p = len(theta)
-    _, push, stiff = barrier.terms(theta)
-    reduced = []
-    for bend in (True, False):
-        information, gradient, fall, maps = stiff, -push, 0.0, []
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    """Information (p, p), gradient (p), twice the fall that the trajectories alone promise, and the maps to them."""
+
+    information: Array
+    gradient: Array
+    fall: float
+    maps: tuple[tuple[Array, int], ...]
+
+    @classmethod
+    def of(cls, found: Sequence[Equations], p: int, *, bend: bool) -> _Quadratic:
+        information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
         for one in found:
             k, border = one.border.shape[1] - p, one.border
             if bend:
@@ -92,18 +109,41 @@ def _step(
             S, g, back, extra = _schur(one, border, k)
             information, gradient, fall = information + S, gradient + g, fall + extra
             maps.append((back, k))
-        reduced.append((information, gradient, fall, tuple(maps)))
-    observed, gauss = reduced[0][0], reduced[1][0]
-    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
-    if not (np.isfinite(gauss).all() and np.isfinite(observed).all()):
-        raise ModelError("the normal equations of the parameters are not finite.")
-    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
-    H, gradient, fall, maps_used = reduced[0] if newton and weakest[0] > SAFE * weakest[1] else reduced[1]
+        if not np.isfinite(information).all():
+            raise ModelError("the normal equations of the parameters are not finite.")
+        return cls(information, gradient, fall, tuple(maps))
+
+
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, settings: Settings) -> _Step:
+    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
+    p = len(theta)
+    gauss = used = _Quadratic.of(found, p, bend=False)
+    if settings.newton:
+        bent = _Quadratic.of(found, p, bend=True)
+        if _safe(bent.information, gauss.information):
+            used = bent
     free = np.array([k for k in range(p) if k != fixed], dtype=int)
-    dtheta = np.zeros(p)
-    dtheta[free] = np.linalg.solve((H / np.outer(scale, scale))[np.ix_(free, free)], (gradient / scale)[free])
-    dtheta /= scale
-    return _Step(dtheta, maps_used, fall + float(gradient @ dtheta), gauss - stiff, observed - stiff)
+    H, g = _positive(used.information), used.gradient
+    dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
+    gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, used.information)
+
+
+def _positive(H: Array) -> Array:
+    """Return H (p, p) without what rounding has made negative, or of nothing."""
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-200))
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    if values[0] > NULL * values[-1]:
+        return H
+    half = vectors * np.sqrt(np.where(values > NULL * values[-1], values, 0.0)) * scale[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _safe(observed: Array, gauss: Array) -> bool:
+    """Return whether the observed information is no less than a small share of the expected one, in any direction."""
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
+    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
+    return weakest[0] > SAFE * weakest[1]
 
 
 @dataclass(eq=False)
@@ -122,11 +162,18 @@ class _Search:
             return np.inf
         pairs = zip(self.segments, states, strict=True)
         data = sum(one.cost(self.model, state, theta, self.sigma_q, self.sigma_tau) for one, state in pairs)
-        return data + self.barrier.terms(theta)[0]
+        return data + self.barrier.value(theta)
 
     def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
         pairs = zip(self.segments, states, strict=True)
-        return [one.equations(self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+
+    def linearised(
+        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
+    ) -> list[Equations]:
+        """Return the equations about states and theta; with the second derivatives of those before, if any."""
+        found = self.equations(states, theta, bend=bend and not before)
+        return [replace(one, bend=old.bend) for one, old in zip(found, before, strict=True)] if before else found
 
     def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
         """Return the states after one step of Gauss and Newton at this theta."""
@@ -139,11 +186,21 @@ class _Search:
 
     def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
         """Return the states that a share ``size`` of the step leads to."""
-        out = []
-        for one, state, (back, k) in zip(self.segments, states, step.maps, strict=True):
-            move = size * (back[:, 0] - back[:, 1:] @ step.theta)
-            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-        return tuple(out)
+        return _carried(self.segments, states, step.maps, step.theta, size)
+
+
+def _carried(
+    segments: Sequence[Segment],
+    states: Sequence[State],
+    maps: Sequence[tuple[Array, int]],
+    dtheta: Array,
+    size: float = 1.0,
+) -> tuple[State, ...]:
+    out = []
+    for one, state, (back, k) in zip(segments, states, maps, strict=True):
+        move = size * (back[:, 0] - back[:, 1:] @ dtheta)
+        out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+    return tuple(out)
 
 
 def maximise(
@@ -168,34 +225,31 @@ def maximise(
     """
     settings = settings or Settings()
     search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
-    states, iteration = tuple(states), 0
+    states = tuple(states)
     for _ in range(hold):
         states = search.followed(states, theta)
     cost = search.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{model.name}: the start is outside of what physics allows.")
-    equations: list[Equations] = []
-    step: _Step | None = None
+    found: list[Equations] = []
+    near, iteration, slow = False, 0, 0
     while True:
-        near = step is not None and step.decrement < NEAR  # the second derivatives hardly change any more
-        bends = [one.bend for one in equations]
-        equations = search.equations(states, theta, bend=not near)
-        if near:
-            equations = [replace(one, bend=bend) for one, bend in zip(equations, bends, strict=True)]
-        step = _step(equations, theta, barrier, fixed)
+        found = search.linearised(states, theta, found if near else [], bend=settings.newton)
+        step = _step(found, theta, barrier, fixed, settings)
         trace(iteration, cost, step.decrement, theta)
-        converged = 0 <= step.decrement < settings.tolerance
-        if converged or iteration >= settings.iterations:
+        converged = abs(step.decrement) < settings.tolerance
+        if converged or iteration >= settings.iterations or slow >= PATIENCE:
             break
-        found = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
-        if found is None:  # far from the solution Newton's matrix may mislead
-            step = _step(equations, theta, barrier, fixed, newton=False)
-            found = _descend(search, states, theta, step, cost)
-        if found is None:
+        better = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
+        if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
+            step = _step(found, theta, barrier, fixed, replace(settings, newton=False))
+            better = _descend(search, states, theta, step, cost)
+        if better is None:
             break
-        states, theta, cost = found
-        iteration += 1
-    return Fitted(theta, states, step.information, step.observed, cost, step.decrement, iteration, converged)
+        slow = slow + 1 if cost - better[2] < STALLED * 0.5 * step.decrement else 0
+        states, theta, cost = better
+        near, iteration = step.decrement < NEAR, iteration + 1
+    return Fitted(theta, states, step.information, step.maps, cost, step.decrement, iteration, converged)
 
 
 def _descend(
@@ -203,8 +257,6 @@ def _descend(
 ) -> tuple[tuple[State, ...], Array, float] | None:
     """Return states, theta and cost after a share of the step that lowers the cost; None where there is none."""
     size = 1.0
-    while not search.barrier.inside(theta + size * step.theta / 0.9):
-        size *= 0.7
     while size > SHORTEST:
         moved, aim = search.tried(states, step, size), theta + size * step.theta
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed

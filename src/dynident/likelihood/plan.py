@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.likelihood.segment import Segment
+from dynident.likelihood.torques import Torques
 from dynident.likelihood.trajectory import Trajectory, graded
 from dynident.log import Log
 
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 FINE, GROWTH = 0.25, 1.1  # first spacing of knots after a step, in samples, and its growth
 CORNER, CORNERS = 15, 4  # samples from one torque knot to the next after a step, and their number
 SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
+LONG = 9  # samples on each side whose medians tell a step from outliers
 SIDE = 5  # samples on each side of a step that tell it from noise
 
 
@@ -39,7 +41,8 @@ def steps_of(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, ...]
     """Return the times (s) at which a joint's torque steps: the first samples after the jumps.
 
     A jump is where straight lines through five samples on each side differ by ``size`` standard deviations of that
-    difference, more than they do nearby.
+    difference, more than they do nearby. A step persists: the medians of nine samples on each side must differ by half
+    of it, too, which outliers cannot bring about.
     """
     N = len(log)
     if N < 4 * SIDE:
@@ -47,20 +50,38 @@ def steps_of(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, ...]
     x = np.arange(SIDE)
     ahead = np.linalg.pinv(np.stack([np.ones(SIDE), x + 0.5], axis=1))[0]
     view = np.lib.stride_tricks.sliding_window_view(log.tau, SIDE, axis=0)  # (N - 4, n, 5)
-    jump = np.abs(view[SIDE:] @ ahead - view[:-SIDE] @ ahead[::-1]) / (np.sqrt(2) * np.linalg.norm(ahead) * sigma_tau)
-    worst = jump.max(axis=1)
+    jump = (view[SIDE:] @ ahead - view[:-SIDE] @ ahead[::-1]) / (np.sqrt(2) * np.linalg.norm(ahead) * sigma_tau)
+    worst = np.abs(jump).max(axis=1)
     peaks = [k for k in np.flatnonzero(worst > size) if worst[k] == worst[max(k - SIDE, 0) : k + SIDE + 1].max()]
-    return tuple(float(log.t[k + SIDE]) for k in peaks)
+    height = np.sqrt(2) * np.linalg.norm(ahead) * sigma_tau
+    return tuple(float(log.t[k + SIDE]) for k in peaks if _persists(log.tau, int(k) + SIDE, jump[k] * height))
 
 
-def plan(log: Log, steps: Sequence[float], spacing: float, sigma_tau: Array, *, rest: bool) -> Segment:
+def _persists(tau: Array, k: int, jump: Array) -> bool:
+    """Return whether the joint with the largest jump (n) before sample k stays beyond it."""
+    j = int(np.argmax(np.abs(jump)))
+    before, after = (np.median(part) for part in (tau[max(k - LONG, 0) : k, j], tau[k : k + LONG, j]))
+    return bool((after - before) * np.sign(jump[j]) > 0.5 * abs(jump[j]))
+
+
+def plan(
+    log: Log,
+    steps: Sequence[float],
+    spacing: float,
+    sigma_tau: Array,
+    *,
+    rest: bool,
+    delay: float = 0.0,
+    used: NDArray[np.bool_] | None = None,
+) -> Segment:
     """Return the segment of a log whose knots are ``spacing`` samples apart, and dense after the steps.
 
     The start is a step where the motion begins from ``rest``. After each step the torque is linear between torque
-    knots, 15 samples apart or so near that the measured torque agrees.
+    knots, 15 samples apart or so near that the measured torque agrees. ``delay`` (s) of the positions; torques that are
+    not ``used`` (N, n) count for nothing.
     """
     h = float(np.median(np.diff(log.t)))
-    begin, end = float(log.t[0]), float(log.t[-1])
+    begin, end = float(log.t[0]) - delay, float(log.t[-1]) - delay
     marks = [begin] if rest else []
     for step in sorted(steps):
         if step - max(marks, default=begin) > SIDE * h and end - step > SIDE * h:
@@ -69,7 +90,8 @@ def plan(log: Log, steps: Sequence[float], spacing: float, sigma_tau: Array, *, 
         graded(begin, end, marks, FINE * h, spacing * h, GROWTH), tuple(mark for mark in marks if mark > begin)
     )
     found = [_corners(log, left, right, h, sigma_tau) for left, right in itertools.pairwise([*marks, end])]
-    return Segment(log, trajectory, tuple(knots for knots in found if len(knots)), rest)
+    raw = Torques.of(log, delay, used)
+    return Segment(log, trajectory, raw, raw, tuple(knots for knots in found if len(knots)), rest, delay)
 
 
 def _corners(log: Log, left: float, right: float, h: float, sigma_tau: Array) -> Array:

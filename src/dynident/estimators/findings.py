@@ -1,0 +1,77 @@
+"""What a likelihood's end tells besides its values: covariance and rank, and remarks in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.likelihood import Fitted, Search, whiteness
+
+__all__ = ["inverted", "remarks"]
+
+Array = NDArray[np.float64]
+NULL = 1e-12  # relative information below which a direction counts as not excited
+APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is told
+BORNE = 30.0  # parts of the recordings that must bear a parameter to tell its sandwich
+SURE = 5.0  # standard deviations of the sandwich's own chance that make a difference one
+COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability, that make residuals not white
+
+
+def inverted(information: Array) -> tuple[Array, int, float, NDArray[np.bool_]]:
+    """Return covariance, rank, condition, and which parameters are not determined (their variance is infinite)."""
+    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
+    empty = scale <= 1e-15 * scale.max()
+    scale[empty] = 1.0
+    values, vectors = np.linalg.eigh(np.where(empty | empty[:, None], 0.0, information / np.outer(scale, scale)))
+    kept = values > NULL * values[-1]
+    half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+    covariance = half @ half.T
+    lost = (vectors[:, ~kept] ** 2).sum(axis=1) > 1e-6
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else np.inf
+    return (covariance + covariance.T) / 2, int(kept.sum()), condition, lost
+
+
+def remarks(
+    search: Search,
+    fitted: Fitted,
+    names: Sequence[str],
+    covariance: Array,
+    lost: NDArray[np.bool_],
+    tau: Sequence[Array],
+) -> list[str]:
+    """Return what is to be said of rank, of the torque's residuals ``tau``, and of standard errors."""
+    words = []
+    if lost.any():
+        gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
+        words.append(f"rank {int(len(lost) - lost.sum())} alone of {len(lost)}: not determined alone: {gone}")
+    colour = _colour(tau)
+    if colour:
+        words.append(
+            f"the torque's residuals are not white (correlation of neighbours {colour:.2f}): the model leaves out "
+            "more than noise, so compare with least squares on held-out motion"
+        )
+    informed = np.where(np.isfinite(covariance), covariance, 0.0)
+    sandwich, borne = search.spread(fitted, informed)
+    std = np.sqrt(np.diag(informed))
+    ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE))
+    ratio[np.abs(ratio**2 - 1) < SURE * np.sqrt(2 / np.maximum(borne, BORNE))] = 1.0
+    worst = int(np.argmax(np.abs(np.log(np.maximum(ratio, 1e-6)))))
+    if not 1 / APART < ratio[worst] < APART:
+        words.append(
+            f"standard errors take residuals for white noise; by their scatter along the recordings that of "
+            f"{names[worst]} is {ratio[worst]:.2g} times as large"
+        )
+    return words
+
+
+def _colour(tau: Sequence[Array]) -> float:
+    """Return the largest correlation of neighbouring residuals of a joint, zero where they are as good as white."""
+    if min(whiteness(x, 0) for x in tau) > UNLIKELY:
+        return 0.0
+    power = np.maximum(sum((x**2).sum(axis=0) for x in tau), 1e-300)
+    found = float((sum((x[1:] * x[:-1]).sum(axis=0) for x in tau) / power).max())
+    return found if found > COLOURED else 0.0

@@ -1,0 +1,196 @@
+"""From measured logs to the most likely parameters: knots, noise known better each round, and where the search ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.likelihood.barrier import Barrier
+from dynident.likelihood.equations import leverage, scores
+from dynident.likelihood.fit import Fitted, Settings, maximise
+from dynident.likelihood.plan import plan, whiteness
+from dynident.likelihood.profile import crossing, swept
+from dynident.likelihood.segment import Segment, State
+from dynident.log import Log
+from dynident.model import Model
+
+__all__ = ["Recordings", "Search"]
+
+Array = NDArray[np.float64]
+WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
+CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
+LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
+WHITE = 1e-3  # probability below which residuals are not white
+AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
+CLUSTERS = 100  # parts of the recordings whose pulls on theta count as independent
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """What was measured: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the ``delay``
+    (s) of the positions, and the usual accelerations ``bend`` (n).
+    """
+
+    logs: tuple[Log, ...]
+    steps: tuple[tuple[float, ...], ...]
+    used: tuple[NDArray[np.bool_] | None, ...]
+    delay: float
+    bend: Array
+
+
+@dataclass(eq=False)
+class Search:
+    """Where the search stands: theta (p), noise (n) of positions and torques, segments and their states."""
+
+    model: Model
+    given: Recordings
+    barrier: Barrier
+    settings: Settings
+    theta: Array
+    sigma_q: Array
+    sigma_tau: Array
+    segments: tuple[Segment, ...] = ()
+    states: tuple[State, ...] = field(default=())
+
+    def lay_out(self, spacing: float | None, *, rest: bool, smoothed: Array, condense: bool) -> None:
+        """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
+
+        Their residuals must be white, or no larger than those that the smoothed motion leaves, ``smoothed`` (n).
+        """
+        size = spacing or WIDEST
+        while True:
+            self.segments = tuple(
+                plan(log, times, size, self.sigma_tau, rest=rest, delay=self.given.delay, used=used)
+                for log, times, used in zip(self.given.logs, self.given.steps, self.given.used, strict=True)
+            )
+            if spacing or size <= NARROWEST:
+                break
+            left = [one.offset(one.start(self.sigma_q, LOOSE * self.given.bend)) for one in self.segments]
+            power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
+            range_ = np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
+            if (power < np.maximum(CLOSE * range_, smoothed) ** 2).all() or self._white(left):
+                # what the spline cannot follow counts as noise
+                self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))
+                break
+            size /= 2
+        self.states = tuple(one.start(self.sigma_q, self.given.bend) for one in self.segments)
+        if condense:
+            pairs = zip(self.segments, self.states, strict=True)
+            self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs)
+
+    def width(self) -> Array:
+        """Return how well velocities (n) are known: their noise, or what they change by from sample to sample."""
+        noise = [one.resolution(self.sigma_q, self.given.bend) for one in self.segments]
+        change = []
+        for one, state in zip(self.segments, self.states, strict=True):
+            change.append(np.median(np.abs(np.diff(one.motion(state)[1], axis=0)), axis=0))
+        return np.asarray(np.maximum(np.max(noise, axis=0), np.max(change, axis=0)))
+
+    def _white(self, left: Sequence[Array]) -> bool:
+        pairs = zip(left, self.segments, strict=True)
+        return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
+
+    def run(self, hold: int = 0, loose: float = 1.0) -> Fitted:
+        """Search from where all stands, and move there."""
+        return self.moved_to(self.searched(self.theta, self.states, hold, loose))
+
+    def moved_to(self, fitted: Fitted) -> Fitted:
+        """Move to where a search ended, and return that."""
+        self.theta, self.states = fitted.theta, fitted.states
+        return fitted
+
+    def searched(
+        self, theta: Array, states: tuple[State, ...], hold: int = 0, loose: float = 1.0, fixed: int | None = None
+    ) -> Fitted:
+        """Search from a theta and states, with one parameter fixed or none."""
+        settings = replace(self.settings, tolerance=loose * self.settings.tolerance)
+        noise = (self.sigma_q, self.sigma_tau)
+        return maximise(self.model, self.segments, states, theta, *noise, self.barrier, settings, hold, fixed)
+
+    def freed(self) -> Search:
+        """Return the search with the velocities at the start unknown."""
+        return replace(self, segments=tuple(replace(one, rest=False) for one in self.segments))
+
+    def left(self) -> tuple[list[Array], list[Array]]:
+        """Return the residuals of positions and torques by segment, in units of their deviations; zero where unused."""
+        pairs = [
+            one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
+        ]
+        torques = zip(pairs, self.segments, strict=True)
+        return [a / self.sigma_q for a, _ in pairs], [
+            (one.raw.weight > 0) * b / self.sigma_tau for (_, b), one in torques
+        ]
+
+    def reweight(self, huber: float | None) -> None:
+        """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
+        q, tau = self.left()
+        pairs = zip(self.segments, self.states, strict=True)
+        noise = (self.sigma_q, self.sigma_tau)
+        taken = np.sum([leverage(one, self.model, state, self.theta, *noise) for one, state in pairs], axis=0)
+        there = np.array(
+            [sum(map(len, q)) + 0 * self.sigma_q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
+        )
+        free = np.maximum(there - taken, 0.05 * there)
+        if huber is not None:
+            trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
+            self.segments = tuple(one.trusting(x) for one, x in zip(self.segments, trust, strict=True))
+            scale = 1.4826 * np.median(np.abs(np.concatenate(tau)), axis=0) * np.sqrt(there[1] / free[1])
+        else:
+            scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
+        self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
+        self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
+
+    def profiled(self, fitted: Fitted, covariance: Array, k: int) -> Array:
+        """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
+
+        The parameter moves by factors exp(+-x), so that it keeps its sign. Where physics stops it before, that is the
+        end as far as it was seen.
+        """
+        value, size = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]) / abs(fitted.theta[k]))
+        along, known, ends = covariance[:, k] / covariance[k, k], [(0.0, fitted.theta)], []
+        for sign in (-1, 1):
+            last = [fitted]
+
+            def aim(x: float, sign: int = sign) -> float:
+                return value * float(np.exp(sign * np.sign(value) * x))
+
+            def deviation(x: float, sign: int = sign, last: list[Fitted] = last) -> float:
+                theta = last[0].theta + along * (aim(x, sign) - last[0].theta[k])
+                theta[k] = aim(x, sign)
+                if not self.barrier.inside(theta):
+                    theta = last[0].theta.copy()
+                    theta[k] = aim(x, sign)
+                if not self.barrier.inside(theta):
+                    return np.nan
+                last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=AFAR, fixed=k)
+                found = float(np.sqrt(2 * max(last[0].cost - 0.5 * last[0].decrement - fitted.cost, 0.0)))
+                known.append((sign * found, last[0].theta))
+                return found
+
+            ends.append(aim(crossing(deviation, size)))
+        known.sort(key=lambda pair: pair[0])
+        deviations = np.array([one for one, _ in known])
+        out = swept(np.array([theta for _, theta in known]), deviations, covariance, k)
+        out[k] = ends
+        return out
+
+    def spread(self, fitted: Fitted, covariance: Array) -> tuple[Array, Array]:
+        """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
+
+        The pulls of stretches of the recordings on theta are taken as independent, whatever their noise is like.
+        """
+        noise, out = (self.sigma_q, self.sigma_tau), []
+        for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
+            pulls = scores(one, self.model, state, fitted.theta, *noise, back[:, 1:])
+            middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
+            part = max(int(CLUSTERS / len(self.segments)), 2)
+            edges = np.searchsorted(
+                middle, np.linspace(one.trajectory.breaks[0], one.trajectory.breaks[-1], part + 1)[:-1]
+            )
+            edges = np.unique(np.minimum(edges, len(middle) - 1))
+            out.append(np.add.reduceat(pulls, edges))
+        square = (np.concatenate(out) @ covariance) ** 2
+        return np.sqrt(square.sum(axis=0)), square.sum(axis=0) ** 2 / np.maximum((square**2).sum(axis=0), 1e-300)

@@ -7,10 +7,29 @@ from scipy.interpolate import BSpline
 from dynident.article import SCENARIOS
 from dynident.errors import ModelError
 from dynident.gallery import two_link_arm
-from dynident.likelihood import Barrier, Demand, State, Trajectory, demands, noise, plan, steps_of, whiteness
+from dynident.likelihood import (
+    Barrier,
+    Demand,
+    State,
+    Trajectory,
+    demands,
+    equations,
+    has_sign,
+    leverage,
+    noise,
+    plan,
+    scores,
+    softened,
+    steps_of,
+    whiteness,
+)
 from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.profile import LIMIT, crossing, swept
 from dynident.likelihood.trajectory import DEGREE, graded
 from dynident.log import Log
+from dynident.model import Model
+from dynident.terms import Coulomb, Coupling, Viscous
+from dynident.terms.term import Joint
 
 
 @pytest.fixture
@@ -87,9 +106,9 @@ class TestTrajectory:
         assert size.max() <= 0.5 + 1e-12
 
 
-def article_segment(*, rest: bool = True):
+def article_segment(*, rest: bool = True, stop: float = 0.5):
     scenario = SCENARIOS["stated"]
-    log = scenario.record(1e-6, np.random.default_rng(0)).log.window(stop=0.5)
+    log = scenario.record(1e-6, np.random.default_rng(0)).log.window(stop=stop)
     return plan(log, (), 20.0, np.full(2, 0.1), rest=rest)
 
 
@@ -99,7 +118,7 @@ class TestSegment:
         arm, one = two_link_arm(), article_segment(rest=rest)
         theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
         state = one.start(sigma_q, np.full(2, 30.0))
-        found = one.equations(arm, state, theta, sigma_q, sigma_tau)
+        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
         assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma_q, sigma_tau))
         k = found.border.shape[1] - 7
         dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
@@ -118,9 +137,9 @@ class TestSegment:
         arm, one = two_link_arm(), article_segment()
         theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
         state = one.start(sigma_q, np.full(2, 30.0))
-        here = one.equations(arm, state, theta, sigma_q, sigma_tau)
+        here = equations(one, arm, state, theta, sigma_q, sigma_tau)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
-        there, back = (one.equations(arm, state, theta + s * dtheta, sigma_q, sigma_tau) for s in (1, -1))
+        there, back = (equations(one, arm, state, theta + s * dtheta, sigma_q, sigma_tau) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
         expected = -(here.border[:, -7:] + here.bend) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
@@ -130,10 +149,49 @@ class TestSegment:
         arm, one = two_link_arm(), article_segment(rest=False)
         sigma_q, sigma_tau = np.full(2, 1e-3), np.full(2, 0.1)
         state = one.start(sigma_q, np.full(2, 30.0))
-        taken = one.leverage(arm, state, np.asarray(arm.values), sigma_q, sigma_tau)
+        taken = leverage(one, arm, state, np.asarray(arm.values), sigma_q, sigma_tau)
         assert (taken > 0).all()
         # without a step there are no equations between samples
         assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
+
+    def test_few_points_stand_for_many_torques(self) -> None:
+        """Cost, gradient and information are those of all samples."""
+        arm, one = two_link_arm(), article_segment(stop=2.0)
+        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
+        state = one.start(sigma_q, np.full(2, 30.0))
+        few = one.condensed(arm, state, theta, sigma_tau)
+        assert len(few.points) < 0.7 * len(one.points)
+        assert few.torques.weight[:, 0].sum() == pytest.approx(len(one.log))
+        a, b = (equations(segment, arm, state, theta, sigma_q, sigma_tau) for segment in (one, few))
+        assert a.cost == pytest.approx(b.cost, rel=1e-7)
+        for name in ("band", "corner", "by_coefficients", "by_border"):
+            wanted = getattr(a, name)
+            np.testing.assert_allclose(getattr(b, name), wanted, rtol=1e-5, atol=1e-6 * np.abs(wanted).max())
+
+    def test_scores_add_up_to_the_gradient(self) -> None:
+        arm, one = two_link_arm(), article_segment(rest=False)
+        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
+        state = one.start(sigma_q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
+        follow = np.ones((len(found.band[0]), 7))
+        pulls = scores(one, arm, state, theta, sigma_q, sigma_tau, follow)
+        np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
+
+    def test_late_positions(self) -> None:
+        """Positions stamped late show an earlier motion: with the delay known the trajectory is the same."""
+        log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(1.0, 2.0)
+        late = Log(log.t, np.roll(log.q, 2, axis=0), log.tau, log.joints)
+        delay, noise = 2 * (log.t[1] - log.t[0]), (np.full(2, 1e-3), np.full(2, 30.0))
+        states = []
+        for one in (
+            plan(log, (), 20.0, np.full(2, 0.1), rest=False),
+            plan(late, (), 20.0, np.full(2, 0.1), rest=False, delay=delay),
+        ):
+            basis = one.basis(np.array([1.5]))[0, 0]
+            at = one.trajectory.first[one.trajectory.interval(np.array([1.5]))[0]]
+            states.append(basis @ one.start(*noise).C[at : at + 5])
+            assert one.raw.t[-1] <= one.trajectory.breaks[-1] + 1e-12
+        np.testing.assert_allclose(states[1], states[0], atol=5e-3)
 
     def test_starts_from_rest(self) -> None:
         one = article_segment()
@@ -151,11 +209,24 @@ class TestBarrier:
         theta = np.array([9.0, 0.3, -0.2, 0.1])
         assert barrier.inside(theta)
         assert not barrier.inside(-theta)
-        _, gradient, hessian = barrier.terms(theta)
+        gradient, hessian = barrier.slopes(theta)
         for k, e in enumerate(1e-5 * np.eye(4)):
-            up, down = barrier.terms(theta + e), barrier.terms(theta - e)
-            assert (up[0] - down[0]) / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
-            np.testing.assert_allclose((up[1] - down[1]) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
+            change = barrier.value(theta + e) - barrier.value(theta - e)
+            assert change / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
+            up, down = barrier.slopes(theta + e)[0], barrier.slopes(theta - e)[0]
+            np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
+
+    def test_steps_end_at_the_minimum_inside(self, rng: np.random.Generator) -> None:
+        """From near the boundary, pulled far beyond it: the gradient vanishes, and a fixed parameter stays."""
+        rows = np.eye(4)[:, None, None, :]
+        barrier = Barrier(tuple(Demand(row[None]) for row in rows), 1e-3)
+        half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
+        H, g = half.T @ half, 100 * rng.standard_normal(4)
+        step = barrier.minimum(theta, H, g, 1e-12, np.array([0, 1, 2]))
+        assert barrier.inside(theta + step)
+        assert step[3] == 0.0
+        left = (g - H @ step - barrier.slopes(theta + step)[0])[:3] * (theta + step)[:3]
+        np.testing.assert_allclose(left, 0.0, atol=1e-5)
 
     def test_the_articles_arm(self) -> None:
         arm = two_link_arm()
@@ -180,6 +251,13 @@ class TestPlan:
         log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
         assert steps_of(log, np.full(2, 0.1)) == pytest.approx((7.0,))
 
+    def test_outliers_are_no_steps(self, rng: np.random.Generator) -> None:
+        t = np.arange(4000) * 0.0025
+        tau = np.stack([6 * np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((4000, 2))
+        tau[rng.random(tau.shape) < 0.02] += 5.0
+        log = Log(t, np.zeros_like(tau), tau, ("a", "b"))
+        assert steps_of(log, np.full(2, 0.1)) == pytest.approx((7.0,), abs=0.01)
+
     def test_torque_knots_are_as_far_apart_as_the_torque_allows(self) -> None:
         t = np.arange(400) * 0.01
         smooth, fast = (np.sin(rate * t)[:, None] for rate in (1.0, 15.0))
@@ -194,6 +272,41 @@ class TestPlan:
         white = rng.standard_normal((4000, 2))
         assert whiteness(white, 0) > 1e-3
         assert whiteness(white + 0.3 * np.sin(np.arange(4000) / 50)[:, None], 0) < 1e-6
+
+
+class TestFriction:
+    def test_soft_signs_keep_the_parameters(self) -> None:
+        joints = (Joint("a"), Joint("b"))
+        terms = (Viscous(joints), Coulomb(joints, names=("x", "y")), Coupling(joints, {"a": 1.0, "b": -2.0}, "m"))
+        sharp = Model(terms)
+        soft = softened(sharp, np.array([0.01, 0.02]))
+        assert has_sign(sharp)
+        assert not has_sign(soft)
+        assert soft.names == sharp.names
+        fast, slow = np.array([[1.0, -1.0]]), np.array([[0.01, -0.02]])
+        zero = np.zeros((1, 2))
+        np.testing.assert_allclose(soft.regressor(zero, fast, zero), sharp.regressor(zero, fast, zero))
+        part = soft.regressor(zero, slow, zero)[0, :, [2, 3]]
+        np.testing.assert_allclose(np.diag(part), np.tanh(1.0) * np.array([1.0, -1.0]))
+
+
+class TestProfile:
+    def test_a_parabola_ends_where_it_should(self) -> None:
+        assert crossing(lambda x: x / 0.2, 0.2) == pytest.approx(0.2 * LIMIT)
+
+    def test_a_bent_deviance(self) -> None:
+        """Twice as steep far away; and one that physics ends."""
+        end = crossing(lambda x: x / 0.2 * (1 + x), 0.2)
+        assert end / 0.2 * (1 + end) == pytest.approx(LIMIT, rel=0.01)
+        assert crossing(lambda x: np.nan if x > 0.1 else x, 0.2) < 0.2
+
+    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self) -> None:
+        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+        r = np.linspace(-2, 2, 5)
+        path = np.array([3.0, 7.0]) + r[:, None] * covariance[:, 0] / 2
+        found = swept(path, r, covariance, 0)
+        expected = np.array([3.0, 7.0])[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
 def test_state_is_immutable() -> None:

@@ -16,6 +16,7 @@ NULL = 1e-12  # relative information below which a direction counts as not excit
 APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is told
 BORNE = 30.0  # parts of the recordings that must bear a parameter to tell its sandwich
 SURE = 5.0  # standard deviations of the sandwich's own chance that make a difference one
+EXACT = 1e-3  # residuals, relative to the largest torque, that are as good as none
 COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability, that make residuals not white
 
 
@@ -49,7 +50,8 @@ def remarks(
         gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
         words.append(f"rank {int(len(lost) - lost.sum())} alone of {len(lost)}: not determined alone: {gone}")
     colour = _colour(tau)
-    if colour:
+    largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
+    if colour and (search.sigma_tau > EXACT * largest).any():
         words.append(
             f"the torque's residuals are not white (correlation of neighbours {colour:.2f}): the model leaves out "
             "more than noise, so compare with least squares on held-out motion"

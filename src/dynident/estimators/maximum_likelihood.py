@@ -16,7 +16,7 @@ from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.findings import inverted, remarks
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, smoothed_away, usual_noise
-from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign, softened
+from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
 
 __all__ = ["MaximumLikelihood"]
 
@@ -52,7 +52,7 @@ class MaximumLikelihood:
     steps: bool | None = None
     huber: float | None = None
     rounds: int = 2
-    profile: float | None = 0.35
+    profile: float | None = 0.4
     weight: float = 1e-3
     tolerance: float = 1e-3
     iterations: int = 60
@@ -130,11 +130,8 @@ class _Run:
         search.lay_out(
             settings.spacing, rest=rest, smoothed=smoothed_away(self.problem), condense=settings.huber is None
         )
-        if has_sign(search.model):
-            width = search.width()
-            search.model = softened(search.model, width)
-            listed = ", ".join(f"{x:.2g}" for x in width)
-            self.notes.append(f"sign(dq) of Coulomb friction was made smooth, tanh(dq / width), with widths {listed}")
+        if has_sign(search.model) and (word := search.soften()):
+            self.notes.append(word)
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)

@@ -221,7 +221,7 @@ class MaximumLikelihoodSettings(Section):
     spacing: Positive | None = None
     steps: StrictBool | None = None
     huber: Positive | None = None
-    profile: Positive | None = 0.35
+    profile: Positive | None = 0.4
 
 
 class ParallelSettings(Section):

@@ -127,7 +127,10 @@ class Barrier:
                 fall = float(pull @ step)
                 if fall < 2 * max(accuracy, 0.1 * (weight - self.weight)):
                     break
-                d = d + self._length(theta, d, step, H, g, weight, fall) * step
+                length = self._length(theta, d, step, H, g, weight, fall)
+                if not length:
+                    break
+                d = d + length * step
             if weight <= self.weight:
                 return d
             weight = max(0.1 * weight, self.weight)

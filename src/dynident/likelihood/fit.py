@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
-INEXACT = 0.01  # share of the tolerance to which a step is found
+INEXACT = 1e-6  # share of the tolerance to which a step is found
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 
@@ -126,7 +126,7 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int
     H, g = _positive(used.information), used.gradient
     dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, used.information)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information)
 
 
 def _positive(H: Array) -> Array:

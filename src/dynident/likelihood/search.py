@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.errors import ModelError
 from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import leverage, scores
 from dynident.likelihood.fit import Fitted, Settings, maximise
+from dynident.likelihood.friction import softened
 from dynident.likelihood.plan import plan, whiteness
 from dynident.likelihood.profile import crossing, swept
 from dynident.likelihood.segment import Segment, State
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
+MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
 WHITE = 1e-3  # probability below which residuals are not white
 AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
 CLUSTERS = 100  # parts of the recordings whose pulls on theta count as independent
@@ -81,13 +84,16 @@ class Search:
             pairs = zip(self.segments, self.states, strict=True)
             self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs)
 
-    def width(self) -> Array:
-        """Return how well velocities (n) are known: their noise, or what they change by from sample to sample."""
-        noise = [one.resolution(self.sigma_q, self.given.bend) for one in self.segments]
-        change = []
-        for one, state in zip(self.segments, self.states, strict=True):
-            change.append(np.median(np.abs(np.diff(one.motion(state)[1], axis=0)), axis=0))
-        return np.asarray(np.maximum(np.max(noise, axis=0), np.max(change, axis=0)))
+    def soften(self) -> str:
+        """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""
+        known = [one.resolution(self.sigma_q, self.given.bend) for one in self.segments]
+        width = np.asarray(np.max(known, axis=0))
+        speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
+        self.model = softened(self.model, width)
+        if float((np.concatenate(speed) < 2 * width).mean(axis=0).max()) < MANY:
+            return ""
+        listed = ", ".join(f"{x:.2g}" for x in width)
+        return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
 
     def _white(self, left: Sequence[Array]) -> bool:
         pairs = zip(left, self.segments, strict=True)
@@ -165,7 +171,10 @@ class Search:
                     theta[k] = aim(x, sign)
                 if not self.barrier.inside(theta):
                     return np.nan
-                last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=AFAR, fixed=k)
+                try:
+                    last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=AFAR, fixed=k)
+                except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
+                    return np.nan
                 found = float(np.sqrt(2 * max(last[0].cost - 0.5 * last[0].decrement - fitted.cost, 0.0)))
                 known.append((sign * found, last[0].theta))
                 return found

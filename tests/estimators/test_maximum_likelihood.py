@@ -72,11 +72,11 @@ def test_a_moving_start_is_noticed() -> None:
 
 
 def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None:
-    found = estimate("weak", 1e-4, 0, start="rest")
+    found = estimate("weak", 1e-4, 0, start="rest", profile=0.2)
     below, above = found.value - found.interval[:, 0], found.interval[:, 1] - found.value
     assert abs(above[1] - below[1]) > 0.01 * above[1]
     assert found.interval[1, 0] > 0
-    np.testing.assert_allclose(above[3:], 1.96 * found.std[3:], rtol=1e-3)
+    np.testing.assert_allclose(above[3:], 1.96 * found.std[3:], rtol=0.15)  # they follow the weak one, little
 
 
 def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

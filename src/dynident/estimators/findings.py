@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators.estimator import Verdict
 from dynident.likelihood import Fitted, Search, whiteness
 
-__all__ = ["inverted", "remarks"]
+__all__ = ["inverted", "remarks", "undetermined"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
@@ -41,14 +42,10 @@ def remarks(
     fitted: Fitted,
     names: Sequence[str],
     covariance: Array,
-    lost: NDArray[np.bool_],
     tau: Sequence[Array],
 ) -> list[str]:
-    """Return what is to be said of rank, of the torque's residuals ``tau``, and of standard errors."""
+    """Return what is to be said of the torque's residuals ``tau``, and of standard errors."""
     words = []
-    if lost.any():
-        gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
-        words.append(f"rank {int(len(lost) - lost.sum())} alone of {len(lost)}: not determined alone: {gone}")
     colour = _colour(tau)
     largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
     if colour and (search.sigma_tau > EXACT * largest).any():
@@ -68,6 +65,17 @@ def remarks(
             f"{names[worst]} is {ratio[worst]:.2g} times as large"
         )
     return words
+
+
+def undetermined(names: Sequence[str], lost: NDArray[np.bool_], rank: int, verdict: Sequence[Verdict]) -> list[str]:
+    """Return what is to be said of parameters that the data leave free."""
+    if not lost.any():
+        return []
+    if verdict:
+        count = sum(word != "data" for word in verdict)
+        return [f"rank {rank} of {len(lost)}; {count} parameters are not decided by the data alone"]
+    gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
+    return [f"rank {rank} of {len(lost)}: not determined alone: {gone}"]
 
 
 def _colour(tau: Sequence[Array]) -> float:

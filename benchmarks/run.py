@@ -1,7 +1,8 @@
 """Speed and memory beside the peers, in one run and with one BLAS thread: python3 dev.py bench [PART ...].
 
-Parts: spline, memory, batch, reproduce, consistent, size. Every figure is the best of several repetitions, so that a
-busy machine disturbs as little as possible; ratios compare figures taken within the same seconds.
+Parts: spline, memory, batch, reproduce, consistent, size, maximum_likelihood (7 minutes), closed_loop. Figures are the
+best of several repetitions, so that a busy machine disturbs as little as possible; ratios compare figures taken within
+the same seconds.
 """
 
 from __future__ import annotations
@@ -134,8 +135,13 @@ def reproduce() -> None:
     print(f"dynident --help: {time.perf_counter() - began:.2f} s", flush=True)
 
 
-def consistent() -> None:
-    subprocess.run([sys.executable, Path(__file__).with_name("consistent.py")], check=True)
+def script(name: str) -> Callable[[], None]:
+    """Return the part that is a file of its own."""
+
+    def run() -> None:
+        subprocess.run([sys.executable, Path(__file__).with_name(f"{name}.py")], check=True)
+
+    return run
 
 
 def size() -> None:
@@ -147,9 +153,9 @@ PARTS = {
     "batch": batch,
     "memory": memory,
     "reproduce": reproduce,
-    "consistent": consistent,
     "size": size,
 }
+PARTS |= {name: script(name) for name in ("consistent", "maximum_likelihood", "closed_loop")}
 
 if __name__ == "__main__":
     wrong = [name for name in sys.argv[1:] if name not in PARTS]

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.estimators.estimator import Verdict
 from dynident.likelihood import Fitted, Search, whiteness
 
-__all__ = ["inverted", "remarks"]
+__all__ = ["inverted", "remarks", "undetermined"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
 APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is told
-BORNE = 30.0  # parts of the recordings that must bear a parameter to tell its sandwich
-SURE = 5.0  # standard deviations of the sandwich's own chance that make a difference one
+BORNE = 20.0  # parts of the recordings that must bear a parameter to tell its sandwich
+SURE = 4.0  # standard deviations of the sandwich's own chance that make a difference one
 EXACT = 1e-3  # residuals, relative to the largest torque, that are as good as none
 COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability, that make residuals not white
 
@@ -41,14 +42,10 @@ def remarks(
     fitted: Fitted,
     names: Sequence[str],
     covariance: Array,
-    lost: NDArray[np.bool_],
     tau: Sequence[Array],
 ) -> list[str]:
-    """Return what is to be said of rank, of the torque's residuals ``tau``, and of standard errors."""
+    """Return what is to be said of the torque's residuals ``tau``, and of standard errors."""
     words = []
-    if lost.any():
-        gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
-        words.append(f"rank {int(len(lost) - lost.sum())} alone of {len(lost)}: not determined alone: {gone}")
     colour = _colour(tau)
     largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
     if colour and (search.sigma_tau > EXACT * largest).any():
@@ -60,14 +57,25 @@ def remarks(
     sandwich, borne = search.spread(fitted, informed)
     std = np.sqrt(np.diag(informed))
     ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE))
-    ratio[np.abs(ratio**2 - 1) < SURE * np.sqrt(2 / np.maximum(borne, BORNE))] = 1.0
-    worst = int(np.argmax(np.abs(np.log(np.maximum(ratio, 1e-6)))))
-    if not 1 / APART < ratio[worst] < APART:
+    ratio[ratio**2 - 1 < SURE / np.sqrt(np.maximum(borne, BORNE))] = 1.0
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > APART:  # smaller ones come about by chance, where a few samples tell most
         words.append(
             f"standard errors take residuals for white noise; by their scatter along the recordings that of "
             f"{names[worst]} is {ratio[worst]:.2g} times as large"
         )
     return words
+
+
+def undetermined(names: Sequence[str], lost: NDArray[np.bool_], rank: int, verdict: Sequence[Verdict]) -> list[str]:
+    """Return what is to be said of parameters that the data leave free."""
+    if not lost.any():
+        return []
+    if verdict:
+        count = sum(word != "data" for word in verdict)
+        return [f"rank {rank} of {len(lost)}; {count} parameters are not decided by the data alone"]
+    gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
+    return [f"rank {rank} of {len(lost)}: not determined alone: {gone}"]
 
 
 def _colour(tau: Sequence[Array]) -> float:

@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
 from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
-from dynident.estimators.findings import inverted, remarks
+from dynident.estimators.findings import inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, smoothed_away, usual_noise
 from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
@@ -179,7 +179,9 @@ class _Run:
         model, search = self.problem.model, self.search
         tau = search.left()[1]
         covariance, rank, condition, lost = inverted(fitted.information)
-        words = [*self.notes, *remarks(search, fitted, model.names, covariance, lost, tau)]
+        verdict = self.verdicts(lost) if bodies_of(model.parameters) else ()
+        said = remarks(search, fitted, model.names, covariance, tau)
+        words = [*self.notes, *said, *undetermined(model.names, lost, rank, verdict)]
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         bodies = bodies_of(model.parameters)
         return Estimate(
@@ -192,7 +194,7 @@ class _Run:
             condition=condition,
             samples=sum(map(len, search.given.logs)),
             status="; ".join(words) or "ok",
-            verdict=self.verdicts(lost) if bodies else (),
+            verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
         )

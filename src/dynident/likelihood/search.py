@@ -28,7 +28,7 @@ LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
 WHITE = 1e-3  # probability below which residuals are not white
 AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
-CLUSTERS = 100  # parts of the recordings whose pulls on theta count as independent
+CLUSTERS = 200  # parts of the recordings whose pulls on theta count as independent
 
 
 @dataclass(frozen=True, eq=False)

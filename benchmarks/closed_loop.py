@@ -11,19 +11,25 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from scipy.special import ndtri
 
-from dynident.basis import structural_basis
+from dynident.basis import Basis, base_std, informed_std, structural_basis
 from dynident.bound import information
-from dynident.estimators import Consistent, MaximumLikelihood, Problem
+from dynident.calibration import pair
+from dynident.estimators import Consistent, Estimator, LeastSquares, MaximumLikelihood, Problem
+from dynident.io.recipe import FACTORS
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
-from dynident.smoothers import Delayed, Spline
+from dynident.smoothers import Smoother, Spline
 from dynident.terms import Bodies, Coulomb, Viscous
+from dynident.uncertainty import robust_covariance
 
 LINKS = (  # mass, height of the next joint, its offset, its axis turned about x by so many right angles
     (4.0, 0.33, 0.0, -1),
@@ -34,6 +40,11 @@ LINKS = (  # mass, height of the next joint, its offset, its axis turned about x
     (1.6, 0.0, 0.09, 1),
 )
 PERIOD, RATE = 10.0, 500.0  # s, Hz
+ESTIMATORS = {
+    "least squares": LeastSquares(),
+    "consistent": Consistent(costs=False),
+    "maximum likelihood": MaximumLikelihood(),
+}
 COUNT = 2 * np.pi / 2**17  # rad
 LOW_PASS = 0.2  # share of a new sample in the filtered position, whose distance is the velocity: about 20 Hz
 
@@ -70,33 +81,42 @@ def fourier(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return t, q, dq, ddq
 
 
-def simulate(model: Model) -> Motion:
-    """Simulate the closed loop; all runs see the same motion, with noise of their own."""
-    theta = np.asarray(model.values)
+def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[Motion]:
+    """Simulate a closed loop for each generator: where the encoders' counts begin differs, and with it the chatter."""
+    theta, runs = np.asarray(model.values), len(rngs)
     t, reference, speed, acceleration = fourier(len(model.joints))
     feedforward = model.torque(reference, speed, acceleration, theta)
     inertia = np.diagonal(model.mass_matrix(reference[:1], theta)[0])
     kp, kd, h = 400.0 * inertia, 40.0 * inertia, 1 / RATE
-    x, states, torques = np.concatenate([reference[:1], speed[:1]], axis=1), [], []
-    n, slow = len(inertia), reference[0].copy()
+    n = len(inertia)
+    dither = np.array([rng.uniform(0, COUNT, n) for rng in rngs])
+    x = np.tile(np.concatenate([reference[0], speed[0]]), (runs, 1))
+    slow, states, torques = x[:, :n].copy(), [], []
 
     def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[:, n:], model.forward(x[:, :n], x[:, n:], tau[None], theta)], axis=1)
+        return np.concatenate([x[:, n:], model.forward(x[:, :n], x[:, n:], tau, theta)], axis=1)
 
     for k in range(len(t)):
-        seen = COUNT * np.round(x[0, :n] / COUNT)
+        seen = quantised(x[:, :n], dither)
         slow += LOW_PASS * (seen - slow)  # the velocity that a drive feeds back is filtered
         tau = feedforward[k] + kp * (reference[k] - seen) + kd * (speed[k] - LOW_PASS * RATE * (seen - slow))
-        states.append(x[0])
+        states.append(x)
         torques.append(tau)
         a = rate(x, tau)
         b = rate(x + h / 2 * a, tau)
         c = rate(x + h / 2 * b, tau)
         x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, tau))
-    q, dq, tau = np.array(states)[:, :n], np.array(states)[:, n:], np.array(torques)
-    ddq = model.forward(q, dq, tau, theta)
     names = tuple(joint.name for joint in model.joints)
-    return Motion(t, q, dq, ddq, tau, names, np.ones(len(t), dtype=bool), "closed loop")
+    out = []
+    for state, tau in zip(np.stack(states, axis=1), np.stack(torques, axis=1), strict=True):
+        q, dq = state[:, :n], state[:, n:]
+        ddq = model.forward(q, dq, tau, theta)
+        out.append(Motion(t, q, dq, ddq, tau, names, np.ones(len(t), dtype=bool), "closed loop"))
+    return out
+
+
+def quantised(q: np.ndarray, dither: np.ndarray) -> np.ndarray:
+    return np.asarray(COUNT * np.round((q + dither) / COUNT) - dither)
 
 
 def main() -> None:
@@ -109,39 +129,69 @@ def main() -> None:
     given = parser.parse_args()
     model = arm(given.joints)
     truth, basis = np.asarray(model.values), structural_basis(model)
-    motion = simulate(model)
-    pick = list(basis.independent)
-    S = information(model, truth, motion, COUNT / np.sqrt(12), given.noise, substeps=1)[np.ix_(pick, pick)]
-    least = np.sqrt(np.diag(np.linalg.inv(S)))
-    for name, estimator in (("consistent", Consistent(costs=False)), ("maximum likelihood", MaximumLikelihood())):
-        errors, took, words = [], [], set()
-        for rng in np.random.default_rng(given.seed).spawn(given.runs):
-            problem = posed(model, motion, given.noise, given.colour, rng)
-            began = time.process_time()
-            found = estimator(problem)
-            took.append(time.process_time() - began)
-            errors.append(basis.combination @ (found.value - truth))
-            words.add(found.status.partition("rank")[0])
-        error = np.array(errors)
-        ratio = np.sqrt((error**2).mean(axis=0)) / least
-        z = error.mean(axis=0) / (error.std(axis=0, ddof=1) / np.sqrt(len(error)))
-        near = 100 * (np.abs(error) < 1.96 * least).mean()
-        print(
-            f"{name}: RMSE / bound median {np.median(ratio):.2f}, worst {ratio.max():.2f}; {near:.0f} % within 1.96; "
-            f"largest bias z {np.abs(z).max():.1f} of {len(z)}; {np.median(took):.1f} s; {'; '.join(sorted(words))}",
-            flush=True,
-        )
+    rngs = np.random.default_rng(given.seed).spawn(given.runs)
+    runs = [(motion, rng) for motion, rng in zip(simulate(model, rngs), rngs, strict=True)]
+    S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
+    least = informed_std(basis, S)
+    logs = [recorded(motion, given.noise, given.colour, rng) for motion, rng in runs]
+    smoother, _ = pair(model, logs[:1], [Spline(factor=one) for one in FACTORS], 0.5 / RATE, LeastSquares())
+    problems = [posed(model, log, smoother) for log in logs]
+    for name, estimator in ESTIMATORS.items():
+        tell(name, [judged(estimator, problem, truth, basis) for problem in problems], least, basis)
 
 
-def posed(model: Model, motion: Motion, noise: float, colour: float, rng: np.random.Generator) -> Problem:
+@dataclass(frozen=True)
+class Result:
+    """Errors (r) of the base parameters, two kinds of standard errors (2, r), CPU seconds, and the status."""
+
+    error: np.ndarray
+    std: np.ndarray
+    seconds: float
+    status: str
+
+
+def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: Basis) -> Result:
+    began = time.process_time()
+    found = estimator(problem)
+    took = time.process_time() - began
+    if found.information is not None:
+        std = informed_std(basis, found.information)
+    else:
+        std = base_std(basis, problem.regression.compressed, found.sigma, found.weights)
+    hac = robust_covariance(problem.regression, found.value, found.weights, basis.independent)
+    both = np.stack([std, np.sqrt(np.diag(hac))])
+    return Result(basis.combination @ (found.value - truth), both, took, found.status)
+
+
+def tell(name: str, results: list[Result], least: np.ndarray, basis: Basis) -> None:
+    error, std = np.array([one.error for one in results]), np.array([one.std for one in results])
+    N, r = error.shape
+    ratio, spread = np.sqrt((error**2).mean(axis=0)) / least, error.std(axis=0, ddof=1) / least
+    bias = error.mean(axis=0) / least
+    z = error.mean(axis=0) / (error.std(axis=0, ddof=1) / np.sqrt(N))
+    limit = -ndtri(0.01 / (2 * r))
+    print(f"{name}: {N} runs, {r} base parameters, median {np.median([one.seconds for one in results]):.1f} s of CPU")
+    for words, x in (("RMSE / bound", ratio), ("spread / bound", spread), ("|bias| / bound", np.abs(bias))):
+        print(f"  {words:16s} median {np.median(x):.2f}, worst {x.max():.2f} ({basis.groupings[int(x.argmax())]})")
+    beyond = (np.abs(z) > limit).sum()
+    print(f"  bias: {beyond} of {r} beyond |z| = {limit:.2f} (1 % for all together), largest {np.abs(z).max():.1f}")
+    for words, x in zip(("own", "HAC"), 100 * (np.abs(error[:, None]) < 1.96 * std).mean(axis=0), strict=True):
+        print(f"  coverage, 95 % by {words} standard errors: mean {x.mean():.1f} %, least {x.min():.0f} %")
+    for word in sorted({one.status.partition("rank")[0] for one in results})[:2]:
+        print(f"  status: {word}", flush=True)
+
+
+def recorded(motion: Motion, noise: float, colour: float, rng: np.random.Generator) -> Log:
     white = rng.standard_normal(motion.tau.shape)
     for k in range(1, len(white)):
         white[k] = colour * white[k - 1] + np.sqrt(1 - colour**2) * white[k]
-    dither = COUNT * rng.uniform(0, 1, motion.q.shape[1])  # where the encoder's counts begin
-    q = COUNT * np.round((motion.q + dither) / COUNT) - dither
-    log = Log(motion.t, q, motion.tau + noise * white, motion.joints)
+    q = quantised(motion.q, rng.uniform(0, COUNT, motion.q.shape[1]))
+    return Log(motion.t, q, motion.tau + noise * white, motion.joints)
+
+
+def posed(model: Model, log: Log, smoother: Smoother) -> Problem:
+    motions = (smoother(log),)
     delay = 0.5 / RATE  # a torque that is held belongs to the middle of its period
-    motions = (Delayed(Spline(), delay)(log),)
     return Problem(model, motions, Regression(model, motions), (log,), delay)
 
 

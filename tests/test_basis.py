@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dynident.basis import Basis, base_std, basis_of, compare, structural_basis
+from dynident.basis import Basis, base_std, basis_of, compare, informed_std, structural_basis
 from dynident.errors import ConfigError, ModelError
 from dynident.gallery import two_link_arm
 from dynident.inertia import moved
@@ -253,6 +253,9 @@ def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_in
     np.testing.assert_allclose(np.std(found, axis=0), told, rtol=0.15)  # 4 standard deviations of a deviation from 400
     weighted = base_std(basis, compressed, noise, 1 / noise)
     assert (weighted < told).all()
+    information = np.einsum("kja,j,kjb->ab", X, 1 / noise**2, X)
+    np.testing.assert_allclose(informed_std(basis, information), weighted, rtol=1e-8)
+    assert np.isinf(informed_std(basis, np.zeros((4, 4)))).all()
 
 
 def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:

@@ -19,7 +19,7 @@ from dynident.model import Model
 from dynident.regression import Block, Compressed, compress
 from dynident.terms.term import INERTIAL, Parameter
 
-__all__ = ["Basis", "Missing", "base_std", "basis_of", "compare", "structural_basis"]
+__all__ = ["Basis", "Missing", "base_std", "basis_of", "compare", "informed_std", "structural_basis"]
 
 Array = NDArray[np.float64]
 RANK = 1e-5  # singular values below this share count as none: what is less comes of a file's rounded angles (1.5708)
@@ -154,6 +154,20 @@ def base_std(basis: Basis, compressed: Compressed, sigma: Array, weights: Array 
     inverse = np.linalg.inv(np.tensordot(w**2, gram, axes=1))
     covariance = inverse @ np.tensordot(w**4 * np.asarray(sigma) ** 2, gram, axes=1) @ inverse
     return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+
+
+def informed_std(basis: Basis, information: Array) -> Array:
+    """Return the standard errors (r) of the base parameters from Fisher's information (p, p) of the standard ones.
+
+    They are infinite where the information is singular, which only rounding can make of independent columns.
+    """
+    kept = list(basis.independent)
+    own = information[np.ix_(kept, kept)]
+    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    if values[0] <= 1e-14 * values[-1]:
+        return np.full(len(kept), np.inf)
+    return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)) / scale)
 
 
 def structural_basis(

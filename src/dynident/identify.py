@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
-from dynident.basis import Basis, Missing, base_std, basis_of, compare, structural_basis
+from dynident.basis import Basis, Missing, base_std, basis_of, compare, informed_std, structural_basis
 from dynident.calibration import find_lean, mounted, pair
 from dynident.control import FreeRun, free_run
 from dynident.errors import ConfigError, ModelError, choices
@@ -163,21 +163,19 @@ def _identify(
         recorded=tuple(roles[log.role][log.name] for log in judged),
         delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
     )
-    weighted = getattr(recipe.estimator, "weights", "equal") != "equal"
-    weights = 1.0 / estimate.sigma if weighted and (estimate.sigma > 0).all() else None
     if estimate.rank == len(model.parameters):
-        return replace(found, std_hac=_robust_std(regression, estimate, weights))
+        return replace(found, std_hac=_robust_std(regression, estimate))
     progress("finding base parameters")
     on_data = basis_of(regression.compressed.stacked(), model.parameters)
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
         found = replace(found, warnings=tuple(one.words for one in missing))
-    robust = _robust_std(regression, estimate, weights, on_data)
+    robust = _robust_std(regression, estimate, on_data)
     return replace(
         found,
         basis=on_data,
-        base_std=base_std(on_data, regression.compressed, estimate.sigma, weights),
+        base_std=_base_std(on_data, regression, estimate),
         structural=structural,
         missing=missing,
         std_hac=None if robust is None else _of_determined(on_data, robust),
@@ -206,12 +204,16 @@ def _runs(
     return tuple(runs)
 
 
-def _robust_std(
-    regression: Regression, estimate: Estimate, weights: Array | None, basis: Basis | None = None
-) -> Array | None:
+def _base_std(basis: Basis, regression: Regression, estimate: Estimate) -> Array:
+    if estimate.information is None:
+        return base_std(basis, regression.compressed, estimate.sigma, estimate.weights)
+    return informed_std(basis, estimate.information)
+
+
+def _robust_std(regression: Regression, estimate: Estimate, basis: Basis | None = None) -> Array | None:
     columns = None if basis is None else basis.independent
     try:
-        return np.sqrt(np.diag(robust_covariance(regression, estimate.value, weights, columns)))
+        return np.sqrt(np.diag(robust_covariance(regression, estimate.value, estimate.weights, columns)))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
 

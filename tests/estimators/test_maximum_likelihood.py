@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.article import SCENARIOS
-from dynident.basis import base_std, structural_basis
+from dynident.basis import informed_std, structural_basis
 from dynident.bound import bound
 from dynident.errors import ConfigError
 from dynident.estimators import Estimate, MaximumLikelihood, Problem
@@ -124,7 +124,7 @@ class TestBodies:
         dry = Coulomb(bodies.joints, values=(0.4, 0.2), width=width)
         return Model((bodies, Viscous(bodies.joints, values=(0.3, 0.2)), dry))
 
-    def problem(self, width: float = 0.0) -> Problem:
+    def problem(self, width: float = 0.0, factor: float = 1.0) -> Problem:
         rng, t = np.random.default_rng(0), np.arange(0, 6, 0.004)
         rate, angle = 2 * np.pi * np.array([0.5, 0.8]), 2 * np.pi * t[:, None] * np.array([0.5, 0.8])
         q, dq, ddq = (
@@ -137,7 +137,7 @@ class TestBodies:
         log = Log(
             t, q + 1e-4 * rng.standard_normal(q.shape), tau + 0.1 * rng.standard_normal(q.shape), ("shoulder", "elbow")
         )
-        motions = (Spline()(log),)
+        motions = (Spline(factor=factor)(log),)
         return Problem(model, motions, Regression(model, motions), (log,))
 
     @pytest.mark.parametrize("width", [0.0, 0.02])
@@ -148,14 +148,20 @@ class TestBodies:
         truth = np.asarray(given.model.values)
         basis = structural_basis(given.model)
         error = basis.combination @ (found.value - truth)
-        std = base_std(basis, given.regression.compressed, found.sigma, 1 / found.sigma)
-        assert (np.abs(error) < 4 * std).all()
+        assert (np.abs(error) < 4 * informed_std(basis, found.information)).all()
+        assert "standard errors" not in found.status  # the residuals are white, whatever the rank
         assert found.rank == basis.rank
         assert set(found.verdict) == {"data", "prior"}
         assert np.isinf(found.std[np.array(found.verdict) == "prior"]).all()
         assert f"rank {basis.rank} of {len(truth)}" in found.status
         assert min(found.eigenvalues.values()) > 0
         assert found.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
+
+    def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
+        usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
+        basis = structural_basis(self.arm(0.02))
+        apart = basis.combination @ (smooth.value - usual.value)
+        assert (np.abs(apart) < 0.1 * informed_std(basis, usual.information)).all()
 
 
 def test_a_moving_start_is_noticed() -> None:

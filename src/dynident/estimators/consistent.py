@@ -129,6 +129,7 @@ class Consistent:
             verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
             costs=costs,
+            weights=None if self.weights == "equal" else weights,
         )
 
     def _intervals(self) -> dict[str, Interval]:

@@ -46,7 +46,9 @@ class Estimate:
     smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
     is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
     (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
-    empty (0, 2) where two standard errors are all that is known.
+    empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
+    were multiplied with, None where all count the same; ``information`` (p, p) is Fisher's of all, where the errors
+    of the motion count, too.
     """
 
     value: Array
@@ -62,6 +64,8 @@ class Estimate:
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
     interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    weights: Array | None = None
+    information: Array | None = None
 
     @property
     def std(self) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynident.estimators.estimator import Verdict
 from dynident.likelihood import Fitted, Search, whiteness
 
-__all__ = ["inverted", "remarks", "undetermined"]
+__all__ = ["covariance_of", "inverted", "remarks", "undetermined"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
@@ -22,29 +22,34 @@ COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability
 
 
 def inverted(information: Array) -> tuple[Array, int, float, NDArray[np.bool_]]:
-    """Return covariance, rank, condition, and which parameters are not determined (their variance is infinite)."""
+    """Return the pseudo-inverse (p, p), rank, condition, and which parameters are not determined alone (p)."""
     scale = np.sqrt(np.maximum(np.diag(information), 0.0))
     empty = scale <= 1e-15 * scale.max()
     scale[empty] = 1.0
     values, vectors = np.linalg.eigh(np.where(empty | empty[:, None], 0.0, information / np.outer(scale, scale)))
     kept = values > NULL * values[-1]
     half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-    covariance = half @ half.T
     lost = (vectors[:, ~kept] ** 2).sum(axis=1) > 1e-6
-    covariance[lost, :] = covariance[:, lost] = 0.0
-    covariance[lost, lost] = np.inf
     condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else np.inf
-    return (covariance + covariance.T) / 2, int(kept.sum()), condition, lost
+    return half @ half.T, int(kept.sum()), condition, lost
+
+
+def covariance_of(inverse: Array, lost: NDArray[np.bool_]) -> Array:
+    """Return the covariance (p, p): the inverse, with an infinite variance of what is not determined."""
+    covariance = np.where(lost | lost[:, None], 0.0, inverse)
+    covariance[lost, lost] = np.inf
+    return covariance
 
 
 def remarks(
     search: Search,
     fitted: Fitted,
     names: Sequence[str],
-    covariance: Array,
+    inverse: Array,
+    lost: NDArray[np.bool_],
     tau: Sequence[Array],
 ) -> list[str]:
-    """Return what is to be said of the torque's residuals ``tau``, and of standard errors."""
+    """Return what is to be said of the torque's residuals ``tau``, and of standard errors, by the pseudo-inverse."""
     words = []
     colour = _colour(tau)
     largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
@@ -53,10 +58,9 @@ def remarks(
             f"the torque's residuals are not white (correlation of neighbours {colour:.2f}): the model leaves out "
             "more than noise, so compare with least squares on held-out motion"
         )
-    informed = np.where(np.isfinite(covariance), covariance, 0.0)
-    sandwich, borne = search.spread(fitted, informed)
-    std = np.sqrt(np.diag(informed))
-    ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE))
+    sandwich, borne = search.spread(fitted, inverse)
+    std = np.sqrt(np.diag(inverse))
+    ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE) & ~lost)
     ratio[ratio**2 - 1 < SURE / np.sqrt(np.maximum(borne, BORNE))] = 1.0
     worst = int(np.argmax(ratio))
     if ratio[worst] > APART:  # smaller ones come about by chance, where a few samples tell most

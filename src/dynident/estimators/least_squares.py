@@ -144,6 +144,7 @@ class LeastSquares:
             condition=fit.condition,
             samples=compressed.samples,
             status=_status(fit, model.names),
+            weights=None if self.weights == "equal" else weights,
         )
 
 

@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
 from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
-from dynident.estimators.findings import inverted, remarks, undetermined
+from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, smoothed_away, usual_noise
 from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
@@ -34,7 +34,7 @@ class MaximumLikelihood:
 
     ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
     of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
-    halves 80 until the positions are fitted as well as the smoother does, or to white residuals, or 1.25 is reached.
+    halves 80 until the positions are fitted to white residuals, or as well as the smoother does where they never are.
     ``steps``: whether steps of the torque are looked for; None does so unless the model has Coulomb friction, whose
     reversals look like steps. A start from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull
     of a torque sample. ``rounds`` of estimating the noise of each joint's position and torque. Parameters whose
@@ -178,9 +178,10 @@ class _Run:
     def told(self, fitted: Fitted) -> Estimate:
         model, search = self.problem.model, self.search
         tau = search.left()[1]
-        covariance, rank, condition, lost = inverted(fitted.information)
+        inverse, rank, condition, lost = inverted(fitted.information)
+        covariance = covariance_of(inverse, lost)
         verdict = self.verdicts(lost) if bodies_of(model.parameters) else ()
-        said = remarks(search, fitted, model.names, covariance, tau)
+        said = remarks(search, fitted, model.names, inverse, lost, tau)
         words = [*self.notes, *said, *undetermined(model.names, lost, rank, verdict)]
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         bodies = bodies_of(model.parameters)
@@ -197,6 +198,8 @@ class _Run:
             verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
+            weights=1.0 / search.sigma_tau,
+            information=fitted.information,
         )
 
     def verdicts(self, lost: NDArray[np.bool_]) -> tuple[Verdict, ...]:

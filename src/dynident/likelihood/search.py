@@ -22,7 +22,8 @@ from dynident.model import Model
 __all__ = ["Recordings", "Search"]
 
 Array = NDArray[np.float64]
-WIDEST, NARROWEST = 80.0, 1.25  # spacings of the knots, in samples
+SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
+TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
@@ -61,28 +62,41 @@ class Search:
     def lay_out(self, spacing: float | None, *, rest: bool, smoothed: Array, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
 
-        Their residuals must be white, or no larger than those that the smoothed motion leaves, ``smoothed`` (n).
+        Their residuals must be white. Where they never are, because real noise is not, they must be no larger than
+        those that the smoothed motion leaves, ``smoothed`` (n).
         """
-        size = spacing or WIDEST
-        while True:
-            self.segments = tuple(
-                plan(log, times, size, self.sigma_tau, rest=rest, delay=self.given.delay, used=used)
-                for log, times, used in zip(self.given.logs, self.given.steps, self.given.used, strict=True)
-            )
-            if spacing or size <= NARROWEST:
-                break
-            left = [one.offset(one.start(self.sigma_q, LOOSE * self.given.bend)) for one in self.segments]
-            power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
-            range_ = np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
-            if (power < np.maximum(CLOSE * range_, smoothed) ** 2).all() or self._white(left):
-                # what the spline cannot follow counts as noise
-                self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))
-                break
-            size /= 2
+        if spacing:
+            self.segments = self._planned(spacing, rest=rest)
+        else:
+            self.segments, power = self._spaced(smoothed, rest=rest)
+            self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))  # what the spline cannot follow counts as noise
         self.states = tuple(one.start(self.sigma_q, self.given.bend) for one in self.segments)
         if condense:
             pairs = zip(self.segments, self.states, strict=True)
             self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs)
+
+    def _planned(self, spacing: float, *, rest: bool) -> tuple[Segment, ...]:
+        given = zip(self.given.logs, self.given.steps, self.given.used, strict=True)
+        return tuple(
+            plan(log, times, spacing, self.sigma_tau, rest=rest, delay=self.given.delay, used=used)
+            for log, times, used in given
+        )
+
+    def _spaced(self, smoothed: Array, *, rest: bool) -> tuple[tuple[Segment, ...], Array]:
+        """Return the segments, and the power (n) of what they leave of the positions."""
+        exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
+        second_best = None
+        for size in SPACINGS:
+            if second_best and size < TELLING:
+                return second_best
+            segments = self._planned(size, rest=rest)
+            left = [one.offset(one.start(self.sigma_q, LOOSE * self.given.bend)) for one in segments]
+            power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
+            if self._white(left, segments) or (power < exact**2).all():
+                break
+            if not second_best and (power < smoothed**2).all():
+                second_best = segments, power
+        return segments, power
 
     def soften(self) -> str:
         """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""
@@ -95,8 +109,8 @@ class Search:
         listed = ", ".join(f"{x:.2g}" for x in width)
         return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
 
-    def _white(self, left: Sequence[Array]) -> bool:
-        pairs = zip(left, self.segments, strict=True)
+    def _white(self, left: Sequence[Array], segments: Sequence[Segment]) -> bool:
+        pairs = zip(left, segments, strict=True)
         return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
 
     def run(self, hold: int = 0, loose: float = 1.0) -> Fitted:
@@ -186,10 +200,11 @@ class Search:
         out[k] = ends
         return out
 
-    def spread(self, fitted: Fitted, covariance: Array) -> tuple[Array, Array]:
+    def spread(self, fitted: Fitted, inverse: Array) -> tuple[Array, Array]:
         """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
 
-        The pulls of stretches of the recordings on theta are taken as independent, whatever their noise is like.
+        ``inverse`` (p, p) is that of the information. The pulls of stretches of the recordings on theta are taken as
+        independent, whatever their noise is like.
         """
         noise, out = (self.sigma_q, self.sigma_tau), []
         for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
@@ -201,5 +216,5 @@ class Search:
             )
             edges = np.unique(np.minimum(edges, len(middle) - 1))
             out.append(np.add.reduceat(pulls, edges))
-        square = (np.concatenate(out) @ covariance) ** 2
+        square = (np.concatenate(out) @ inverse) ** 2
         return np.sqrt(square.sum(axis=0)), square.sum(axis=0) ** 2 / np.maximum((square**2).sum(axis=0), 1e-300)

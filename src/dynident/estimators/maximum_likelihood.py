@@ -15,7 +15,7 @@ from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
-from dynident.estimators.measured import feasible, misfit, recordings, smoothed_away, usual_noise
+from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
 from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
 
 __all__ = ["MaximumLikelihood"]
@@ -34,7 +34,7 @@ class MaximumLikelihood:
 
     ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
     of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
-    halves 80 until the positions are fitted to white residuals, or as well as the smoother does where they never are.
+    halves 80 until the positions are fitted to white residuals; where they never are, the torque decides.
     ``steps``: whether steps of the torque are looked for; None does so unless the model has Coulomb friction, whose
     reversals look like steps. A start from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull
     of a torque sample. ``rounds`` of estimating the noise of each joint's position and torque. Parameters whose
@@ -127,9 +127,7 @@ class _Run:
         """Lay out the segments, and fit with the noise known better each round."""
         search, settings = self.search, self.settings
         rest = settings.start != "free"
-        search.lay_out(
-            settings.spacing, rest=rest, smoothed=smoothed_away(self.problem), condense=settings.huber is None
-        )
+        search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
         if has_sign(search.model) and (word := search.soften()):
             self.notes.append(word)
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)

@@ -14,7 +14,7 @@ from dynident.likelihood import Demand, Recordings, noise, steps_of
 from dynident.log import Log
 from dynident.regression import moving, stretches
 
-__all__ = ["feasible", "misfit", "recordings", "smoothed_away", "usual_noise"]
+__all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
 Array = NDArray[np.float64]
 MARGIN = 0.3  # room to the boundary that a start is given, relative to the usual size
@@ -57,18 +57,6 @@ def misfit(problem: Problem, theta: Array) -> Array:
     """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
     return np.asarray(1.4826 * np.median(np.abs(np.concatenate(left)), axis=0))
-
-
-def smoothed_away(problem: Problem) -> Array:
-    """Return the usual size (n) of what the smoother took off the positions; zero where the logs are not at hand."""
-    left = []
-    for log, motion in zip(problem.logs, problem.motions, strict=False):
-        if len(log) == len(motion):
-            at = motion.t[motion.mask] + problem.delay
-            shown = np.stack([np.interp(at, log.t, column) for column in log.q.T], axis=1)
-            left.append(shown - motion.q[motion.mask])
-    n = len(problem.model.joints)
-    return np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0)) if left else np.zeros(n)
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: float = MARGIN) -> Array:

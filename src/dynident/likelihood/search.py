@@ -24,6 +24,7 @@ __all__ = ["Recordings", "Search"]
 Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
 TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
+SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
@@ -59,16 +60,16 @@ class Search:
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = field(default=())
 
-    def lay_out(self, spacing: float | None, *, rest: bool, smoothed: Array, condense: bool) -> None:
+    def lay_out(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
 
-        Their residuals must be white. Where they never are, because real noise is not, they must be no larger than
-        those that the smoothed motion leaves, ``smoothed`` (n).
+        Their residuals must be white. Where they never are, because real noise is not, the torque decides: those are
+        taken that are the narrowest from which it follows as well as from any other.
         """
         if spacing:
             self.segments = self._planned(spacing, rest=rest)
         else:
-            self.segments, power = self._spaced(smoothed, rest=rest)
+            self.segments, power = self._spaced(rest=rest)
             self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))  # what the spline cannot follow counts as noise
         self.states = tuple(one.start(self.sigma_q, self.given.bend) for one in self.segments)
         if condense:
@@ -82,20 +83,26 @@ class Search:
             for log, times, used in given
         )
 
-    def _spaced(self, smoothed: Array, *, rest: bool) -> tuple[tuple[Segment, ...], Array]:
+    def _spaced(self, *, rest: bool) -> tuple[tuple[Segment, ...], Array]:
         """Return the segments, and the power (n) of what they leave of the positions."""
         exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
-        second_best = None
+        found: list[tuple[float, tuple[Segment, ...], Array]] = []
         for size in SPACINGS:
-            if second_best and size < TELLING:
-                return second_best
             segments = self._planned(size, rest=rest)
-            left = [one.offset(one.start(self.sigma_q, LOOSE * self.given.bend)) for one in segments]
+            states = [one.start(self.sigma_q, LOOSE * self.given.bend) for one in segments]
+            pairs = [one.residuals(self.model, state, self.theta) for one, state in zip(segments, states, strict=True)]
+            left = [q for q, _ in pairs]
             power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
-            if self._white(left, segments) or (power < exact**2).all():
+            if (size > TELLING and self._white(left, segments)) or (power < exact**2).all():
+                return segments, power
+            told = [(one.raw.weight > 0) * tau / self.sigma_tau for one, (_, tau) in zip(segments, pairs, strict=True)]
+            missed = sum(float((x**2).sum()) for x in told)
+            least = min((one[0] for one in found), default=np.inf)
+            found.append((missed, segments, power))
+            if size < 2 * TELLING and missed > least / SAME:
                 break
-            if not second_best and (power < smoothed**2).all():
-                second_best = segments, power
+        least = min(one[0] for one in found)
+        _, segments, power = [one for one in found if one[0] < SAME * least][-1]
         return segments, power
 
     def soften(self) -> str:

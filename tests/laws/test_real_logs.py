@@ -21,12 +21,16 @@ DATA = ROOT.parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the recordings are not beside the checkout")
 
 
+def configured(folder: Path, example: str, changes: str) -> Path:
+    settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text()) | yaml.safe_load(changes)
+    path = folder / f"{example}.yaml"
+    path.write_text(yaml.safe_dump(settings).replace("../../shared/data", str(DATA)))
+    return path
+
+
 @cache
 def identify(folder: Path, example: str, changes: str = "{}") -> dict[str, Any]:
-    settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text()) | yaml.safe_load(changes)
-    text = yaml.safe_dump(settings).replace("../../shared/data", str(DATA))
-    path = folder / f"{example}.yaml"
-    path.write_text(text)
+    path = configured(folder, example, changes)
     done = CliRunner().invoke(main, ["identify", str(path), "--out", str(folder / example)])
     assert done.exit_code == 0, done.output
     return json.loads((folder / example / "result.json").read_text())
@@ -100,6 +104,28 @@ def test_emps_with_its_delay(folder: Path) -> None:
     plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
     assert errors(late, "validation")[0] < 0.85 * errors(plain, "validation")[0]
     assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
+
+
+def test_emps_by_maximum_likelihood(folder: Path) -> None:
+    """As good as least squares and no better: the model's friction limits, not noise, and the status says so."""
+    result = identify(folder, "emps", "{estimator: {kind: maximum_likelihood}}")
+    found = {one["name"]: one["value"] for one in result["parameters"]}
+    for name, usual, near in (("M", 95.0, 0.2), ("Fv", 204.1, 1.0), ("Fc", 20.34, 0.1), ("offset", -3.18, 0.05)):
+        assert found[name] == pytest.approx(usual, abs=near), name
+    assert errors(result, "validation", "relative_error_filtered")[0] <= 5.99
+    assert any("residuals are not white" in text for text in result["warnings"])
+
+
+def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
+    """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
+    plain = "{parallel: null}"
+    reached = {one["name"]: one["std"] for one in identify(folder, "emps", plain)["parameters"]}
+    file = folder / "bound.json"
+    done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])
+    assert done.exit_code == 0, done.output
+    for one in json.loads(file.read_text())["parameters"]:
+        assert one["position_share"] < 0.01
+        assert one["std"]["now"] == pytest.approx(reached[one["name"]], rel=0.05), one["name"]
 
 
 def test_emps_simulated_in_its_loop(folder: Path) -> None:

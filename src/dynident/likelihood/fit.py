@@ -43,6 +43,7 @@ class Settings:
 class Fitted:
     """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
 
+    ``gradient`` (p) is the data's slope of the cost once the step is taken that is left to go.
     ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
     """
 
@@ -51,6 +52,7 @@ class Fitted:
     information: Array
     maps: tuple[tuple[Array, int], ...]
     cost: float
+    gradient: Array
     decrement: float
     iterations: int
     converged: bool
@@ -87,6 +89,7 @@ class _Step:
     maps: tuple[tuple[Array, int], ...]
     decrement: float
     information: Array
+    gradient: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,7 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int
     H, g = _positive(used.information), used.gradient
     dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
 
 
 def _positive(H: Array) -> Array:
@@ -249,7 +252,7 @@ def maximise(
         slow = slow + 1 if cost - better[2] < STALLED * 0.5 * step.decrement else 0
         states, theta, cost = better
         near, iteration = step.decrement < NEAR, iteration + 1
-    return Fitted(theta, states, step.information, step.maps, cost, step.decrement, iteration, converged)
+    return Fitted(theta, states, step.information, step.maps, cost, step.gradient, step.decrement, iteration, converged)
 
 
 def _descend(

@@ -189,7 +189,7 @@ class Search:
         if not self.barrier.inside(theta):
             return None
         try:
-            return self.searched(theta, last.carried(self.segments, theta), loose=AFAR, fixed=k)
+            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
         except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
             return None
 

@@ -7,9 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky_banded
-from scipy.linalg.lapack import dpbtrs
-from scipy.sparse import csr_array
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from dynident.errors import ModelError
 
@@ -23,15 +21,17 @@ JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has sp
 def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
     """Add up overlapping blocks (I, w, w) and their rows (I, w, b), block i at the unknowns first[i] + (0 ... w - 1).
 
-    Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
+    No two blocks may begin at the same unknown. Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
     """
-    count, w = blocks.shape[:2]
-    place = (first[:, None] + np.arange(w)).ravel()
-    adds = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), shape=(len(place), size)).T
+    w = blocks.shape[1]
     across, down = np.meshgrid(np.arange(w), np.arange(w))
     below = blocks[:, np.minimum(across + down, w - 1), down]
     below[:, across + down >= w] = 0.0
-    return (adds @ below.reshape(count * w, w)).T, adds @ rows.reshape(count * w, -1)
+    wide = np.concatenate([below, rows], axis=2)
+    out = np.zeros((size, wide.shape[2]))
+    for k in range(w):
+        out[first + k] += wide[:, k]
+    return out[:, :w].T, out[:, w:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +58,9 @@ class Arrow:
             scaled[d, m - d :] = 0.0
         for extra in JITTER:
             scaled[0] = 1.0 + extra
-            try:
-                return cholesky_banded(scaled, lower=True, check_finite=False), scale
-            except LinAlgError:
-                continue
+            factor, failed = dpbtrf(scaled, lower=1)
+            if not failed:
+                return factor, scale
         raise ModelError("the normal equations of the trajectory are not positive definite.")
 
     def inner(self, rhs: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from dynident.likelihood.arrow import Arrow, gather
 from dynident.likelihood.torques import Torques, condensed
-from dynident.likelihood.trajectory import Trajectory
+from dynident.likelihood.trajectory import Block, Trajectory
 from dynident.log import Log
 from dynident.model import Model
 
@@ -97,6 +97,11 @@ class Segment:
         return self.log.t - self.delay
 
     @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Blocks of intervals and their points."""
+        return tuple(self.trajectory.blocks(self.points))
+
+    @cached_property
     def local(self) -> Array:
         """Basis values (3, P, 5) at the points; at rest the first two coefficients are one."""
         return self.basis(self.points)
@@ -119,6 +124,11 @@ class Segment:
     def positions(self) -> csr_array:
         """The basis at the positions (N, m)."""
         return self._sparse(*self.shown)
+
+    @cached_property
+    def positions_turned(self) -> csr_array:
+        """The transposed basis (m, N) at the positions."""
+        return self.positions.T.tocsr()
 
     @cached_property
     def _points(self) -> tuple[csr_array, ...]:
@@ -208,7 +218,7 @@ class Segment:
 
     def start(self, sigma_q: Array, sigma_ddq: Array) -> State:
         """Return the smooth start: positions fitted with accelerations of about ``sigma_ddq`` (n) kept down."""
-        along = (self.positions.T @ self.log.q) / sigma_q**2
+        along = (self.positions_turned @ self.log.q) / sigma_q**2
         pairs = zip(sigma_q, sigma_ddq, along.T, strict=True)
         C = np.concatenate([self.smooth(a, b).inner(rhs[:, None]) for a, b, rhs in pairs], axis=1)
         if self.rest:

@@ -105,10 +105,11 @@ def equations(
         side[at[0] : at[0] + reach] += other
         flat = part.rows[:, :, w:].reshape(-1, b + 1)
         total += flat.T @ flat
-    side[:, -1] += (segment.positions_turned @ (segment.offset(state) / sigma_q**2)).ravel()
+    share, squares = segment.shares(state)
+    side[:, -1] += (share / sigma_q**2).ravel()
     if segment.rest:
         band[0, :n] = 1.0  # the first coefficients are the second ones
-    cost = segment.given(state, sigma_q, sigma_tau) + 0.5 * float(total[-1, -1])
+    cost = segment.given(squares, sigma_q, sigma_tau) + 0.5 * float(total[-1, -1])
     return Equations(band, side[:, :b], total[:-1, :-1], side[:, b:-1], side[:, -1], total[:-1, -1], cost)
 
 

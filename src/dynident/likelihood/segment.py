@@ -19,6 +19,7 @@ __all__ = ["Segment", "State"]
 
 Array = NDArray[np.float64]
 GAUSS = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the middle of an interval of length one
+RIDGE = 1e-9  # of the positions' products, where a coefficient acts on none
 TIGHT = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
@@ -126,9 +127,23 @@ class Segment:
         return self._sparse(*self.shown)
 
     @cached_property
-    def positions_turned(self) -> csr_array:
-        """The transposed basis (m, N) at the positions."""
-        return self.positions.T.tocsr()
+    def _condensed(self) -> tuple[csr_array, Array, Array, Array]:
+        """What the positions say, however many: products of the basis (m, m), coefficients C (m, n) near the positions,
+        and of what these leave the basis's share (m, n) and the squares (n).
+        """
+        turned, size = self.positions.T.tocsr(), self.trajectory.size
+        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self.trajectory.first, size)
+        band[0] += RIDGE * band[0].max()
+        C = Arrow(band, np.zeros((size, 0))).inner(turned @ self.log.q)
+        left = self.log.q - self.positions @ C
+        return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)
+
+    def shares(self, state: State) -> tuple[Array, Array]:
+        """Return the basis's share (m, n) in what is left of the positions, and the squares (n) of that."""
+        products, C, share, squares = self._condensed
+        change = state.C - C
+        found = share - products @ change
+        return found, squares - (change * (share + found)).sum(axis=0)
 
     @cached_property
     def _points(self) -> tuple[csr_array, ...]:
@@ -186,15 +201,14 @@ class Segment:
         wanted[self.measured] = self.torques.tau
         return np.asarray(wanted)
 
-    def given(self, state: State, sigma_q: Array, sigma_tau: Array) -> float:
-        """Return half the weighted squares of the positions, and of what no model can explain of the torques."""
-        scatter = float((self.torques.scatter / sigma_tau**2).sum())
-        return 0.5 * (float(((self.offset(state) / sigma_q) ** 2).sum()) + scatter)
+    def given(self, squares: Array, sigma_q: Array, sigma_tau: Array) -> float:
+        """Return half the weighted ``squares`` (n) of the positions, and of what no model can explain of the torques."""
+        return 0.5 * float((squares / sigma_q**2 + self.torques.scatter / sigma_tau**2).sum())
 
     def cost(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> float:
         """Return half the sum of the weighted squares."""
         left = (self.wanted(state) - model.torque(*self.motion(state), theta)) * self.weights(sigma_tau)
-        return self.given(state, sigma_q, sigma_tau) + 0.5 * float((left**2).sum())
+        return self.given(self.shares(state)[1], sigma_q, sigma_tau) + 0.5 * float((left**2).sum())
 
     def moved(self, state: State, dC: Array, dW: Array) -> State:
         """Return the state after a step, given flat."""
@@ -218,7 +232,7 @@ class Segment:
 
     def start(self, sigma_q: Array, sigma_ddq: Array) -> State:
         """Return the smooth start: positions fitted with accelerations of about ``sigma_ddq`` (n) kept down."""
-        along = (self.positions_turned @ self.log.q) / sigma_q**2
+        along = (self.positions.T @ self.log.q) / sigma_q**2
         pairs = zip(sigma_q, sigma_ddq, along.T, strict=True)
         C = np.concatenate([self.smooth(a, b).inner(rhs[:, None]) for a, b, rhs in pairs], axis=1)
         if self.rest:

@@ -8,29 +8,34 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs
+from scipy.sparse import csr_array
 
 from dynident.errors import ModelError
 
-__all__ = ["Arrow", "gather"]
+__all__ = ["Arrow", "gather", "overlap"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has spoilt it
 
 
-def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
-    """Add up overlapping blocks (I, w, w) and their rows (I, w, b), block i at the unknowns first[i] + (0 ... w - 1).
+def overlap(first: Index, w: int, size: int) -> csr_array:
+    """Return the sums (size, I w) over blocks (I) of w rows each, block i at the unknowns first[i] + (0 ... w - 1)."""
+    place = (first[:, None] + np.arange(w)).ravel()
+    rows = np.arange(len(place) + 1)
+    return csr_array((np.ones(len(place)), place, rows), shape=(len(place), size)).T.tocsr()
 
-    No two blocks may begin at the same unknown. Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
+
+def gather(blocks: Array, rows: Array, adds: csr_array) -> tuple[Array, Array]:
+    """Add up overlapping blocks (I, w, w) and their rows (I, w, b), ``adds`` as :func:`overlap` has it.
+
+    Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
     """
-    w = blocks.shape[1]
+    count, w = blocks.shape[:2]
     across, down = np.meshgrid(np.arange(w), np.arange(w))
     below = blocks[:, np.minimum(across + down, w - 1), down]
     below[:, across + down >= w] = 0.0
-    wide = np.concatenate([below, rows], axis=2)
-    out = np.zeros((size, wide.shape[2]))
-    for k in range(w):
-        out[first + k] += wide[:, k]
+    out = adds @ np.concatenate([below, rows], axis=2).reshape(count * w, -1)
     return out[:, :w].T, out[:, w:]
 
 

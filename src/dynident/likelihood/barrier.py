@@ -67,21 +67,25 @@ class Barrier:
 
     def inside(self, theta: Array) -> bool:
         """Return whether all matrices are positive definite at theta (p)."""
-        return bool(np.isfinite(self.value(theta)))
+        rows, _ = self._numbers
+        if len(rows) and (rows @ theta).min() <= 0:
+            return False
+        try:
+            for one, columns in self._matrices:
+                np.linalg.cholesky(one.slopes[..., columns] @ theta[columns])
+        except np.linalg.LinAlgError:
+            return False
+        return True
 
     def value(self, theta: Array, weight: float | None = None) -> float:
         """Return the barrier at theta (p), infinite outside."""
+        if not self.inside(theta):
+            return np.inf
         rows, share = self._numbers
-        numbers, found = rows @ theta if len(rows) else share, 0.0
-        if len(rows) and numbers.min() <= 0:
-            return np.inf
-        found = -float(share @ np.log(numbers))
-        try:
-            for one, columns in self._matrices:
-                roots = np.linalg.cholesky(one.slopes[..., columns] @ theta[columns]).diagonal(axis1=1, axis2=2)
-                found += float(one.pull @ theta) - 2 * float(np.log(roots).sum(axis=1).mean())
-        except np.linalg.LinAlgError:
-            return np.inf
+        found = -float(share @ np.log(rows @ theta)) if len(rows) else 0.0
+        for one, columns in self._matrices:
+            found -= float(np.linalg.slogdet(one.slopes[..., columns] @ theta[columns])[1].mean())
+            found += float(one.pull @ theta)
         return (self.weight if weight is None else weight) * found
 
     def slopes(self, theta: Array, weight: float | None = None) -> tuple[Array, Array]:
@@ -137,7 +141,7 @@ class Barrier:
         length = 1.0
         while length > 1e-6:
             change = length * slope + 0.5 * length**2 * bend
-            if self.value(theta + d + length * step, weight) - here + change <= -0.1 * length * fall:
+            if self.value(theta + (d + length * step), weight) - here + change <= -0.1 * length * fall:
                 return length
             length *= 0.6
         return 0.0

@@ -89,7 +89,7 @@ def equations(
 ) -> Equations:
     """Return the normal equations about a state."""
     n, p, k = len(sigma_q), len(theta), segment.hats.shape[1]
-    w, b, size, first = 5 * n, k * n + p, segment.trajectory.size * n, segment.trajectory.first * n
+    w, b, size = 5 * n, k * n + p, segment.trajectory.size * n
     band, side = np.zeros((w, size)), np.zeros((size, b + p * bend + 1))
     total = np.zeros((b + 1, b + 1))
     for part in _parts(segment, model, state, theta, sigma_tau):
@@ -98,11 +98,9 @@ def equations(
             blocks[:, j:w:n, j:w:n] += segment.gram[part.block.intervals] / sigma_q[j] ** 2
         bends = _bends(segment, model, part) if bend else np.zeros((len(blocks), w, 0))
         wide = np.concatenate([blocks[:, :, w:-1], bends, blocks[:, :, -1:]], axis=2)
-        at = first[part.block.intervals]
-        reach = int(at[-1] - at[0]) + w
-        one, other = gather(blocks[:, :, :w], wide, at - at[0], reach)
-        band[:, at[0] : at[0] + reach] += one
-        side[at[0] : at[0] + reach] += other
+        one, other = gather(blocks[:, :, :w], wide, part.block.adds)
+        band += one
+        side += other
         flat = part.rows[:, :, w:].reshape(-1, b + 1)
         total += flat.T @ flat
     share, squares = segment.shares(state)

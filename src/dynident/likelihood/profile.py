@@ -39,10 +39,14 @@ def crossing(root: Callable[[float], tuple[float, float]], size: float, side: in
 
 
 def _reached(one: tuple[float, float, float], other: tuple[float, float, float], x: float) -> float:
-    """Return y at x from points (x, y, dy / dx): on the cubic through both, or beyond the other on its tangent."""
+    """Return y at x from points (x, y, dy / dx): on the cubic through both, or beyond the other.
+
+    There it goes straight down, or up exponentially: what bends less has been passed by the first trial.
+    """
     (a, ya, sa), (b, yb, sb) = one, other
     if (x - b) * (b - a) >= 0 or not np.isfinite(sb):
-        return yb + (x - b) * sb
+        along = (x - b) * sb
+        return yb + along if along < 0 else yb * float(np.exp(min(along / yb, LONGEST)))
     chord = (yb - ya) / (b - a)
     first, last = (chord - sa) / (b - a), (sb - chord) / (b - a)
     return ya + (x - a) * (sa + (x - a) * (first + (x - b) * (last - first) / (b - a)))

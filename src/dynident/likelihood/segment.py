@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.likelihood.torques import Torques, condensed
 from dynident.likelihood.trajectory import Block, Trajectory
 from dynident.log import Log
@@ -100,7 +100,7 @@ class Segment:
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Blocks of intervals and their points."""
-        return tuple(self.trajectory.blocks(self.points))
+        return tuple(self.trajectory.blocks(self.points, self.log.q.shape[1]))
 
     @cached_property
     def local(self) -> Array:
@@ -127,12 +127,16 @@ class Segment:
         return self._sparse(*self.shown)
 
     @cached_property
+    def _adds(self) -> csr_array:
+        return overlap(self.trajectory.first, 5, self.trajectory.size)
+
+    @cached_property
     def _condensed(self) -> tuple[csr_array, Array, Array, Array]:
         """What the positions say, however many: products of the basis (m, m), coefficients C (m, n) near the positions,
         and of what these leave the basis's share (m, n) and the squares (n).
         """
         turned, size = self.positions.T.tocsr(), self.trajectory.size
-        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self.trajectory.first, size)
+        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
         band[0] += RIDGE * band[0].max()
         C = Arrow(band, np.zeros((size, 0))).inner(turned @ self.log.q)
         left = self.log.q - self.positions @ C
@@ -225,7 +229,7 @@ class Segment:
         share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0]) / sigma_ddq**2
         blocks = self.gram / sigma_q**2 + share[:, None, None] * bend[:, :, None] * bend[:, None, :]
         size = self.trajectory.size
-        band, _ = gather(blocks, np.zeros((len(blocks), 5, 1)), self.trajectory.first, size)
+        band, _ = gather(blocks, np.zeros((len(blocks), 5, 0)), self._adds)
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))

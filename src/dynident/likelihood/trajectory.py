@@ -9,6 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from dynident.likelihood.arrow import overlap
 
 __all__ = ["DEGREE", "Block", "Trajectory", "graded"]
 
@@ -43,12 +46,13 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
 class Block:
     """Some of a trajectory's ``intervals``, and all points in them, as slices.
 
-    ``groups`` are the intervals (K) with the same number c of points, and where these are (K, c), for each c; both are
+    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K) with the same number c of points, and where these are (K, c), for each c; both are
     counted within the block.
     """
 
     intervals: slice
     points: slice
+    adds: csr_array
     groups: tuple[tuple[Index, Index], ...]
 
     def products(self, left: Array, right: Array) -> Array:
@@ -97,14 +101,14 @@ class Trajectory:
         """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
         return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
 
-    def blocks(self, t: Array) -> Iterator[Block]:
+    def blocks(self, t: Array, n: int) -> Iterator[Block]:
         """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
         count, lo = len(self.first), 0
         edges = np.searchsorted(self.interval(t), np.arange(count + 1))
         while lo < count:
             hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
-            points = slice(int(edges[lo]), int(edges[hi]))
-            yield Block(slice(lo, hi), points, _groups(edges[lo : hi + 1] - edges[lo]))
+            points, adds = slice(int(edges[lo]), int(edges[hi])), overlap(self.first[lo:hi] * n, 5 * n, self.size * n)
+            yield Block(slice(lo, hi), points, adds, _groups(edges[lo : hi + 1] - edges[lo]))
             lo = hi
 
     def local(self, t: Array) -> Array:

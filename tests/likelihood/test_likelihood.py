@@ -310,13 +310,21 @@ class TestProfile:
         found = crossing(lambda y: ((y - 1) / 0.5, 2.0) if y < 1.4 else (np.nan, np.nan), 0.5, 1)
         assert 1.4 < found < 2.0
 
-    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self) -> None:
+    @pytest.mark.parametrize("count", [0, 1, 2, 5])
+    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        r = np.linspace(-2, 2, 5)
-        path = np.array([3.0, 7.0]) + r[:, None] * covariance[:, 0] / 2
-        found = swept(path, r, covariance, 0)
-        expected = np.array([3.0, 7.0])[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        theta = np.array([3.0, 7.0])
+        path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
+        found = swept(theta, path, covariance, 0)
+        expected = theta[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+    def test_swept_intervals_bend_with_the_valley(self) -> None:
+        covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
+        path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
+        found = swept(np.zeros(2), path, covariance, 0)
+        expected = [[-LIMIT, LIMIT], [-LIMIT + 0.1 * LIMIT**2, LIMIT + 0.1 * LIMIT**2]]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_state_is_immutable() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def crossing(root: Callable[[float], tuple[float, float]], size: float, side: in
             y = float(np.sqrt(y * known[-1][1]))
             continue
         known.append((found, y, 1 / slope if slope > 0 else np.inf))
-        before, y = y, _reached(*known[-2:], aim)
+        before, y = y, _reached(known[-2], known[-1], aim)
         if NEAR[0] < found / aim < NEAR[1] or abs(np.log(before)) >= LONGEST:
             break
         y = float(np.clip(y, *sorted((before**0.3, before**2.5))))
@@ -52,19 +52,21 @@ def _reached(one: tuple[float, float, float], other: tuple[float, float, float],
     return ya + (x - a) * (sa + (x - a) * (first + (x - b) * (last - first) / (b - a)))
 
 
-def swept(path: Array, deviations: Array, covariance: Array, k: int) -> Array:
+def swept(theta: Array, path: Sequence[tuple[float, Array]], covariance: Array, k: int) -> Array:
     """Return 95 % intervals (p, 2) of all parameters, from the profile likelihood of parameter k.
 
-    ``path`` (T, p) are the best fits with parameter k held, ``deviations`` (T) the signed roots of their deviance, from
-    the first end of its interval to the last. What is left of the likelihood at each point of the path is taken as
-    normal: a parameter that follows k along a bent valley bends with it; one that does not has 1.96 standard errors.
+    ``path`` are, besides the estimate ``theta`` (p), signed roots of the deviance and the best fits (p) with parameter
+    k held there. What is left of the likelihood at each point of the path is taken as normal: a parameter that follows
+    k along a bent valley bends with it; one that does not has 1.96 standard errors. The path is a cubic, and leaves the
+    estimate as the covariance says.
     """
     along = covariance[:, k] / np.sqrt(covariance[k, k])
     rest = np.sqrt(np.maximum(np.diag(covariance) - along**2, 0.0))
-    fine = np.linspace(-LIMIT, LIMIT, 81)
-    degree = min(len(deviations) - 1, 3)
-    scale = np.maximum(np.abs(path).max(axis=0), 1e-300)
-    middle = np.polynomial.polynomial.polyfit(deviations, path / scale, degree)
-    centre = np.polynomial.polynomial.polyval(fine, middle).T * scale
-    reach = np.sqrt(LIMIT**2 - fine**2)[:, None] * rest
+    fine, powers = np.linspace(-LIMIT, LIMIT, 81)[:, None], np.array([2, 3])
+    centre = theta + fine * along
+    if path:
+        r = np.array([[root] for root, _ in path])
+        aside = np.array([found for _, found in path]) - theta - r * along
+        centre += fine**powers @ np.linalg.lstsq(r**powers, aside, rcond=None)[0]
+    reach = np.sqrt(LIMIT**2 - fine**2) * rest
     return np.stack([(centre - reach).min(axis=0), (centre + reach).max(axis=0)], axis=1)

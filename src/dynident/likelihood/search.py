@@ -150,13 +150,27 @@ class Search:
         self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
         self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
 
+    def _held(self, last: Fitted, theta: Array, k: int, value: float) -> Fitted | None:
+        """Return the best fit with parameter k at a value, from theta near the ``last``; None where there is none."""
+        theta[k] = value
+        if not self.barrier.inside(theta):
+            theta = last.theta.copy()
+            theta[k] = value
+        if not self.barrier.inside(theta):
+            return None
+        try:
+            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
+        except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
+            return None
+
     def profiled(self, fitted: Fitted, covariance: Array, k: int) -> Array:
         """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
 
         The parameter keeps its sign. Where physics stops it before, that is the end as far as it was seen.
         """
         value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
-        sign, along, path = np.sign(value), covariance[:, k] / std**2, [(0.0, fitted.theta)]
+        sign, along = np.sign(value), covariance[:, k] / std**2
+        path: list[tuple[float, Array]] = []  # signed roots of the deviance, and the best fits there
 
         def root(side: int) -> Callable[[float], tuple[float, float]]:
             last = fitted
@@ -175,23 +189,9 @@ class Search:
             return tried
 
         ends = [value * crossing(root(side), std / abs(value), side) for side in (-1, 1)]
-        r, thetas = map(np.array, zip(*path, strict=True))
-        out = swept(thetas, r, covariance, k)
+        out = swept(fitted.theta, path, covariance, k)
         out[k] = sorted(ends)
         return out
-
-    def _held(self, last: Fitted, theta: Array, k: int, value: float) -> Fitted | None:
-        """Return the best fit with parameter k at a value, from theta near the ``last``; None where it cannot be had."""
-        theta[k] = value
-        if not self.barrier.inside(theta):
-            theta = last.theta.copy()
-            theta[k] = value
-        if not self.barrier.inside(theta):
-            return None
-        try:
-            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
-        except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
-            return None
 
     def spread(self, fitted: Fitted, covariance: Array) -> tuple[Array, Array]:
         """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).

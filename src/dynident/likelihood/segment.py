@@ -128,23 +128,27 @@ class Segment:
 
     @cached_property
     def _adds(self) -> csr_array:
+        """Sums (m, 5 I) over the intervals of what they say of one joint's coefficients."""
         return overlap(self.trajectory.first, 5, self.trajectory.size)
 
     @cached_property
-    def _condensed(self) -> tuple[csr_array, Array, Array, Array]:
+    def _summed(self) -> tuple[csr_array, Array, Array, Array]:
         """What the positions say, however many: products of the basis (m, m), coefficients C (m, n) near the positions,
         and of what these leave the basis's share (m, n) and the squares (n).
         """
-        turned, size = self.positions.T.tocsr(), self.trajectory.size
+        turned = self.positions.T
         band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
         band[0] += RIDGE * band[0].max()
-        C = Arrow(band, np.zeros((size, 0))).inner(turned @ self.log.q)
+        C = Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ self.log.q)
         left = self.log.q - self.positions @ C
         return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)
 
     def shares(self, state: State) -> tuple[Array, Array]:
-        """Return the basis's share (m, n) in what is left of the positions, and the squares (n) of that."""
-        products, C, share, squares = self._condensed
+        """Return the basis's share (m, n) in what is left of the positions, and the sum of its squares (n).
+
+        Both are changes from those near the positions, so that nothing is lost to rounding.
+        """
+        products, C, share, squares = self._summed
         change = state.C - C
         found = share - products @ change
         return found, squares - (change * (share + found)).sum(axis=0)
@@ -206,7 +210,7 @@ class Segment:
         return np.asarray(wanted)
 
     def given(self, squares: Array, sigma_q: Array, sigma_tau: Array) -> float:
-        """Return half the weighted ``squares`` (n) of the positions, and of what no model can explain of the torques."""
+        """Return half the weighted ``squares`` (n) of positions, and of what no model can explain of the torques."""
         return 0.5 * float((squares / sigma_q**2 + self.torques.scatter / sigma_tau**2).sum())
 
     def cost(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> float:

@@ -46,8 +46,8 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
 class Block:
     """Some of a trajectory's ``intervals``, and all points in them, as slices.
 
-    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K) with the same number c of points, and where these are (K, c), for each c; both are
-    counted within the block.
+    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K)
+    with the same number c of points, and where these are (K, c), for each c, both counted within the block.
     """
 
     intervals: slice

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.bound import variance
-from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import moving, stretches
@@ -99,8 +99,9 @@ def _built(
         known = np.einsum("ka,kb,ij->kaibj", local[0, here], local[0, here], np.diag(precision[0])).reshape(-1, w, w)
         first, size = n * np.arange(here.stop - here.start), n * (here.stop - here.start + 2)
         place = slice(n * here.start, n * here.start + size)
-        torque, border = gather(pull @ J, pull @ Y, first, size)
-        position, _ = gather(known, np.zeros((len(known), w, 0)), first, size)
+        adds = overlap(first, w, size)
+        torque, border = gather(pull @ J, pull @ Y, adds)
+        position, _ = gather(known, np.zeros((len(known), w, 0)), adds)
         found.torque[:, place] += torque
         found.position[:, place] += position
         found.border[place] += border

@@ -23,7 +23,7 @@ from dynident.likelihood import (
     steps_of,
     whiteness,
 )
-from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.likelihood.profile import LIMIT, crossing, swept
 from dynident.likelihood.trajectory import DEGREE, graded
 from dynident.log import Log
@@ -63,7 +63,7 @@ class TestArrow:
         for at, block, row in zip(first, blocks, rows, strict=True):
             full[at : at + 4, at : at + 4] += block
             side[at : at + 4] += row
-        band, border = gather(blocks, rows, first, 7)
+        band, border = gather(blocks, rows, overlap(first, 4, 7))
         for d in range(4):
             np.testing.assert_allclose(band[d, : 7 - d], np.diag(full, -d))
         np.testing.assert_allclose(border, side)
@@ -291,22 +291,40 @@ class TestFriction:
 
 
 class TestProfile:
-    def test_a_parabola_ends_where_it_should(self) -> None:
-        assert crossing(lambda x: x / 0.2, 0.2) == pytest.approx(0.2 * LIMIT)
+    @pytest.mark.parametrize("size", [0.1, 0.4])
+    def test_a_parabola_ends_where_it_should(self, size: float) -> None:
+        ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
+        assert ends == pytest.approx([1 - LIMIT * size, 1 + LIMIT * size], rel=1e-3)
 
-    def test_a_bent_deviance(self) -> None:
-        """Twice as steep far away; and one that physics ends."""
-        end = crossing(lambda x: x / 0.2 * (1 + x), 0.2)
-        assert end / 0.2 * (1 + end) == pytest.approx(LIMIT, rel=0.01)
-        assert crossing(lambda x: np.nan if x > 0.1 else x, 0.2) < 0.2
+    @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
+    def test_a_parabola_in_the_logarithm(self, size: float) -> None:
+        ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
+        assert np.log(ends) / size == pytest.approx([-LIMIT, LIMIT], rel=0.02)
 
-    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self) -> None:
+    def test_a_deviance_that_stays_low(self) -> None:
+        """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
+        assert 0 < crossing(lambda y: (y - 1, 1.0), 1.0, -1) < 0.01
+
+    def test_what_physics_ends(self) -> None:
+        """Where trials fail, the end is not beyond."""
+        found = crossing(lambda y: ((y - 1) / 0.5, 2.0) if y < 1.4 else (np.nan, np.nan), 0.5, 1)
+        assert 1.4 < found < 2.0
+
+    @pytest.mark.parametrize("count", [0, 1, 2, 5])
+    def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
-        r = np.linspace(-2, 2, 5)
-        path = np.array([3.0, 7.0]) + r[:, None] * covariance[:, 0] / 2
-        found = swept(path, r, covariance, 0)
-        expected = np.array([3.0, 7.0])[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        theta = np.array([3.0, 7.0])
+        path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
+        found = swept(theta, path, covariance, 0)
+        expected = theta[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+    def test_swept_intervals_bend_with_the_valley(self) -> None:
+        covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
+        path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
+        found = swept(np.zeros(2), path, covariance, 0)
+        expected = [[-LIMIT, LIMIT], [-LIMIT + 0.1 * LIMIT**2, LIMIT + 0.1 * LIMIT**2]]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_state_is_immutable() -> None:

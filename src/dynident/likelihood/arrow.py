@@ -7,31 +7,36 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cholesky_banded
-from scipy.linalg.lapack import dpbtrs
+from scipy.linalg.lapack import dpbtrf, dpbtrs
 from scipy.sparse import csr_array
 
 from dynident.errors import ModelError
 
-__all__ = ["Arrow", "gather"]
+__all__ = ["Arrow", "gather", "overlap"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has spoilt it
 
 
-def gather(blocks: Array, rows: Array, first: Index, size: int) -> tuple[Array, Array]:
-    """Add up overlapping blocks (I, w, w) and their rows (I, w, b), block i at the unknowns first[i] + (0 ... w - 1).
+def overlap(first: Index, w: int, size: int) -> csr_array:
+    """Return the sums (size, I w) over blocks (I) of w rows each, block i at the unknowns first[i] + (0 ... w - 1)."""
+    place = (first[:, None] + np.arange(w)).ravel()
+    rows = np.arange(len(place) + 1)
+    return csr_array((np.ones(len(place)), place, rows), shape=(len(place), size)).T.tocsr()
+
+
+def gather(blocks: Array, rows: Array, adds: csr_array) -> tuple[Array, Array]:
+    """Add up overlapping blocks (I, w, w) and their rows (I, w, b), ``adds`` as :func:`overlap` has it.
 
     Returns the band (w, size) of the lower triangle, as LAPACK stores it, and the rows (size, b).
     """
     count, w = blocks.shape[:2]
-    place = (first[:, None] + np.arange(w)).ravel()
-    adds = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), shape=(len(place), size)).T
     across, down = np.meshgrid(np.arange(w), np.arange(w))
     below = blocks[:, np.minimum(across + down, w - 1), down]
     below[:, across + down >= w] = 0.0
-    return (adds @ below.reshape(count * w, w)).T, adds @ rows.reshape(count * w, -1)
+    out = adds @ np.concatenate([below, rows], axis=2).reshape(count * w, -1)
+    return out[:, :w].T, out[:, w:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +63,9 @@ class Arrow:
             scaled[d, m - d :] = 0.0
         for extra in JITTER:
             scaled[0] = 1.0 + extra
-            try:
-                return cholesky_banded(scaled, lower=True, check_finite=False), scale
-            except LinAlgError:
-                continue
+            factor, failed = dpbtrf(scaled, lower=1)
+            if not failed:
+                return factor, scale
         raise ModelError("the normal equations of the trajectory are not positive definite.")
 
     def inner(self, rhs: Array) -> Array:

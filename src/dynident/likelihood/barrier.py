@@ -141,7 +141,7 @@ class Barrier:
         length = 1.0
         while length > 1e-6:
             change = length * slope + 0.5 * length**2 * bend
-            if self.value(theta + d + length * step, weight) - here + change <= -0.1 * length * fall:
+            if self.value(theta + (d + length * step), weight) - here + change <= -0.1 * length * fall:
                 return length
             length *= 0.6
         return 0.0

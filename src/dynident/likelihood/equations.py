@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.likelihood.arrow import Arrow, gather
 from dynident.likelihood.segment import Segment, State
+from dynident.likelihood.trajectory import Block
 from dynident.model import Model
 from dynident.terms.term import Partials
 
@@ -17,7 +18,6 @@ __all__ = ["Equations", "equations", "leverage", "scores"]
 
 Array = NDArray[np.float64]
 NUDGE = 1e-6  # of a state, for differences of the regressor
-BLOCK = 4096  # points at a time, so that the regressor is never formed whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,8 @@ class Equations:
     """Gauss-Newton equations of one segment about a state; border columns: W (k n), theta (p).
 
     ``band`` (w, m n), ``border`` (m n, k n + p), ``corner`` of the border with itself, ``bend`` (m n, p) the second
-    derivatives of the cost by trajectory and theta that Gauss-Newton leaves out; minus the gradients by C (m n) and by
-    the border. ``cost`` is half the sum of the weighted squares.
+    derivatives of the cost by trajectory and theta that Gauss-Newton leaves out, (m n, 0) where not asked for; minus
+    the gradients by C (m n) and by the border. ``cost`` is half the sum of the weighted squares.
     """
 
     band: Array
@@ -40,46 +40,27 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Whole intervals, lo to hi, with all their points: ``rows`` (B, n, w + b + 1) are the derivatives of the weighted
-    model by C, W and theta, and the weighted residuals. ``groups`` are the intervals with the same number of points,
-    and where these are.
+    """A block of intervals about a state: ``rows`` (B, n, w + b + 1) are the derivatives of the weighted model by C, W
+    and theta, and the weighted residuals.
     """
 
-    lo: int
-    hi: int
-    points: slice
+    block: Block
     rows: Array
     states: tuple[Array, Array, Array]
     Z: Array
     weight: Array
-    groups: list[tuple[NDArray[np.intp], NDArray[np.intp]]]
-
-    def products(self, left: Array, right: Array) -> Array:
-        """Return the sums (hi - lo, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
-        a, b = left.shape[-1], right.shape[-1]
-        out = np.zeros((self.hi - self.lo, a, b))
-        for there, at in self.groups:
-            one, other = left[at].reshape(len(at), -1, a), right[at].reshape(len(at), -1, b)
-            out[there] = np.swapaxes(one, 1, 2) @ other
-        return out
 
 
 def _parts(segment: Segment, model: Model, state: State, theta: Array, sigma_tau: Array) -> Iterator[_Part]:
-    """Yield the parts of a segment, each of about as many points as a block has."""
+    """Yield the parts of a segment, so that the regressor is never formed whole."""
     motion, weight, wanted = segment.motion(state), segment.weights(sigma_tau), segment.wanted(state)
-    count = len(segment.trajectory.first)
-    edges = np.searchsorted(segment.trajectory.interval(segment.points), np.arange(count + 1))
-    lo = 0
-    while lo < count:
-        hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
-        points = slice(int(edges[lo]), int(edges[hi]))
-        states = (motion[0][points], motion[1][points], motion[2][points])
+    for block in segment.blocks:
+        states = (motion[0][block.points], motion[1][block.points], motion[2][block.points])
         Z = model.regressor(*states)
-        slopes = model.partials(*states, theta)
-        rows = _rows(segment, points, Z, slopes, wanted[points] - Z @ theta)
-        rows *= weight[points][:, :, None]
-        yield _Part(lo, hi, points, rows, states, Z, weight[points], _groups(edges[lo : hi + 1] - edges[lo]))
-        lo = hi
+        slopes, own = model.partials(*states, theta), weight[block.points]
+        rows = _rows(segment, block.points, Z, slopes, wanted[block.points] - Z @ theta)
+        rows *= own[:, :, None]
+        yield _Part(block, rows, states, Z, own)
 
 
 def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Array) -> Array:
@@ -87,20 +68,13 @@ def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Arr
     B, n, p = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
     rows = np.zeros((B, n, w + k * n + p + 1))
-    for V, by in zip(segment.local[:, points], (slopes.q, slopes.dq, slopes.ddq), strict=True):
-        rows[:, :, :w] += (V[:, None, :, None] * by[:, :, None, :]).reshape(B, n, w)
+    by = np.stack([slopes.q, slopes.dq, slopes.ddq], axis=2)
+    rows[:, :, :w] = (np.moveaxis(segment.local[:, points], 0, 2)[:, None] @ by).reshape(B, n, w)
     for j in range(n):
         rows[:, j, w + j : w + k * n : n] = -segment.hats[points]
     rows[:, :, w + k * n : -1] = Z
     rows[:, :, -1] = left
     return rows
-
-
-def _groups(edges: NDArray[np.intp]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Return intervals (K) with the same number c of points, and where these are (K, c), for each c."""
-    count = np.diff(edges)
-    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
-    return [(there, edges[there][:, None] + along) for there, along in same]
 
 
 def equations(
@@ -115,26 +89,25 @@ def equations(
 ) -> Equations:
     """Return the normal equations about a state."""
     n, p, k = len(sigma_q), len(theta), segment.hats.shape[1]
-    w, b, size, first = 5 * n, k * n + p, segment.trajectory.size * n, segment.trajectory.first * n
-    band, side = np.zeros((w, size)), np.zeros((size, b + p + 1))
+    w, b, size = 5 * n, k * n + p, segment.trajectory.size * n
+    band, side = np.zeros((w, size)), np.zeros((size, b + p * bend + 1))
     total = np.zeros((b + 1, b + 1))
     for part in _parts(segment, model, state, theta, sigma_tau):
-        blocks = part.products(part.rows[:, :, :w], part.rows)
+        blocks = part.block.products(part.rows[:, :, :w], part.rows)
         for j in range(n):
-            blocks[:, j:w:n, j:w:n] += segment.gram[part.lo : part.hi] / sigma_q[j] ** 2
-        bends = _bends(segment, model, part) if bend else np.zeros((len(blocks), w, p))
+            blocks[:, j:w:n, j:w:n] += segment.gram[part.block.intervals] / sigma_q[j] ** 2
+        bends = _bends(segment, model, part) if bend else np.zeros((len(blocks), w, 0))
         wide = np.concatenate([blocks[:, :, w:-1], bends, blocks[:, :, -1:]], axis=2)
-        at = first[part.lo : part.hi]
-        reach = int(at[-1] - at[0]) + w
-        one, other = gather(blocks[:, :, :w], wide, at - at[0], reach)
-        band[:, at[0] : at[0] + reach] += one
-        side[at[0] : at[0] + reach] += other
+        one, other = gather(blocks[:, :, :w], wide, part.block.adds)
+        band += one
+        side += other
         flat = part.rows[:, :, w:].reshape(-1, b + 1)
         total += flat.T @ flat
-    side[:, -1] += (segment.positions.T @ (segment.offset(state) / sigma_q**2)).ravel()
+    share, squares = segment.shares(state)
+    side[:, -1] += (share / sigma_q**2).ravel()
     if segment.rest:
         band[0, :n] = 1.0  # the first coefficients are the second ones
-    cost = segment.given(state, sigma_q, sigma_tau) + 0.5 * float(total[-1, -1])
+    cost = segment.given(squares, sigma_q, sigma_tau) + 0.5 * float(total[-1, -1])
     return Equations(band, side[:, :b], total[:-1, :-1], side[:, b:-1], side[:, -1], total[:-1, -1], cost)
 
 
@@ -146,10 +119,13 @@ def _bends(segment: Segment, model: Model, part: _Part) -> Array:
     for at, step in enumerate(size):
         nudged[at // n][at, :, at % n] += step
     there = model.regressor(*(one.reshape(-1, n) for one in nudged)).reshape(3 * n, P, n, p)
-    pull = (part.rows[:, :, -1] * part.weight)[:, None]
-    change = (pull @ (there - part.Z)).reshape(3, n, P, p) / np.reshape(size, (3, n, 1, 1))
-    slopes = change.transpose(2, 0, 1, 3).reshape(P, 3, n * p)
-    return -part.products(np.moveaxis(segment.local[:, part.points], 0, 1), slopes).reshape(-1, 5 * n, p)
+    there -= part.Z
+    pull, change = part.rows[:, :, -1:] * part.weight[:, :, None], np.zeros((3 * n, P, p))
+    for j in range(n):  # quicker than a product of many small matrices
+        change += there[:, :, j] * pull[:, j]
+    change /= np.reshape(size, (-1, 1, 1))
+    slopes = change.reshape(3, n, P, p).transpose(2, 0, 1, 3).reshape(P, 3, n * p)
+    return -part.block.products(np.moveaxis(segment.local[:, part.block.points], 0, 1), slopes).reshape(-1, 5 * n, p)
 
 
 def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> Array:
@@ -161,14 +137,14 @@ def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma_q
     found = equations(segment, model, state, theta, sigma_q, sigma_tau, bend=False)
     inverse = Arrow(found.band, found.border).inverse
     for part in _parts(segment, model, state, theta, sigma_tau):
-        at = segment.trajectory.first[part.lo : part.hi, None] * n + np.arange(5 * n)
+        at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(5 * n)
         low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])
         Z = inverse[high - low, low]
-        own = segment.measured[part.points]
+        own = segment.measured[part.block.points]
         for j in range(n):
-            out[0, j] += (Z[:, j::n, j::n] * segment.gram[part.lo : part.hi]).sum() / sigma_q[j] ** 2
+            out[0, j] += (Z[:, j::n, j::n] * segment.gram[part.block.intervals]).sum() / sigma_q[j] ** 2
             row = part.rows[:, j, : 5 * n] * own[:, None]
-            out[1, j] += (Z * part.products(row, row)).sum()
+            out[1, j] += (Z * part.block.products(row, row)).sum()
     return out
 
 
@@ -183,9 +159,9 @@ def scores(
     edge, V = segment.trajectory.size * n, segment.shown[1]
     shown = segment.by_interval(V[:, :, None] * (segment.offset(state) / sigma_q**2)[:, None, :])
     for part in _parts(segment, model, state, theta, sigma_tau):
-        pull = part.products(part.rows[:, :, :-1], part.rows[:, :, -1:])[:, :, 0]
-        pull[:, :w] += shown[part.lo : part.hi].reshape(-1, w)
-        at = segment.trajectory.first[part.lo : part.hi, None] * n + np.arange(w)
+        pull = part.block.products(part.rows[:, :, :-1], part.rows[:, :, -1:])[:, :, 0]
+        pull[:, :w] += shown[part.block.intervals].reshape(-1, w)
+        at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(w)
         own = pull[:, -p:] - (pull[:, None, :w] @ follow[at])[:, 0] - pull[:, w:-p] @ follow[edge:]
         out.append(own)
     return np.concatenate(out)

@@ -43,6 +43,7 @@ class Settings:
 class Fitted:
     """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
 
+    ``gradient`` (p) is the data's slope of the cost once the step is taken that is left to go.
     ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
     """
 
@@ -51,6 +52,7 @@ class Fitted:
     information: Array
     maps: tuple[tuple[Array, int], ...]
     cost: float
+    gradient: Array
     decrement: float
     iterations: int
     converged: bool
@@ -60,19 +62,23 @@ class Fitted:
         return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
-def _schur(one: Equations, bordered: Array, k: int) -> tuple[Array, Array, Array, float]:
-    """Eliminate a segment's trajectory, then its torque knots (k columns of the border).
+def _turned(one: Equations, border: Array) -> Array:
+    """Return N^-1 times minus the gradient by C and a border, side by side."""
+    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).turned
+
+
+def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
+    """Eliminate a segment's trajectory, then its torque knots (k columns of the border); ``turned`` as above.
 
     Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
     d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
     """
-    arrow = Arrow(one.band, np.concatenate([bordered, one.by_coefficients[:, None]], axis=1))
-    turned = arrow.turned
-    S = one.corner - bordered.T @ turned[:, :-1]
+    b = border.shape[1]
+    S = one.corner[:b, :b] - border.T @ turned[:, 1:]
     S = (S + S.T) / 2
-    g = one.by_border - bordered.T @ turned[:, -1]
+    g = one.by_border[:b] - border.T @ turned[:, 0]
     inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
-    free = np.column_stack([turned[:, -1], turned[:, k:-1]]) - turned[:, :k] @ inner
+    free = np.column_stack([turned[:, 0], turned[:, k + 1 :]]) - turned[:, 1 : k + 1] @ inner
     information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
     gradient = g[k:] - S[k:, :k] @ inner[:, 0]
     fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
@@ -87,6 +93,7 @@ class _Step:
     maps: tuple[tuple[Array, int], ...]
     decrement: float
     information: Array
+    gradient: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,16 +106,19 @@ class _Quadratic:
     maps: tuple[tuple[Array, int], ...]
 
     @classmethod
-    def of(cls, found: Sequence[Equations], p: int, *, bend: bool) -> _Quadratic:
+    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, bend: bool) -> _Quadratic:
+        """Sum over the segments; ``turned`` are N^-1 [gradient, border, bend] of each."""
         information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
-        for one in found:
-            k, border = one.border.shape[1] - p, one.border
+        for one, whole in zip(found, turned, strict=True):
+            border, back = one.border, whole[:, : one.border.shape[1] + 1]
             if bend:
-                border = border.copy()
-                border[:, k:] += one.bend
-            S, g, back, extra = _schur(one, border, k)
+                border, back = border.copy(), back.copy()
+                border[:, -p:] += one.bend
+                back[:, -p:] += whole[:, -p:]
+            k = border.shape[1] - p
+            S, g, way, extra = _schur(one, border, back, k)
             information, gradient, fall = information + S, gradient + g, fall + extra
-            maps.append((back, k))
+            maps.append((way, k))
         if not np.isfinite(information).all():
             raise ModelError("the normal equations of the parameters are not finite.")
         return cls(information, gradient, fall, tuple(maps))
@@ -117,16 +127,17 @@ class _Quadratic:
 def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, settings: Settings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
-    gauss = used = _Quadratic.of(found, p, bend=False)
+    turned = [_turned(one, np.column_stack([one.border, one.bend])) for one in found]
+    gauss = used = _Quadratic.of(found, turned, p, bend=False)
     if settings.newton:
-        bent = _Quadratic.of(found, p, bend=True)
+        bent = _Quadratic.of(found, turned, p, bend=True)
         if _safe(bent.information, gauss.information):
             used = bent
     free = np.array([k for k in range(p) if k != fixed], dtype=int)
     H, g = _positive(used.information), used.gradient
     dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
 
 
 def _positive(H: Array) -> Array:
@@ -180,7 +191,8 @@ class _Search:
         p, out = len(theta), []
         for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
             k = found.border.shape[1] - p
-            move = _schur(found, found.border, k)[2][:, 0]
+            border = found.border[:, :k]
+            move = _schur(found, border, _turned(found, border), k)[2][:, 0]
             out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
         return tuple(out)
 
@@ -249,7 +261,7 @@ def maximise(
         slow = slow + 1 if cost - better[2] < STALLED * 0.5 * step.decrement else 0
         states, theta, cost = better
         near, iteration = step.decrement < NEAR, iteration + 1
-    return Fitted(theta, states, step.information, step.maps, cost, step.decrement, iteration, converged)
+    return Fitted(theta, states, step.information, step.maps, cost, step.gradient, step.decrement, iteration, converged)
 
 
 def _descend(

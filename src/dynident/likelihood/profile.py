@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,51 +12,61 @@ __all__ = ["LIMIT", "crossing", "swept"]
 Array = NDArray[np.float64]
 LIMIT = 1.959964  # of a normal deviate, for 95 %
 LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
-NEAR = 0.15  # relative distance from the limit from which on a curve through the points known will do
+NEAR = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 TRIALS = 6
 
 
-def crossing(deviation: Callable[[float], float], size: float) -> float:
-    """Return where ``deviation(x)``, the root of the deviance at x > 0, reaches the limit of 95 %.
+def crossing(root: Callable[[float], tuple[float, float]], size: float, side: int) -> float:
+    """Return the share of the estimate, 0 ... 1 for ``side`` -1 or above for 1, where the 95 % interval ends.
 
-    At zero it is zero with the slope 1 / ``size``. The root of a deviance is nearly straight: parabolas through zero
-    lead to the crossing. Where it stays low, the last x is returned. A deviation of nan says that x cannot be tried.
+    ``root(y)`` is the root of the deviance at the share y, signed like ``side``, and its slope; at one it is zero, with
+    the slope 1 / ``size``. Where it stays low, the last y is returned. A root of nan says that y cannot be tried.
     """
-    x, known = LIMIT * size, [(0.0, 1.0 / size)]  # where, and the deviation's ratio to x
+    aim = side * LIMIT
+    y = (1 + 0.5 * aim * size) ** 2 if side > 0 else float(np.exp(aim * size))
+    known = [(0.0, 1.0, size)]  # the root, y, and its slope by the root
     for _ in range(TRIALS):
-        found = deviation(x)
+        found, slope = root(y)
         if np.isnan(found):
-            x = 0.5 * (x + known[-1][0])
+            y = float(np.sqrt(y * known[-1][1]))
             continue
-        known.append((x, found / x))
-        x, before = _parabola(known[-2], known[-1]), x
-        if abs(found / LIMIT - 1) < NEAR or before >= LONGEST:
+        known.append((found, y, 1 / slope if slope > 0 else np.inf))
+        before, y = y, _reached(known[-2], known[-1], aim)
+        if NEAR[0] < found / aim < NEAR[1] or abs(np.log(before)) >= LONGEST:
             break
-    return min(x, LONGEST)
+        y = float(np.clip(y, *sorted((before**0.3, before**2.5))))
+    return float(np.clip(y, np.exp(-LONGEST), np.exp(LONGEST)))
 
 
-def _parabola(one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Return where x times the straight line through two (x, ratio) is the limit; twice as far where it never is."""
-    bend = (other[1] - one[1]) / (other[0] - one[0]) if other[0] != one[0] else 0.0
-    start = other[1] - bend * other[0]
-    inside = start**2 + 4 * bend * LIMIT
-    found = 2 * LIMIT / (start + np.sqrt(inside)) if inside > 0 and start + np.sqrt(inside) > 0 else np.inf
-    return float(np.clip(found, 0.3 * other[0], min(2.5 * other[0], LONGEST)))
+def _reached(one: tuple[float, float, float], other: tuple[float, float, float], x: float) -> float:
+    """Return y at x from points (x, y, dy / dx): on the cubic through both, or beyond the other.
+
+    There it goes straight down, or up exponentially: what bends less has been passed by the first trial.
+    """
+    (a, ya, sa), (b, yb, sb) = one, other
+    if (x - b) * (b - a) >= 0 or not np.isfinite(sb):
+        along = (x - b) * sb
+        return yb + along if along < 0 else yb * float(np.exp(min(along / yb, LONGEST)))
+    chord = (yb - ya) / (b - a)
+    first, last = (chord - sa) / (b - a), (sb - chord) / (b - a)
+    return ya + (x - a) * (sa + (x - a) * (first + (x - b) * (last - first) / (b - a)))
 
 
-def swept(path: Array, deviations: Array, covariance: Array, k: int) -> Array:
+def swept(theta: Array, path: Sequence[tuple[float, Array]], covariance: Array, k: int) -> Array:
     """Return 95 % intervals (p, 2) of all parameters, from the profile likelihood of parameter k.
 
-    ``path`` (T, p) are the best fits with parameter k held, ``deviations`` (T) the signed roots of their deviance, from
-    the first end of its interval to the last. What is left of the likelihood at each point of the path is taken as
-    normal: a parameter that follows k along a bent valley bends with it; one that does not has 1.96 standard errors.
+    ``path`` are, besides the estimate ``theta`` (p), signed roots of the deviance and the best fits (p) with parameter
+    k held there. What is left of the likelihood at each point of the path is taken as normal: a parameter that follows
+    k along a bent valley bends with it; one that does not has 1.96 standard errors. The path is a cubic, and leaves the
+    estimate as the covariance says.
     """
     along = covariance[:, k] / np.sqrt(covariance[k, k])
     rest = np.sqrt(np.maximum(np.diag(covariance) - along**2, 0.0))
-    fine = np.linspace(-LIMIT, LIMIT, 81)
-    degree = min(len(deviations) - 1, 3)
-    scale = np.maximum(np.abs(path).max(axis=0), 1e-300)
-    middle = np.polynomial.polynomial.polyfit(deviations, path / scale, degree)
-    centre = np.polynomial.polynomial.polyval(fine, middle).T * scale
-    reach = np.sqrt(LIMIT**2 - fine**2)[:, None] * rest
+    fine, powers = np.linspace(-LIMIT, LIMIT, 81)[:, None], np.array([2, 3])
+    centre = theta + fine * along
+    if path:
+        r = np.array([[root] for root, _ in path])
+        aside = np.array([found for _, found in path]) - theta - r * along
+        centre += fine**powers @ np.linalg.lstsq(r**powers, aside, rcond=None)[0]
+    reach = np.sqrt(LIMIT**2 - fine**2) * rest
     return np.stack([(centre - reach).min(axis=0), (centre + reach).max(axis=0)], axis=1)

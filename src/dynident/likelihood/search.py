@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,6 +30,7 @@ LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
 MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
 WHITE = 1e-3  # probability below which residuals are not white
 AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
+TINY = 1e-6  # half the deviance that counts as none
 CLUSTERS = 200  # parts of the recordings whose pulls on theta count as independent
 
 
@@ -170,41 +171,47 @@ class Search:
         self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
         self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
 
+    def _held(self, last: Fitted, theta: Array, k: int, value: float) -> Fitted | None:
+        """Return the best fit with parameter k at a value, from theta near the ``last``; None where there is none."""
+        theta[k] = value
+        if not self.barrier.inside(theta):
+            theta = last.theta.copy()
+            theta[k] = value
+        if not self.barrier.inside(theta):
+            return None
+        try:
+            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
+        except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
+            return None
+
     def profiled(self, fitted: Fitted, covariance: Array, k: int) -> Array:
         """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
 
-        The parameter moves by factors exp(+-x), so that it keeps its sign. Where physics stops it before, that is the
-        end as far as it was seen.
+        The parameter keeps its sign. Where physics stops it before, that is the end as far as it was seen.
         """
-        value, size = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]) / abs(fitted.theta[k]))
-        along, known, ends = covariance[:, k] / covariance[k, k], [(0.0, fitted.theta)], []
-        for sign in (-1, 1):
-            last = [fitted]
+        value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
+        sign, along = np.sign(value), covariance[:, k] / std**2
+        path: list[tuple[float, Array]] = []  # signed roots of the deviance, and the best fits there
 
-            def aim(x: float, sign: int = sign) -> float:
-                return value * float(np.exp(sign * np.sign(value) * x))
+        def root(side: int) -> Callable[[float], tuple[float, float]]:
+            last = fitted
 
-            def deviation(x: float, sign: int = sign, last: list[Fitted] = last) -> float:
-                theta = last[0].theta + along * (aim(x, sign) - last[0].theta[k])
-                theta[k] = aim(x, sign)
-                if not self.barrier.inside(theta):
-                    theta = last[0].theta.copy()
-                    theta[k] = aim(x, sign)
-                if not self.barrier.inside(theta):
-                    return np.nan
-                try:
-                    last[0] = self.searched(theta, last[0].carried(self.segments, theta), loose=AFAR, fixed=k)
-                except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
-                    return np.nan
-                found = float(np.sqrt(2 * max(last[0].cost - 0.5 * last[0].decrement - fitted.cost, 0.0)))
-                known.append((sign * found, last[0].theta))
-                return found
+            def tried(share: float) -> tuple[float, float]:
+                nonlocal last
+                found = self._held(last, last.theta + along * (share * value - last.theta[k]), k, share * value)
+                if found is None:
+                    return np.nan, np.nan
+                last, fall = found, found.cost - 0.5 * found.decrement - fitted.cost
+                r = side * float(np.sqrt(2 * max(fall, TINY)))
+                path.append((sign * r, found.theta))
+                slope = found.gradient[k] + self.barrier.slopes(found.theta)[0][k]
+                return r, float(slope) * value / r
 
-            ends.append(aim(crossing(deviation, size)))
-        known.sort(key=lambda pair: pair[0])
-        deviations = np.array([one for one, _ in known])
-        out = swept(np.array([theta for _, theta in known]), deviations, covariance, k)
-        out[k] = ends
+            return tried
+
+        ends = [value * crossing(root(side), std / abs(value), side) for side in (-1, 1)]
+        out = swept(fitted.theta, path, covariance, k)
+        out[k] = sorted(ends)
         return out
 
     def spread(self, fitted: Fitted, inverse: Array) -> tuple[Array, Array]:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from dynident.likelihood.arrow import Arrow, gather
+from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.likelihood.torques import Torques, condensed
-from dynident.likelihood.trajectory import Trajectory
+from dynident.likelihood.trajectory import Block, Trajectory
 from dynident.log import Log
 from dynident.model import Model
 
@@ -19,6 +19,7 @@ __all__ = ["Segment", "State"]
 
 Array = NDArray[np.float64]
 GAUSS = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the middle of an interval of length one
+RIDGE = 1e-9  # of the positions' products, where a coefficient acts on none
 TIGHT = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
@@ -97,6 +98,11 @@ class Segment:
         return self.log.t - self.delay
 
     @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Blocks of intervals and their points."""
+        return tuple(self.trajectory.blocks(self.points, self.log.q.shape[1]))
+
+    @cached_property
     def local(self) -> Array:
         """Basis values (3, P, 5) at the points; at rest the first two coefficients are one."""
         return self.basis(self.points)
@@ -119,6 +125,33 @@ class Segment:
     def positions(self) -> csr_array:
         """The basis at the positions (N, m)."""
         return self._sparse(*self.shown)
+
+    @cached_property
+    def _adds(self) -> csr_array:
+        """Sums (m, 5 I) over the intervals of what they say of one joint's coefficients."""
+        return overlap(self.trajectory.first, 5, self.trajectory.size)
+
+    @cached_property
+    def _summed(self) -> tuple[csr_array, Array, Array, Array]:
+        """What the positions say, however many: products of the basis (m, m), coefficients C (m, n) near the positions,
+        and of what these leave the basis's share (m, n) and the squares (n).
+        """
+        turned = self.positions.T
+        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
+        band[0] += RIDGE * band[0].max()
+        C = Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ self.log.q)
+        left = self.log.q - self.positions @ C
+        return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)
+
+    def shares(self, state: State) -> tuple[Array, Array]:
+        """Return the basis's share (m, n) in what is left of the positions, and the sum of its squares (n).
+
+        Both are changes from those near the positions, so that nothing is lost to rounding.
+        """
+        products, C, share, squares = self._summed
+        change = state.C - C
+        found = share - products @ change
+        return found, squares - (change * (share + found)).sum(axis=0)
 
     @cached_property
     def _points(self) -> tuple[csr_array, ...]:
@@ -176,15 +209,14 @@ class Segment:
         wanted[self.measured] = self.torques.tau
         return np.asarray(wanted)
 
-    def given(self, state: State, sigma_q: Array, sigma_tau: Array) -> float:
-        """Return half the weighted squares of the positions, and of what no model can explain of the torques."""
-        scatter = float((self.torques.scatter / sigma_tau**2).sum())
-        return 0.5 * (float(((self.offset(state) / sigma_q) ** 2).sum()) + scatter)
+    def given(self, squares: Array, sigma_q: Array, sigma_tau: Array) -> float:
+        """Return half the weighted ``squares`` (n) of positions, and of what no model can explain of the torques."""
+        return 0.5 * float((squares / sigma_q**2 + self.torques.scatter / sigma_tau**2).sum())
 
     def cost(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> float:
         """Return half the sum of the weighted squares."""
         left = (self.wanted(state) - model.torque(*self.motion(state), theta)) * self.weights(sigma_tau)
-        return self.given(state, sigma_q, sigma_tau) + 0.5 * float((left**2).sum())
+        return self.given(self.shares(state)[1], sigma_q, sigma_tau) + 0.5 * float((left**2).sum())
 
     def moved(self, state: State, dC: Array, dW: Array) -> State:
         """Return the state after a step, given flat."""
@@ -201,7 +233,7 @@ class Segment:
         share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0]) / sigma_ddq**2
         blocks = self.gram / sigma_q**2 + share[:, None, None] * bend[:, :, None] * bend[:, None, :]
         size = self.trajectory.size
-        band, _ = gather(blocks, np.zeros((len(blocks), 5, 1)), self.trajectory.first, size)
+        band, _ = gather(blocks, np.zeros((len(blocks), 5, 0)), self._adds)
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
-__all__ = ["DEGREE", "Trajectory", "graded"]
+from dynident.likelihood.arrow import overlap
+
+__all__ = ["DEGREE", "Block", "Trajectory", "graded"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 DEGREE = 4
+BLOCK = 4096  # points in about one block
 JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 
@@ -36,6 +40,36 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
         # squeezed, so that the last one ends the part
         parts.append(left + np.array(found[:-1]) * (right - left) / found[-1])
     return np.concatenate([*parts, [stop]])
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some of a trajectory's ``intervals``, and all points in them, as slices.
+
+    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K)
+    with the same number c of points, and where these are (K, c), for each c, both counted within the block.
+    """
+
+    intervals: slice
+    points: slice
+    adds: csr_array
+    groups: tuple[tuple[Index, Index], ...]
+
+    def products(self, left: Array, right: Array) -> Array:
+        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
+        a, b = left.shape[-1], right.shape[-1]
+        out = np.zeros((self.intervals.stop - self.intervals.start, a, b))
+        for there, at in self.groups:
+            one, other = left[at].reshape(len(at), -1, a), right[at].reshape(len(at), -1, b)
+            out[there] = np.swapaxes(one, 1, 2) @ other
+        return out
+
+
+def _groups(edges: Index) -> tuple[tuple[Index, Index], ...]:
+    """Return the groups of intervals that end at ``edges`` of the points."""
+    count = np.diff(edges)
+    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
+    return tuple((there, edges[there][:, None] + along) for there, along in same)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +100,16 @@ class Trajectory:
     def interval(self, t: Array) -> Index:
         """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
         return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
+
+    def blocks(self, t: Array, n: int) -> Iterator[Block]:
+        """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
+        count, lo = len(self.first), 0
+        edges = np.searchsorted(self.interval(t), np.arange(count + 1))
+        while lo < count:
+            hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
+            points, adds = slice(int(edges[lo]), int(edges[hi])), overlap(self.first[lo:hi] * n, 5 * n, self.size * n)
+            yield Block(slice(lo, hi), points, adds, _groups(edges[lo : hi + 1] - edges[lo]))
+            lo = hi
 
     def local(self, t: Array) -> Array:
         """Return values, first and second derivatives (3, N, 5) of the five splines that act on each time."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError
 from dynident.terms.robot_xml import Limits
-from dynident.terms.term import Joint, Parameter, Partials, Term
+from dynident.terms.term import Joint, Parameter, Partials, Recursive, Term
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -103,8 +103,8 @@ class Model:
 
     def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Array:
         """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
-        states = self._states(q=q, dq=dq, ddq=ddq)
-        return _times(self._regressor(*states), self._theta(theta, len(states[0])))
+        q, dq, ddq = self._states(q=q, dq=dq, ddq=ddq)
+        return self._torque(q, dq, ddq, self._theta(theta, len(q)))
 
     def mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> Array:
         """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
@@ -169,11 +169,12 @@ class Model:
         return [len(term.parameters) for term in self.terms]
 
     def _linear(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
-        """Return mass matrix and bias from one regressor call: the torque is linear in ddq."""
+        """Return mass matrix and bias from one call of the torque, which is linear in ddq."""
         rows, n = q.shape
         ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
-        Y = self._regressor(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq)
-        tau = _times(Y.reshape(n + 1, rows, n, Y.shape[-1]), theta)
+        many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
+        tau = self._torque(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq, many)
+        tau = tau.reshape(n + 1, rows, n)
         return (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
 
     def _singular(self, q: Array, mass: Array, theta: Array) -> NoReturn:
@@ -184,11 +185,21 @@ class Model:
         )
 
     def _regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        blocks = []
-        for term, width in zip(self.terms, self._widths, strict=True):
-            block = self._call(term, "regressor", q, dq, ddq)
-            blocks.append(self._checked(term, "regressor", block, (*q.shape, width), (q, dq, ddq)))
-        return np.concatenate(blocks, axis=2)
+        return np.concatenate([self._block(term, (q, dq, ddq)) for term in self.terms], axis=2)
+
+    def _block(self, term: Term, states: tuple[Array, ...]) -> Array:
+        block = self._call(term, "regressor", *states)
+        return self._checked(term, "regressor", block, (*states[0].shape, len(term.parameters)), states)
+
+    def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        total, states = np.zeros(q.shape), (q, dq, ddq)
+        for term, part in zip(self.terms, np.split(theta, np.cumsum(self._widths)[:-1], axis=-1), strict=True):
+            if part.ndim == 1 and isinstance(term, Recursive):
+                tau = self._call(term, "torque", *states, part)
+                total += self._checked(term, "torque", tau, q.shape, states)
+            else:
+                total += _times(self._block(term, states), part)
+        return total
 
     def _call(self, term: Term, method: str, *arguments: Array) -> Any:
         try:
@@ -240,8 +251,8 @@ class Model:
 
 
 def _times(Y: Array, theta: Array) -> Array:
-    """Return Y theta for Y (..., N, n, p) and theta (p) or (N, p)."""
-    return Y @ theta if theta.ndim == 1 else np.einsum("...nij,nj->...ni", Y, theta)
+    """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
+    return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
 
 
 def _name(term: Term) -> str:

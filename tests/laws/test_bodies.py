@@ -126,6 +126,7 @@ def test_regressor_and_partials_hold_for_any_parameters(seed, count):
     theta[rng.random(n) < 0.2] = 0.0
     theta = theta.ravel()
     state, h = states(rng, n), 1e-3
+    assert_close(term.torque(*state, theta), term.regressor(*state) @ theta)
     slopes = term.partials(*state, theta)
     for which, name in enumerate(("q", "dq", "ddq")):
         moved = np.array([[s + h * step * np.eye(n)[k] * (i == which) for i, s in enumerate(state)]

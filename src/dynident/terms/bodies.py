@@ -171,19 +171,50 @@ class Bodies:
         Pinocchio divides by masses. The torque is linear in theta: where a mass is too small, or negative, a larger
         one takes its place, and the torque of the surplus, a point mass in the joint frame's origin, is taken off.
         """
-        values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
-        stand_in, surplus = values.copy(), np.zeros_like(values)
-        # a centre of mass more than 1 m away from the joint along an axis costs digits
-        stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
-        surplus[:, 0] = stand_in[:, 0] - values[:, 0]
+        stand_in, surplus = self._with_mass(theta)
         slopes = self._slopes(q, dq, ddq, stand_in)
         if surplus.any():
             slopes -= self._slopes(q, dq, ddq, surplus)
         back = np.argsort(self._arm.order)
         return Partials(*slopes[:, :, back[:, None], back])
 
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        """Return Y theta, shape (N, n), by the recursion itself, for any theta (10 n), physical or not."""
+        stand_in, surplus = self._with_mass(theta)
+        tau = self._recursion(q, dq, ddq, stand_in)
+        if surplus.any():
+            tau -= self._recursion(q, dq, ddq, surplus)
+        return tau[:, np.argsort(self._arm.order)]
+
+    def _with_mass(self, theta: Array) -> tuple[Array, Array]:
+        """Return bodies (n, 10), in Pinocchio's order, of enough mass to divide by, and the surplus of their mass."""
+        values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
+        stand_in, surplus = values.copy(), np.zeros_like(values)
+        # a centre of mass more than 1 m away from the joint along an axis costs digits
+        stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
+        surplus[:, 0] = stand_in[:, 0] - values[:, 0]
+        return stand_in, surplus
+
     def _slopes(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
         """Return the derivatives (3, N, n, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        pin, model = _pinocchio(), self._filled(values)
+        data = model.createData()
+        out = np.empty((3, *q.shape, q.shape[1]))
+        for i, state in enumerate(zip(*self._ordered(q, dq, ddq), strict=True)):
+            out[:, i] = pin.computeRNEADerivatives(model, data, *state)
+        return out
+
+    def _recursion(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
+        """Return the torque (N, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        model = self._filled(values)
+        data, compute = model.createData(), _pinocchio().rnea
+        out = np.empty(q.shape)
+        for position, rate, acceleration, row in zip(*self._ordered(q, dq, ddq), out, strict=True):
+            row[:] = compute(model, data, position, rate, acceleration)
+        return out
+
+    def _filled(self, values: Array) -> Any:
+        """Return Pinocchio's model with the inertias of the bodies (n, 10)."""
         pin, model = _pinocchio(), self._model
         model = model.copy()
         for k, (mass, *rest) in enumerate(values):
@@ -193,11 +224,7 @@ class Bodies:
                 xx, xy, yy, xz, yz, zz = rest[3:]
                 tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
                 model.inertias[k + 1] = pin.Inertia(0.0, np.zeros(3), tensor)
-        data = model.createData()
-        out = np.empty((3, *q.shape, q.shape[1]))
-        for i, state in enumerate(zip(*self._ordered(q, dq, ddq), strict=True)):
-            out[:, i] = pin.computeRNEADerivatives(model, data, *state)
-        return out
+        return model
 
     def _ordered(self, *states: Array) -> list[Array]:
         return [

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INERTIAL", "Joint", "Parameter", "Partials", "Term"]
+__all__ = ["INERTIAL", "Joint", "Parameter", "Partials", "Recursive", "Term"]
 
 Array = NDArray[np.float64]
 
@@ -80,3 +80,11 @@ class Term(Protocol):
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the partial derivatives of Y theta with respect to q, dq and ddq, each (N, n, n)."""
+
+
+@runtime_checkable
+class Recursive(Protocol):
+    """A term that gives its torque faster than by the regressor."""
+
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        """Return Y theta, shape (N, n), for one theta (p)."""

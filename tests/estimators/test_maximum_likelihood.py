@@ -9,9 +9,9 @@ from dynident.article import SCENARIOS
 from dynident.basis import informed_std, structural_basis
 from dynident.bound import bound
 from dynident.errors import ConfigError
-from dynident.estimators import Estimate, MaximumLikelihood, Problem
+from dynident.estimators import Estimate, MaximumLikelihood, Problem, measured
 from dynident.gallery import two_link_arm
-from dynident.likelihood import fit
+from dynident.likelihood import Barrier, demands, fit
 from dynident.log import Log
 from dynident.model import Model
 from dynident.regression import Regression
@@ -162,6 +162,25 @@ class TestBodies:
         basis = structural_basis(self.arm(0.02))
         apart = basis.combination @ (smooth.value - usual.value)
         assert (np.abs(apart) < 0.1 * informed_std(basis, usual.information)).all()
+
+    def test_a_start_inside_stays_where_the_conic_solver_stops_halfway(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A body on the edge asks for more room; what the solver left unfinished is outside."""
+        given = self.problem(0.02)
+        theta = np.asarray(given.model.values)
+        wanted = demands(given.model, given.logs, theta)
+        thin, asked = theta.copy(), []
+        names = [f"upper.{role}" for role in ("Ixx", "Iyy", "Izz", "mass", "mz")]
+        x, y, z, *rest = (given.model.names.index(name) for name in names)
+        mass, mz = thin[rest]
+        thin[x] = 2 * mz**2 / mass * (1 + 1e-4) + thin[z] - thin[y]  # all mass but at one height
+        assert Barrier(wanted).inside(thin)
+        monkeypatch.setattr(measured, "positive", lambda theta, *_: asked.append(theta) or -theta)
+        np.testing.assert_array_equal(measured.feasible(thin, given, wanted), thin)
+        assert asked
+        monkeypatch.undo()
+        moved = measured.feasible(thin, given, wanted)
+        assert Barrier(wanted).inside(moved)
+        assert not np.array_equal(moved, thin)
 
 
 def test_a_moving_start_is_noticed() -> None:

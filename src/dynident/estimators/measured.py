@@ -60,7 +60,10 @@ def misfit(problem: Problem, theta: Array) -> Array:
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: float = MARGIN) -> Array:
-    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary."""
+    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary.
+
+    It stays where it is where the solver finds no such point.
+    """
     compressed = problem.regression.compressed
     factor = compressed.stacked(
         1.0 / np.maximum(np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1)), 1e-12)
@@ -73,8 +76,15 @@ def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: f
         scale = 1.0 / np.sqrt(usual)
         matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
         room.append(margin if one.centre is None else THIN)
-    inside = all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
-    return theta if inside else positive(theta, hessian, matrices, room)
+    if _roomy(theta, matrices, room):
+        return theta
+    point = positive(theta, hessian, matrices, room)
+    # a solver that stopped halfway is no help to a start that is inside already
+    return point if _roomy(point, matrices, [0.5 * least for least in room]) else theta
+
+
+def _roomy(theta: Array, matrices: Sequence[Array], room: Sequence[float]) -> bool:
+    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
 
 
 def _runs(problem: Problem) -> tuple[Log, ...]:

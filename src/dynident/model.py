@@ -185,20 +185,28 @@ class Model:
         )
 
     def _regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return np.concatenate([self._block(term, (q, dq, ddq)) for term in self.terms], axis=2)
+        return np.concatenate([self._block(k, (q, dq, ddq)) for k in range(len(self.terms))], axis=2)
 
-    def _block(self, term: Term, states: tuple[Array, ...]) -> Array:
-        block = self._call(term, "regressor", *states)
-        return self._checked(term, "regressor", block, (*states[0].shape, len(term.parameters)), states)
+    def _block(self, k: int, states: tuple[Array, ...]) -> Array:
+        """Return the columns of the regressor that belong to term k."""
+        block = self._call(self.terms[k], "regressor", *states)
+        return self._checked(self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
+
+    @cached_property
+    def _recursive(self) -> list[bool]:
+        return [isinstance(term, Recursive) for term in self.terms]
 
     def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
-        total, states = np.zeros(q.shape), (q, dq, ddq)
-        for term, part in zip(self.terms, np.split(theta, np.cumsum(self._widths)[:-1], axis=-1), strict=True):
-            if part.ndim == 1 and isinstance(term, Recursive):
-                tau = self._call(term, "torque", *states, part)
-                total += self._checked(term, "torque", tau, q.shape, states)
+        if theta.ndim == 2 or not any(self._recursive):
+            return _times(self._regressor(q, dq, ddq), theta)
+        total, states, first = np.zeros(q.shape), (q, dq, ddq), 0
+        for k, width in enumerate(self._widths):
+            part, first = theta[first : first + width], first + width
+            if self._recursive[k]:
+                tau = self._call(self.terms[k], "torque", *states, part)
+                total += self._checked(self.terms[k], "torque", tau, q.shape, states)
             else:
-                total += _times(self._block(term, states), part)
+                total += _times(self._block(k, states), part)
         return total
 
     def _call(self, term: Term, method: str, *arguments: Array) -> Any:

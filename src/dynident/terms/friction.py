@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -46,13 +47,13 @@ class PerJoint(ABC):
             if given is not None and len(given) != len(on):
                 raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
 
-    @property
+    @cached_property
     def _columns(self) -> list[int]:
         """Index of the joint that each parameter acts on."""
         known = [joint.name for joint in self.joints]
         return list(range(len(known))) if self.on is None else [known.index(name) for name in self.on]
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """One parameter per joint in ``on``, in that order."""
         joints = [self.joints[j] for j in self._columns]

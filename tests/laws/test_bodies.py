@@ -124,6 +124,7 @@ def test_regressor_and_partials_hold_for_any_parameters(seed, count):
     theta = rng.normal(size=(n, 10))
     theta[:, 0] *= rng.choice([0.0, -1.0, 1e-9, 1.0], n)
     theta[rng.random(n) < 0.2] = 0.0
+    theta[rng.random(n) < 0.2, :4] = 0.0  # inertia without mass
     theta = theta.ravel()
     state, h = states(rng, n), 1e-3
     assert_close(term.torque(*state, theta), term.regressor(*state) @ theta)

@@ -192,6 +192,8 @@ class Bodies:
         stand_in, surplus = values.copy(), np.zeros_like(values)
         # a centre of mass more than 1 m away from the joint along an axis costs digits
         stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
+        empty = stand_in[:, 0] == 0
+        stand_in[empty, 0] = np.abs(values[empty, 4:]).max(axis=1)
         surplus[:, 0] = stand_in[:, 0] - values[:, 0]
         return stand_in, surplus
 
@@ -217,13 +219,8 @@ class Bodies:
         """Return Pinocchio's model with the inertias of the bodies (n, 10)."""
         pin, model = _pinocchio(), self._model
         model = model.copy()
-        for k, (mass, *rest) in enumerate(values):
-            if mass:
-                model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(np.array([mass, *rest]))
-            else:
-                xx, xy, yy, xz, yz, zz = rest[3:]
-                tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-                model.inertias[k + 1] = pin.Inertia(0.0, np.zeros(3), tensor)
+        for k, body in enumerate(values):
+            model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(body) if body[0] else pin.Inertia.Zero()
         return model
 
     def _ordered(self, *states: Array) -> list[Array]:

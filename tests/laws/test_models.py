@@ -122,6 +122,16 @@ def test_term_returns_finite_arrays_of_the_right_shape(term):
 
 
 @every_term
+def test_a_torque_of_its_own_is_that_of_the_regressor(term):
+    term = term()
+    s, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    whole, model = term.regressor(*s) @ theta, Model((term,))
+    np.testing.assert_allclose(model.torque(*s, theta), whole, rtol=1e-11, atol=1e-11 * np.abs(whole).max())
+    many = np.tile(theta, (len(whole), 1))
+    np.testing.assert_allclose(model.torque(*s, many), whole, rtol=1e-11, atol=1e-11 * np.abs(whole).max())
+
+
+@every_term
 def test_term_works_row_by_row(term):
     term = term()
     s, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))

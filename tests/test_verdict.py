@@ -54,6 +54,14 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     assert "Record another motion" in verdict.next_steps[0]
 
 
+def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
+    train = good.logs[0].motion
+    verdict = with_log(good, 0, motion=replace(train, tau=0 * train.tau))
+    assert verdict.word == "do not use"
+    assert verdict.reasons[0] == "the torque of slider is zero in all of the training: nothing shows it"
+    assert "right torque column" in verdict.next_steps[0]
+
+
 def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification) -> None:
     again = identify(slider(), [log(3.0, "slow")], [log(3.0, "again", 1)], Recipe(Difference("central"), restart=0.5))
     verdict = judge(again)

@@ -79,6 +79,7 @@ _CLOSER = (
     "Run `dynident check` on the configuration: it asks about signs, gains, units and gravity. Then look at the "
     "residuals of the largest joints below; other friction terms or less noise in the motion may help."
 )
+_COLUMN = "Look whether the right torque column is named, and was recorded."
 _LONGER = "Record a longer training motion that covers the speeds and accelerations of the held-out one."
 _PHYSICAL = "Fit with `estimator: {kind: consistent}`: bodies and friction are then possible, the mass matrix positive."
 _SIMULATE = "Add `simulation:` to the configuration: the controller where it is known, else `kind: measured_torque`."
@@ -94,6 +95,11 @@ def _against_use(found: Identification) -> Iterator[_Reason]:
     if held and len(again) == len(held):
         repeats = ", ".join(f"{name} repeats the motion of {other}" for name, other in again.items())
         yield _Reason(f"{repeats}: nothing shows how the model does on another motion", _OTHER)
+    silent = [
+        joint.name for k, joint in enumerate(found.model.joints) if not any(one.motion.tau[:, k].any() for one in train)
+    ]
+    if silent:
+        yield _Reason(f"the torque of {', '.join(silent)} is zero in all of the training: nothing shows it", _COLUMN)
     for log in held:
         yield from _wrong(log, max(map(_error, train)))
     if found.mass and not found.mass.positive:

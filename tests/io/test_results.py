@@ -96,7 +96,10 @@ def test_a_missing_table_is_an_input_error(tmp_path):
 
 def test_a_folder_is_probed_without_a_trace(tmp_path):
     probe_folder(tmp_path / "deep" / "out")
-    assert list((tmp_path / "deep" / "out").iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "there").mkdir()
+    probe_folder(tmp_path / "there")
+    assert list((tmp_path / "there").iterdir()) == []
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(InputError, match=r"taken.*nothing can be written here"):
         probe_folder(tmp_path / "taken")

@@ -24,15 +24,18 @@ _TABLES = (".parquet", ".csv")
 
 
 def probe_folder(folder: str | Path) -> None:
-    """Make a folder and a file in it, and remove the file: InputError, before long work, where that is impossible."""
+    """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
     folder = Path(folder)
     probe = folder / f".{uuid4().hex}.tmp"
     try:
+        made = [one for one in (folder, *folder.parents) if not one.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         try:
             probe.touch(exist_ok=False)
         finally:
             probe.unlink(missing_ok=True)
+            for one in made:
+                one.rmdir()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{folder}: nothing can be written here: {reason}. Choose another folder.") from error

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.basis import informed_std
 from dynident.errors import ConfigError, InputError
-from dynident.estimators import LeastSquares
+from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.gallery import two_link_arm
 from dynident.identify import Identification, Recipe, identify, versions
 from dynident.log import Log
@@ -113,6 +114,28 @@ def test_warnings_hold_the_status_where_the_rank_is_deficient(log: Log) -> None:
     assert found.warnings == (found.estimate.status,)
     assert "rank 4 of 5; cannot be told apart: Fv_joint2, again (" in found.warnings[0]
     np.testing.assert_array_equal(np.isinf(found.estimate.std), [False, True, True, False, False])
+
+
+@pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("again1", "again2")),)], ids=["full rank", "tied"])
+def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, ...]) -> None:
+    """White noise: the robust errors, which take the motion for known, are never told where they are the smaller."""
+    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
+    clean = simulate(ARM, np.asarray(ARM.values), lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
+    noisy = record(clean, 3e-2, 0.1, rng, source="noisy").log
+    model = replace(ARM, terms=(*ARM.terms, *more))
+    found = identify(model, [noisy], recipe=Recipe(estimator=MaximumLikelihood()))
+    information = found.estimate.information
+    assert information is not None
+    if more:
+        assert found.basis is not None
+        np.testing.assert_array_equal(found.base_std, informed_std(found.basis, information))
+        least, robust = found.base_std, found.base_std_hac
+    else:
+        least, robust = found.estimate.std, found.std_hac
+    assert least is not None
+    assert robust is not None
+    assert (robust >= least).all()
+    assert (robust == least).any()  # where the correlated residuals alone tell of smaller ones
 
 
 def test_versions_name_what_computes() -> None:

@@ -164,18 +164,19 @@ def _identify(
         delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
     )
     if estimate.rank == len(model.parameters):
-        return replace(found, std_hac=_robust_std(regression, estimate))
+        return replace(found, std_hac=_robust_std(regression, estimate, estimate.std))
     progress("finding base parameters")
     on_data = basis_of(regression.compressed.stacked(), model.parameters)
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
         found = replace(found, warnings=tuple(one.words for one in missing))
-    robust = _robust_std(regression, estimate, on_data)
+    own = _base_std(on_data, regression, estimate)
+    robust = _robust_std(regression, estimate, own, on_data)
     return replace(
         found,
         basis=on_data,
-        base_std=_base_std(on_data, regression, estimate),
+        base_std=own,
         structural=structural,
         missing=missing,
         std_hac=None if robust is None else _of_determined(on_data, robust),
@@ -210,12 +211,14 @@ def _base_std(basis: Basis, regression: Regression, estimate: Estimate) -> Array
     return informed_std(basis, estimate.information)
 
 
-def _robust_std(regression: Regression, estimate: Estimate, basis: Basis | None = None) -> Array | None:
+def _robust_std(regression: Regression, estimate: Estimate, own: Array, basis: Basis | None = None) -> Array | None:
+    """Return standard errors that allow for correlated residuals, at least ``own`` where these count the motion's."""
     columns = None if basis is None else basis.independent
     try:
-        return np.sqrt(np.diag(robust_covariance(regression, estimate.value, estimate.weights, columns)))
+        robust = np.sqrt(np.diag(robust_covariance(regression, estimate.value, estimate.weights, columns)))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
+    return robust if estimate.information is None else np.maximum(robust, own)
 
 
 def _of_determined(basis: Basis, std: Array) -> Array:

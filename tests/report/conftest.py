@@ -113,6 +113,7 @@ def log_validation(name, role, joints, filtered):
 def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.csv"), warnings=("elbow hardly moves",)):
     std = np.array([4e-4, 3e-4, np.inf, 2e-4, 1e-4, 9e-4, 8e-4])
     estimate = SimpleNamespace(
+        information=None,
         value=TRUE * (1, 1.1, 1.3, 1, 1, 1, 1),
         std=std,
         names=tuple(parameter.name for parameter in PARAMETERS),

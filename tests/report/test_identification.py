@@ -176,6 +176,12 @@ def test_honest_standard_errors_come_first(identification):
     )
 
 
+def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
+    assert "They take the motion as exactly known" in body(identification)
+    identification.estimate.information = np.eye(len(identification.estimate.names))
+    assert "They count the errors of the motion, too." in body(identification)
+
+
 def test_a_held_out_motion_is_compared_with_the_training(identification):
     motion = identification.logs[1].motion
     identification.logs[1].motion = replace(motion, dq=3.0 * motion.dq)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident import plot
 from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
-from dynident.report.words import listed
+from dynident.report.words import listed, motion_known
 from dynident.terms.term import INERTIAL
 
 if TYPE_CHECKING:
@@ -32,10 +32,7 @@ WELL = 10.0  # a parameter is called well determined up to this standard error, 
 VERDICTS = {"bound": "at a bound", "unidentifiable": "not identifiable"}
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
-_CAPTION = (
-    "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero. They "
-    "take the motion as exactly known: the true uncertainty is larger, especially where the torque error is large."
-)
+_CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
 _ROBUST = (
     "Standard errors allow for residuals that are correlated in time (Newey and West); those in grey assume "
     "independent ones, and are then too small."
@@ -147,7 +144,7 @@ def _interval(identification: Identification, rows: list[int]) -> Figure:
         standard_errors(identification)[rows],
         [model.parameters[k].value for k in rows] if true else (),
     )
-    return Figure(figure, _CAPTION)
+    return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
 
 
 def terminal_parameters(identification: Identification) -> tuple[Table, tuple[str, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 from dynident import plot
 from dynident.report.data import excitation_table
 from dynident.report.page import Block, Column, Facts, Figure, Fold, Section, Table, number
+from dynident.report.words import motion_known
 
 if TYPE_CHECKING:
     from dynident.basis import Basis
@@ -21,8 +22,7 @@ MANY = 24  # base parameters from which on they are folded
 _BASE = (
     "Base parameters are the combinations of parameters that act on the torque each in its own way; unlike the single "
     "parameters in them, their values follow from the data alone. The standard errors allow for correlated residuals, "
-    "those to their right assume independent ones; both take the motion as exactly known, and the true uncertainty is "
-    "larger."
+    "those to their right assume independent ones."
 )
 _SINGULAR = (
     "Singular values of the regressor with its columns scaled to equal length. A clear step where they become hollow "
@@ -45,10 +45,11 @@ def base_section(identification: Identification) -> Iterator[Section]:
     )
     caption = "Base parameters: 95 % intervals (1.96 standard errors to both sides) in % of the values."
     table, drawn = _base_table(identification, basis), Figure(figure, caption)
+    said = f"{_BASE} {motion_known(identification)}"
     if basis.rank > MANY:
-        yield Section("Base parameters", (_BASE, Fold(table.caption, (table,)), Fold("Their intervals", (drawn,))))
+        yield Section("Base parameters", (said, Fold(table.caption, (table,)), Fold("Their intervals", (drawn,))))
     else:
-        yield Section("Base parameters", (_BASE, table, drawn))
+        yield Section("Base parameters", (said, table, drawn))
 
 
 def base_errors(identification: Identification) -> plot.Array:

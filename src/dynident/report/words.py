@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dynident.identify import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "points"]
+__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "points"]
 
 ROLES = {"train": "training", "validation": "held out"}
 CURVES = 11  # of a log and joint: torques, motion, free simulation
@@ -20,6 +20,16 @@ CURVES = 11  # of a log and joint: torques, motion, free simulation
 def logs_of(identification: Identification, role: str) -> list[LogValidation]:
     """Return the logs of a role, "train" or "validation"."""
     return [log for log in identification.logs if log.role == role]
+
+
+def motion_known(identification: Identification) -> str:
+    """Say whether the standard errors count the errors of the motion."""
+    if identification.estimate.information is not None:
+        return "They count the errors of the motion, too."
+    return (
+        "They take the motion as exactly known: the true uncertainty is larger, especially where the torque error is "
+        "large."
+    )
 
 
 def labelled(identification: Identification) -> list[tuple[str, int]]:

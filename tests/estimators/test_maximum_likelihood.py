@@ -16,7 +16,7 @@ from dynident.log import Log
 from dynident.model import Model
 from dynident.regression import Regression
 from dynident.smoothers import Delayed, Spline
-from dynident.terms import Bodies, Coulomb, Viscous
+from dynident.terms import Bodies, Coulomb, Joint, Offset, RotorInertia, Viscous
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -181,6 +181,37 @@ class TestBodies:
         moved = measured.feasible(thin, given, wanted)
         assert Barrier(wanted).inside(moved)
         assert not np.array_equal(moved, thin)
+
+
+class TestIntervals:
+    """One joint whose offset and viscous friction are hardly known."""
+
+    def covered(self, viscous: float, offset: float, runs: int = 20) -> np.ndarray:
+        joints, t = (Joint("axis"),), np.arange(0, 2, 0.004)[:, None]
+        parts = (
+            RotorInertia(joints, values=(0.5,)),
+            Viscous(joints, values=(viscous,)),
+            Offset(joints, values=(offset,)),
+        )
+        model, rate, hit = Model(parts), 2 * np.pi * 0.7, []
+        true = np.array(model.values)
+        q, dq, ddq = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+        tau = model.torque(q, dq, ddq, true)
+        for seed in range(runs):
+            rng = np.random.default_rng(seed)
+            noisy = q + 1e-4 * rng.standard_normal(q.shape), tau + 0.5 * rng.standard_normal(q.shape)
+            log = Log(t[:, 0], *noisy, ("axis",))
+            motions = (Spline()(log),)
+            found = MaximumLikelihood()(Problem(model, motions, Regression(model, motions), (log,)))
+            hit.append((found.interval[:, 0] <= true) & (true <= found.interval[:, 1]))
+        return np.mean(hit, axis=0)
+
+    def test_of_a_parameter_that_may_have_any_sign(self) -> None:
+        assert self.covered(0.3, 0.0)[2] > 0.75
+
+    def test_of_a_parameter_at_the_edge_of_physics(self) -> None:
+        """A negative estimate is not allowed: half of them end at almost nothing."""
+        assert self.covered(0.003, 1.0)[1] > 0.75
 
 
 def test_a_moving_start_is_noticed() -> None:

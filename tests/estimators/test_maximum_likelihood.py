@@ -216,8 +216,11 @@ class TestIntervals:
 
 def test_a_moving_start_is_noticed() -> None:
     log = recording("stated", 1e-8, 0)
-    moving = MaximumLikelihood(start="test")(posed(log.window(3.0), 1e-8))
+    given = posed(log.window(3.0), 1e-8)
+    moving, free = (MaximumLikelihood(start=start)(given) for start in ("test", "free"))
     assert "do not start from rest" in moving.status
+    np.testing.assert_allclose(moving.value, free.value)
+    np.testing.assert_allclose(moving.std, free.std)
     assert MaximumLikelihood(start="test")(posed(log, 1e-8)).status == "ok"
 
 

@@ -112,11 +112,11 @@ class _Run:
 
     def estimate(self) -> Estimate:
         fitted = self.fitted()
-        bodies = not self.search.settings.newton  # some of their parameters are never determined
-        if not fitted.converged or (inverted(fitted.information)[3].any() and not bodies):
-            fitted = self.again(fitted)
-        if self.settings.start == "test":
-            fitted = self.tested(fitted)
+        if self.settings.start == "test" and (chance := self.from_rest(fitted)) < LEVEL:
+            # knots, noise and theta are those of another motion
+            moving = _Run.begin(replace(self.settings, start="free"), self.problem, self.start)
+            moving.notes.append(f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})")
+            return moving.estimate()
         if not fitted.converged:
             self.notes.append(
                 f"not converged after {fitted.iterations} steps: the likelihood may still rise by a factor of "
@@ -125,7 +125,7 @@ class _Run:
         return self.told(fitted)
 
     def fitted(self) -> Fitted:
-        """Lay out the segments, and fit with the noise known better each round."""
+        """Lay out the segments, and fit with the noise known better each round; once more where that leads nowhere."""
         search, settings = self.search, self.settings
         rest = settings.start != "free"
         search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
@@ -135,7 +135,9 @@ class _Run:
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)
             fitted = search.run()
-        return fitted
+        bodies = not search.settings.newton  # some of their parameters are never determined
+        lost = inverted(fitted.information)[3].any() and not bodies
+        return fitted if fitted.converged and not lost else self.again(fitted)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Search once more from well inside of what physics allows, and keep the more likely end."""
@@ -144,19 +146,13 @@ class _Run:
         better = other.converged and (other.cost < fitted.cost or not fitted.converged)
         return self.search.moved_to(other if better else fitted)
 
-    def tested(self, fitted: Fitted) -> Fitted:
-        """Free the initial velocity, and keep it free where the likelihood ratio says so."""
+    def from_rest(self, fitted: Fitted) -> float:
+        """Return how likely so much less a likelihood is if the recordings start from rest: its ratio's probability."""
         from scipy.stats import chi2
 
-        search = self.search.freed()
-        free = search.run()
-        gain, degrees = 2 * (fitted.cost - free.cost), len(search.segments) * len(search.sigma_q)
-        chance = float(chi2.sf(max(gain, 0.0), degrees))
-        if chance >= LEVEL:
-            return fitted
-        self.search = search
-        self.notes.append(f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})")
-        return free
+        free = self.search.freed().run()
+        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma_q)
+        return float(chi2.sf(max(gain, 0.0), degrees))
 
     def intervals(self, fitted: Fitted, covariance: Array) -> Array:
         """Return the 95 % intervals (p, 2): along profile likelihoods where a standard error is large, else symmetric.

@@ -25,21 +25,21 @@ def crossing(root: Callable[[float], tuple[float, float]], size: float, side: in
     end is not beyond.
     """
     aim, last = side * LIMIT, float(np.exp(side * LONGEST))
-    ends = sorted((1.0, last))
-    y = float(np.clip((1 + 0.5 * aim * size) ** 2 if side > 0 else np.exp(aim * size), *ends))
+    low, high = sorted((1.0, last))
+    y = float(np.clip((1 + 0.5 * aim * size) ** 2 if side > 0 else np.exp(aim * size), low, high))
     known = [(0.0, 1.0, size)]  # the root, y, and its slope by the root
     for _ in range(TRIALS):
         found, slope = root(y)
         if np.isnan(found):
-            ends = sorted((1.0, y))
+            low, high = sorted((1.0, y))
             y = float(np.sqrt(y * known[-1][1]))
             continue
         known.append((found, y, 1 / slope if slope > 0 else np.inf))
-        before, y = y, float(np.clip(_reached(known[-2], known[-1], aim), *ends))
+        before, y = y, float(np.clip(_reached(known[-2], known[-1], aim), low, high))
         if NEAR[0] < found / aim < NEAR[1] or before == last:
             break
         y = float(np.clip(y, *sorted((before**0.3, before**2.5))))
-        if y in ends and y != last:  # where it has failed
+        if y in (low, high) and y != last:  # where it has failed
             y = float(np.sqrt(y * before))
     return y
 

@@ -1,5 +1,7 @@
 """The parts of the maximum-likelihood solver: the arrow, the splines, the normal equations, the barrier, the plan."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
@@ -131,6 +133,16 @@ class TestSegment:
             ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma_q, sigma_tau))
         along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
         assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
+
+    @pytest.mark.parametrize("rest", [False, True])
+    def test_positions_summed_up_lose_nothing_where_a_joint_has_turned_far(self, rest: bool) -> None:
+        one = article_segment(rest=rest)
+        one = replace(one, log=replace(one.log, q=one.log.q + np.array([0.0, 1e5])))
+        state = one.start(np.full(2, 1e-4), np.full(2, 1e3))
+        left = one.offset(state)
+        share, squares = one.shares(state)
+        np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
+        np.testing.assert_allclose(share, one.positions.T @ left, atol=1e-4 * np.abs(left).max())
 
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""

@@ -25,7 +25,7 @@ Start = Literal["free", "rest", "test"]
 DEEP = 0.8  # room to the boundary that a second start is given, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LEVEL = 0.01  # of the test whether the recordings start from rest
-ROUNDING = 1e-15  # what is smaller than the largest parameter by so much is nothing
+ROUNDING = 1e-15  # an undetermined parameter that is smaller than the largest by so much is nothing
 NORMAL = 1.959964  # of a normal deviate, for 95 %
 
 
@@ -179,9 +179,10 @@ class _Run:
         said = remarks(search, fitted, model.names, inverse, lost, tau)
         words = [*self.notes, *said, *undetermined(model.names, lost, rank, verdict)]
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
+        nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
         return Estimate(
-            value=np.where(np.abs(fitted.theta) > ROUNDING * np.abs(fitted.theta).max(), fitted.theta, 0.0),
+            value=np.where(nothing, 0.0, fitted.theta),
             covariance=covariance,
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),

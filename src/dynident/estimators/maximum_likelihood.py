@@ -35,7 +35,8 @@ class MaximumLikelihood:
 
     ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
     of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
-    halves 80 until the positions are fitted to white residuals; where they never are, the torque decides.
+    halves 80, or less in short recordings, until the positions are fitted to white residuals; where they never are, the
+    torque decides.
     ``steps``: whether steps of the torque are looked for; None does so unless the model has Coulomb friction, whose
     reversals look like steps. A start from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull
     of a torque sample. ``rounds`` of estimating the noise of each joint's position and torque. Parameters whose

@@ -23,6 +23,7 @@ __all__ = ["Recordings", "Search"]
 
 Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
+FEWEST = 4  # intervals of a recording: the residuals of fewer are too few to tell whether they are white
 TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
 SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
@@ -88,7 +89,8 @@ class Search:
         """Return the segments, and the power (n) of what they leave of the positions."""
         exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
         found: list[tuple[float, tuple[Segment, ...], Array]] = []
-        for size in SPACINGS:
+        widest = max(map(len, self.given.logs)) / FEWEST
+        for size in (one for one in SPACINGS if one <= max(widest, TELLING)):
             segments = self._planned(size, rest=rest)
             states = [one.start(self.sigma_q, LOOSE * self.given.bend) for one in segments]
             pairs = [one.residuals(self.model, state, self.theta) for one, state in zip(segments, states, strict=True)]

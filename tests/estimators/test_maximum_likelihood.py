@@ -1,5 +1,6 @@
 """Maximum likelihood of eq. (7): against the bound, outliers, colour, delay, a moving start, bodies, failure."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from dynident.log import Log
 from dynident.model import Model
 from dynident.regression import Regression
 from dynident.smoothers import Delayed, Spline
-from dynident.terms import Bodies, Coulomb, Viscous
+from dynident.terms import Bodies, Coulomb, Joint, Offset, RotorInertia, Viscous
 from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
@@ -183,10 +184,66 @@ class TestBodies:
         assert not np.array_equal(moved, thin)
 
 
+def axes(
+    viscous: float, offset: float, amplitudes: Sequence[float] = (1.0,), seed: int = 0, *, short: bool = False
+) -> Problem:
+    """Axes of 0.5 kg m² that swing with given amplitudes; one of zero stands still, exactly at zero.
+
+    A ``short`` recording is of 50 samples, a third of a period.
+    """
+    rng, a = np.random.default_rng(seed), np.array(amplitudes)
+    joints, t = (
+        tuple(Joint(f"axis{k}") for k in range(len(a))),
+        np.arange(50)[:, None] / 100 if short else np.arange(0, 2, 0.004)[:, None],
+    )
+    terms = [(RotorInertia, 0.5), (Viscous, viscous), (Offset, offset)]
+    model, rate = Model(tuple(kind(joints, values=(value,) * len(a)) for kind, value in terms)), 2 * np.pi * 0.7
+    q, dq, ddq = a * np.sin(rate * t), a * rate * np.cos(rate * t), -a * rate**2 * np.sin(rate * t)
+    tau = model.torque(q, dq, ddq, np.array(model.values)) + (0.05 if short else 0.5) * rng.standard_normal(q.shape)
+    log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(one.name for one in joints))
+    motions = (Spline()(log),)
+    return Problem(model, motions, Regression(model, motions), (log,))
+
+
+def test_a_joint_that_stands_still_does_not_spoil_the_other() -> None:
+    found, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
+    assert found.rank < 6
+    assert (np.abs(found.value[other] - (0.5, 0.3, 1.0)) < 4 * found.std[other]).all()
+
+
+def test_few_samples_do_not_make_wide_knots_look_right() -> None:
+    runs = [MaximumLikelihood()(axes(0.3, 1.0, seed=seed, short=True)) for seed in range(10)]
+    error = np.array([(run.value - (0.5, 0.3, 1.0)) / run.std for run in runs])
+    assert np.mean(np.abs(error) < 2) > 0.75
+    assert {run.status for run in runs} == {"ok"}
+
+
+class TestIntervals:
+    """One joint whose offset or viscous friction is hardly known."""
+
+    def covered(self, viscous: float, offset: float, runs: int = 20) -> np.ndarray:
+        hit = []
+        for seed in range(runs):
+            problem = axes(viscous, offset, seed=seed)
+            found, true = MaximumLikelihood()(problem), problem.model.values
+            hit.append((found.interval[:, 0] <= true) & (true <= found.interval[:, 1]))
+        return np.mean(hit, axis=0)
+
+    def test_of_a_parameter_that_may_have_any_sign(self) -> None:
+        assert self.covered(0.3, 0.0)[2] > 0.75
+
+    def test_of_a_parameter_at_the_edge_of_physics(self) -> None:
+        """A negative estimate is not allowed: half of them end at almost nothing."""
+        assert self.covered(0.003, 1.0)[1] > 0.75
+
+
 def test_a_moving_start_is_noticed() -> None:
     log = recording("stated", 1e-8, 0)
-    moving = MaximumLikelihood(start="test")(posed(log.window(3.0), 1e-8))
+    given = posed(log.window(3.0), 1e-8)
+    moving, free = (MaximumLikelihood(start=start)(given) for start in ("test", "free"))
     assert "do not start from rest" in moving.status
+    np.testing.assert_allclose(moving.value, free.value)
+    np.testing.assert_allclose(moving.std, free.std)
     assert MaximumLikelihood(start="test")(posed(log, 1e-8)).status == "ok"
 
 

@@ -1,5 +1,7 @@
 """The parts of the maximum-likelihood solver: the arrow, the splines, the normal equations, the barrier, the plan."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
@@ -131,6 +133,16 @@ class TestSegment:
             ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma_q, sigma_tau))
         along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
         assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
+
+    @pytest.mark.parametrize("rest", [False, True])
+    def test_positions_summed_up_lose_nothing_where_a_joint_has_turned_far(self, rest: bool) -> None:
+        one = article_segment(rest=rest)
+        one = replace(one, log=replace(one.log, q=one.log.q + np.array([0.0, 1e5])))
+        state = one.start(np.full(2, 1e-4), np.full(2, 1e3))
+        left = one.offset(state)
+        share, squares = one.shares(state)
+        np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
+        np.testing.assert_allclose(share, one.positions.T @ left, atol=1e-4 * np.abs(left).max())
 
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""
@@ -306,9 +318,30 @@ class TestProfile:
         assert 0 < crossing(lambda y: (y - 1, 1.0), 1.0, -1) < 0.01
 
     def test_what_physics_ends(self) -> None:
-        """Where trials fail, the end is not beyond."""
-        found = crossing(lambda y: ((y - 1) / 0.5, 2.0) if y < 1.4 else (np.nan, np.nan), 0.5, 1)
-        assert 1.4 < found < 2.0
+        """The end is not beyond where trials fail."""
+        failed = []
+
+        def root(y: float) -> tuple[float, float]:
+            if 0.8 < y < 1.4:
+                return (y - 1) / 0.5, 2.0
+            failed.append(y)
+            return np.nan, np.nan
+
+        assert 1.3 < crossing(root, 0.5, 1) <= min(failed)
+        failed.clear()
+        assert max(failed, default=0.0) <= crossing(root, 0.5, -1) < 0.9
+
+    @pytest.mark.parametrize("side", [-1, 1])
+    def test_a_deviance_that_falls_again_before_it_rises(self, side: int) -> None:
+        """Where it falls there is no slope to go by."""
+        first = []
+
+        def root(y: float) -> tuple[float, float]:
+            first.append(y)
+            return (side * 0.5, -1.0) if len(first) == 1 else (side * 3.0, 2.0)
+
+        found = crossing(root, 0.4, side)
+        assert min(first[:2]) < found < max(first[:2])
 
     @pytest.mark.parametrize("count", [0, 1, 2, 5])
     def test_swept_intervals_of_a_normal_likelihood_are_symmetric(self, count: int) -> None:
@@ -318,6 +351,11 @@ class TestProfile:
         found = swept(theta, path, covariance, 0)
         expected = theta[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+    def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
+        covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+        found = swept(np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0)
+        np.testing.assert_allclose(found, LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])

@@ -25,7 +25,7 @@ Start = Literal["free", "rest", "test"]
 DEEP = 0.8  # room to the boundary that a second start is given, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LEVEL = 0.01  # of the test whether the recordings start from rest
-ROUNDING = 1e-15  # what is smaller than the largest parameter by so much is nothing
+ROUNDING = 1e-15  # an undetermined parameter that is smaller than the largest by so much is nothing
 NORMAL = 1.959964  # of a normal deviate, for 95 %
 
 
@@ -35,7 +35,8 @@ class MaximumLikelihood:
 
     ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
     of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
-    halves 80 until the positions are fitted to white residuals; where they never are, the torque decides.
+    halves 80, or less in short recordings, until the positions are fitted to white residuals; where they never are, the
+    torque decides.
     ``steps``: whether steps of the torque are looked for; None does so unless the model has Coulomb friction, whose
     reversals look like steps. A start from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull
     of a torque sample. ``rounds`` of estimating the noise of each joint's position and torque. Parameters whose
@@ -112,11 +113,11 @@ class _Run:
 
     def estimate(self) -> Estimate:
         fitted = self.fitted()
-        bodies = not self.search.settings.newton  # some of their parameters are never determined
-        if not fitted.converged or (inverted(fitted.information)[3].any() and not bodies):
-            fitted = self.again(fitted)
-        if self.settings.start == "test":
-            fitted = self.tested(fitted)
+        if self.settings.start == "test" and (chance := self.from_rest(fitted)) < LEVEL:
+            # knots, noise and theta are those of another motion
+            moving = _Run.begin(replace(self.settings, start="free"), self.problem, self.start)
+            moving.notes.append(f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})")
+            return moving.estimate()
         if not fitted.converged:
             self.notes.append(
                 f"not converged after {fitted.iterations} steps: the likelihood may still rise by a factor of "
@@ -125,7 +126,7 @@ class _Run:
         return self.told(fitted)
 
     def fitted(self) -> Fitted:
-        """Lay out the segments, and fit with the noise known better each round."""
+        """Lay out the segments, and fit with the noise known better each round; once more where that leads nowhere."""
         search, settings = self.search, self.settings
         rest = settings.start != "free"
         search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
@@ -135,7 +136,9 @@ class _Run:
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)
             fitted = search.run()
-        return fitted
+        bodies = not search.settings.newton  # some of their parameters are never determined
+        lost = inverted(fitted.information)[3].any() and not bodies
+        return fitted if fitted.converged and not lost else self.again(fitted)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Search once more from well inside of what physics allows, and keep the more likely end."""
@@ -144,19 +147,13 @@ class _Run:
         better = other.converged and (other.cost < fitted.cost or not fitted.converged)
         return self.search.moved_to(other if better else fitted)
 
-    def tested(self, fitted: Fitted) -> Fitted:
-        """Free the initial velocity, and keep it free where the likelihood ratio says so."""
+    def from_rest(self, fitted: Fitted) -> float:
+        """Return how likely so much less a likelihood is if the recordings start from rest: its ratio's probability."""
         from scipy.stats import chi2
 
-        search = self.search.freed()
-        free = search.run()
-        gain, degrees = 2 * (fitted.cost - free.cost), len(search.segments) * len(search.sigma_q)
-        chance = float(chi2.sf(max(gain, 0.0), degrees))
-        if chance >= LEVEL:
-            return fitted
-        self.search = search
-        self.notes.append(f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})")
-        return free
+        free = self.search.freed().run()
+        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma_q)
+        return float(chi2.sf(max(gain, 0.0), degrees))
 
     def intervals(self, fitted: Fitted, covariance: Array) -> Array:
         """Return the 95 % intervals (p, 2): along profile likelihoods where a standard error is large, else symmetric.
@@ -183,9 +180,10 @@ class _Run:
         said = remarks(search, fitted, model.names, inverse, lost, tau)
         words = [*self.notes, *said, *undetermined(model.names, lost, rank, verdict)]
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
+        nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
         return Estimate(
-            value=np.where(np.abs(fitted.theta) > ROUNDING * np.abs(fitted.theta).max(), fitted.theta, 0.0),
+            value=np.where(nothing, 0.0, fitted.theta),
             covariance=covariance,
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),

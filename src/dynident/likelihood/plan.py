@@ -27,14 +27,15 @@ def noise(x: Array, least: float, order: int = 4) -> Array:
     """Return the noise's standard deviation (n) of evenly sampled x (N, n), from the median of its differences.
 
     The median does not see the few samples after a step. White noise is assumed. The result is at least the share
-    ``least`` of the largest value.
+    ``least`` of the channel's largest value, or where that is zero, of the largest of all.
     """
     coefficients = np.array([1.0])
     for _ in range(order):
         coefficients = np.convolve(coefficients, [1.0, -1.0])
     left = np.abs(np.diff(x, order, axis=0))
     found = 1.4826 * np.median(left, axis=0) / np.linalg.norm(coefficients)
-    return np.asarray(np.maximum(found, least * np.maximum(np.abs(x).max(axis=0), 1e-100)))
+    size = np.abs(x).max(axis=0)
+    return np.asarray(np.maximum(found, least * np.where(size > 0, size, size.max() or 1.0)))
 
 
 def steps_of(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, ...]:

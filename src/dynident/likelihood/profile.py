@@ -14,28 +14,34 @@ LIMIT = 1.959964  # of a normal deviate, for 95 %
 LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 NEAR = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 TRIALS = 6
+TELLING = 0.5  # root of the deviance below which a best fit does not tell how the path bends
 
 
 def crossing(root: Callable[[float], tuple[float, float]], size: float, side: int) -> float:
-    """Return the share of the estimate, 0 ... 1 for ``side`` -1 or above for 1, where the 95 % interval ends.
+    """Return the share y of the estimate, 0 ... 1 for ``side`` -1 or above for 1, where the 95 % interval ends.
 
     ``root(y)`` is the root of the deviance at the share y, signed like ``side``, and its slope; at one it is zero, with
-    the slope 1 / ``size``. Where it stays low, the last y is returned. A root of nan says that y cannot be tried.
+    the slope 1 / ``size``. Where it stays low, the last y is returned. A root of nan says that y cannot be tried: the
+    end is not beyond.
     """
-    aim = side * LIMIT
-    y = (1 + 0.5 * aim * size) ** 2 if side > 0 else float(np.exp(aim * size))
+    aim, last = side * LIMIT, float(np.exp(side * LONGEST))
+    low, high = sorted((1.0, last))
+    y = float(np.clip((1 + 0.5 * aim * size) ** 2 if side > 0 else np.exp(aim * size), low, high))
     known = [(0.0, 1.0, size)]  # the root, y, and its slope by the root
     for _ in range(TRIALS):
         found, slope = root(y)
         if np.isnan(found):
+            low, high = sorted((1.0, y))
             y = float(np.sqrt(y * known[-1][1]))
             continue
         known.append((found, y, 1 / slope if slope > 0 else np.inf))
-        before, y = y, _reached(known[-2], known[-1], aim)
-        if NEAR[0] < found / aim < NEAR[1] or abs(np.log(before)) >= LONGEST:
+        before, y = y, float(np.clip(_reached(known[-2], known[-1], aim), low, high))
+        if NEAR[0] < found / aim < NEAR[1] or before == last:
             break
         y = float(np.clip(y, *sorted((before**0.3, before**2.5))))
-    return float(np.clip(y, np.exp(-LONGEST), np.exp(LONGEST)))
+        if y in (low, high) and y != last:  # where it has failed
+            y = float(np.sqrt(y * before))
+    return y
 
 
 def _reached(one: tuple[float, float, float], other: tuple[float, float, float], x: float) -> float:
@@ -48,6 +54,8 @@ def _reached(one: tuple[float, float, float], other: tuple[float, float, float],
         along = (x - b) * sb
         return yb + along if along < 0 else yb * float(np.exp(min(along / yb, LONGEST)))
     chord = (yb - ya) / (b - a)
+    if not np.isfinite(sa):
+        return ya + (x - a) * chord
     first, last = (chord - sa) / (b - a), (sb - chord) / (b - a)
     return ya + (x - a) * (sa + (x - a) * (first + (x - b) * (last - first) / (b - a)))
 
@@ -58,15 +66,16 @@ def swept(theta: Array, path: Sequence[tuple[float, Array]], covariance: Array, 
     ``path`` are, besides the estimate ``theta`` (p), signed roots of the deviance and the best fits (p) with parameter
     k held there. What is left of the likelihood at each point of the path is taken as normal: a parameter that follows
     k along a bent valley bends with it; one that does not has 1.96 standard errors. The path is a cubic, and leaves the
-    estimate as the covariance says.
+    estimate as the covariance says; fits as likely as the estimate, but elsewhere, are left out.
     """
     along = covariance[:, k] / np.sqrt(covariance[k, k])
     rest = np.sqrt(np.maximum(np.diag(covariance) - along**2, 0.0))
     fine, powers = np.linspace(-LIMIT, LIMIT, 81)[:, None], np.array([2, 3])
     centre = theta + fine * along
-    if path:
-        r = np.array([[root] for root, _ in path])
-        aside = np.array([found for _, found in path]) - theta - r * along
+    far = [pair for pair in path if abs(pair[0]) > TELLING]
+    if far:
+        r = np.array([[root] for root, _ in far])
+        aside = np.array([found for _, found in far]) - theta - r * along
         centre += fine**powers @ np.linalg.lstsq(r**powers, aside, rcond=None)[0]
     reach = np.sqrt(LIMIT**2 - fine**2) * rest
     return np.stack([(centre - reach).min(axis=0), (centre + reach).max(axis=0)], axis=1)

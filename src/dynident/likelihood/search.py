@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ __all__ = ["Recordings", "Search"]
 
 Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
+FEWEST = 4  # intervals of a recording: the residuals of fewer are too few to tell whether they are white
 TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
 SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
@@ -88,7 +89,8 @@ class Search:
         """Return the segments, and the power (n) of what they leave of the positions."""
         exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
         found: list[tuple[float, tuple[Segment, ...], Array]] = []
-        for size in SPACINGS:
+        widest = max(map(len, self.given.logs)) / FEWEST
+        for size in (one for one in SPACINGS if one <= max(widest, TELLING)):
             segments = self._planned(size, rest=rest)
             states = [one.start(self.sigma_q, LOOSE * self.given.bend) for one in segments]
             pairs = [one.residuals(self.model, state, self.theta) for one, state in zip(segments, states, strict=True)]
@@ -187,31 +189,37 @@ class Search:
     def profiled(self, fitted: Fitted, covariance: Array, k: int) -> Array:
         """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
 
-        The parameter keeps its sign. Where physics stops it before, that is the end as far as it was seen.
+        The parameter keeps its sign where physics does not let it be zero. Where physics stops it before, that is the
+        end as far as it was seen.
         """
         value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
-        sign, along = np.sign(value), covariance[:, k] / std**2
+        along, zero = covariance[:, k] / std**2, fitted.theta.copy()
+        zero[k] = 0.0
+        keeps = not self.barrier.inside(zero)
         path: list[tuple[float, Array]] = []  # signed roots of the deviance, and the best fits there
 
-        def root(side: int) -> Callable[[float], tuple[float, float]]:
-            last = fitted
+        def end(side: int) -> float:
+            last, inward = fitted, keeps and side * value < 0
+            # from one share to the next; a parameter near zero, or at the edge, is no measure
+            unit, way = (value, -1) if inward else (side * max(abs(value), std), 1)
 
-            def tried(share: float) -> tuple[float, float]:
+            def root(share: float) -> tuple[float, float]:
                 nonlocal last
-                found = self._held(last, last.theta + along * (share * value - last.theta[k]), k, share * value)
+                aim = value + unit * (share - 1)
+                found = self._held(last, last.theta + along * (aim - last.theta[k]), k, aim)
                 if found is None:
                     return np.nan, np.nan
                 last, fall = found, found.cost - 0.5 * found.decrement - fitted.cost
-                r = side * float(np.sqrt(2 * max(fall, TINY)))
-                path.append((sign * r, found.theta))
+                r = float(np.sqrt(2 * max(fall, TINY)))
+                path.append((side * r, found.theta))
                 slope = found.gradient[k] + self.barrier.slopes(found.theta)[0][k]
-                return r, float(slope) * value / r
+                return way * r, float(slope) * unit / (way * r)
 
-            return tried
+            return value + unit * (crossing(root, std / abs(unit), way) - 1)
 
-        ends = [value * crossing(root(side), std / abs(value), side) for side in (-1, 1)]
+        ends = [end(-1), end(1)]
         out = swept(fitted.theta, path, covariance, k)
-        out[k] = sorted(ends)
+        out[k] = ends
         return out
 
     def spread(self, fitted: Fitted, inverse: Array) -> tuple[Array, Array]:

@@ -139,7 +139,8 @@ class Segment:
         turned = self.positions.T
         band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
         band[0] += RIDGE * band[0].max()
-        C = Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ self.log.q)
+        middle = self.log.q.mean(axis=0)  # joints may have turned far
+        C = middle + Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ (self.log.q - middle))
         left = self.log.q - self.positions @ C
         return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)
 

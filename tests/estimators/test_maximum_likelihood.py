@@ -10,7 +10,7 @@ from dynident.article import SCENARIOS
 from dynident.basis import informed_std, structural_basis
 from dynident.bound import bound
 from dynident.errors import ConfigError
-from dynident.estimators import Estimate, MaximumLikelihood, Problem, measured
+from dynident.estimators import Consistent, Estimate, MaximumLikelihood, Problem, measured
 from dynident.gallery import two_link_arm
 from dynident.likelihood import Barrier, demands, fit
 from dynident.log import Log
@@ -125,7 +125,7 @@ class TestBodies:
         dry = Coulomb(bodies.joints, values=(0.4, 0.2), width=width)
         return Model((bodies, Viscous(bodies.joints, values=(0.3, 0.2)), dry))
 
-    def problem(self, width: float = 0.0, factor: float = 1.0) -> Problem:
+    def problem(self, width: float = 0.0, factor: float = 1.0, *, still: bool = False, noise=1e-4) -> Problem:
         rng, t = np.random.default_rng(0), np.arange(0, 6, 0.004)
         rate, angle = 2 * np.pi * np.array([0.5, 0.8]), 2 * np.pi * t[:, None] * np.array([0.5, 0.8])
         q, dq, ddq = (
@@ -133,10 +133,13 @@ class TestBodies:
             rate * np.cos(angle) + t[:, None] / 20,
             0.05 - rate**2 * np.sin(angle),
         )
+        if still:
+            for x, value in ((q, 0.5), (dq, 0.0), (ddq, 0.0)):
+                x[:, 1] = value
         model = self.arm(width)
         tau = self.arm(0.02).torque(q, dq, ddq, np.asarray(model.values))
         log = Log(
-            t, q + 1e-4 * rng.standard_normal(q.shape), tau + 0.1 * rng.standard_normal(q.shape), ("shoulder", "elbow")
+            t, q + noise * rng.standard_normal(q.shape), tau + 0.1 * rng.standard_normal(q.shape), ("shoulder", "elbow")
         )
         motions = (Spline(factor=factor)(log),)
         return Problem(model, motions, Regression(model, motions), (log,))
@@ -157,6 +160,25 @@ class TestBodies:
         assert f"rank {basis.rank} of {len(truth)}" in found.status
         assert min(found.eigenvalues.values()) > 0
         assert found.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
+
+    @pytest.mark.parametrize("noise", [[1e-4, 1e-4], [1e-4, 0.0]], ids=["noise", "exactly"])
+    def test_a_joint_that_stands_still_keeps_its_friction(self, noise: list[float]) -> None:
+        """Nothing but noise shows it, so that nothing may move it far: neither tiny velocities nor the barrier."""
+        given = self.problem(still=True, noise=np.array(noise))
+        found = MaximumLikelihood()(given)
+        names = given.model.names
+        start = Consistent(costs=False)(given).value
+        for name in ("Fv_elbow", "Fc_elbow"):
+            k = names.index(name)
+            if not noise[1]:
+                assert found.value[k] == start[k]
+            assert found.value[k] < 10
+            assert found.std[k] > 1
+        for name in ("Fv_shoulder", "Fc_shoulder"):
+            k = names.index(name)
+            assert abs(found.value[k] - given.model.values[k]) < 4 * found.std[k]
+        assert "not converged" not in found.status
+        assert "velocities" not in found.status
 
     def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
         usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))

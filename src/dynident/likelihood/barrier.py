@@ -65,6 +65,12 @@ class Barrier:
             return np.zeros((0, 0)), np.zeros(0)
         return np.concatenate(rows), np.concatenate([np.full(len(one), 1.0 / len(one)) for one in rows])
 
+    @cached_property
+    def bound(self) -> NDArray[np.bool_]:
+        """Which parameters (p) belong to a matrix, so that they must follow others."""
+        rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one, _ in self._matrices]
+        return np.asarray(np.sum(rows, axis=0) > 0) if rows else np.zeros(1, dtype=bool)
+
     def inside(self, theta: Array) -> bool:
         """Return whether all matrices are positive definite at theta (p)."""
         rows, _ = self._numbers

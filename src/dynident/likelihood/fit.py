@@ -23,6 +23,7 @@ NULL = 1e-12  # relative information below which a direction counts as not excit
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
 INEXACT = 1e-6  # share of the tolerance to which a step is found
+IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 
@@ -133,8 +134,10 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int
         bent = _Quadratic.of(found, turned, p, bend=True)
         if _safe(bent.information, gauss.information):
             used = bent
-    free = np.array([k for k in range(p) if k != fixed], dtype=int)
     H, g = _positive(used.information), used.gradient
+    # what has no effect stays where it is, unless it belongs to a body that needs it
+    free = np.flatnonzero((np.diag(H) * np.maximum(theta**2, 1.0) > IDLE) | barrier.bound)
+    free = free[free != fixed]
     dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
     return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)

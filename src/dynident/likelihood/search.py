@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
 FEWEST = 4  # intervals of a recording: the residuals of fewer are too few to tell whether they are white
 TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
+STILL = 1e-8  # usual acceleration (rad/s^2, m/s^2) of a joint that does not move
+NO_SIGN = 1e3  # rad/s, m/s: width of a sign of velocity that is not there
 SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
 CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
@@ -111,12 +113,13 @@ class Search:
     def soften(self) -> str:
         """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""
         known = [one.resolution(self.sigma_q, self.given.bend) for one in self.segments]
-        width = np.asarray(np.max(known, axis=0))
+        still = self.given.bend < STILL
+        width = np.where(still, NO_SIGN, np.max(known, axis=0))
         speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
         self.model = softened(self.model, width)
-        if float((np.concatenate(speed) < 2 * width).mean(axis=0).max()) < MANY:
+        if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~still].max(initial=0.0)) < MANY:
             return ""
-        listed = ", ".join(f"{x:.2g}" for x in width)
+        listed = ", ".join(f"{x:.2g}" for x in width[~still])
         return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
 
     def _white(self, left: Sequence[Array], segments: Sequence[Segment]) -> bool:

@@ -89,26 +89,38 @@ class Search:
 
     def _spaced(self, *, rest: bool) -> tuple[tuple[Segment, ...], Array]:
         """Return the segments, and the power (n) of what they leave of the positions."""
-        exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
-        found: list[tuple[float, tuple[Segment, ...], Array]] = []
         widest = max(map(len, self.given.logs)) / FEWEST
-        for size in (one for one in SPACINGS if one <= max(widest, TELLING)):
-            segments = self._planned(size, rest=rest)
-            states = [one.start(self.sigma_q, LOOSE * self.given.bend) for one in segments]
-            pairs = [one.residuals(self.model, state, self.theta) for one, state in zip(segments, states, strict=True)]
-            left = [q for q, _ in pairs]
-            power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
-            if (size > TELLING and self._white(left, segments)) or (power < exact**2).all():
+        found: list[tuple[tuple[Segment, ...], Array]] = []
+        for size in (one for one in SPACINGS if TELLING < one <= widest):
+            segments, power, settled = self._tried(size, rest=rest)
+            if settled:
                 return segments, power
-            told = [(one.raw.weight > 0) * tau / self.sigma_tau for one, (_, tau) in zip(segments, pairs, strict=True)]
-            missed = sum(float((x**2).sum()) for x in told)
-            least = min((one[0] for one in found), default=np.inf)
-            found.append((missed, segments, power))
-            if size < 2 * TELLING and missed > least / SAME:
-                break
-        least = min(one[0] for one in found)
-        _, segments, power = [one for one in found if one[0] < SAME * least][-1]
-        return segments, power
+            found.append((segments, power))
+        missed = [self._missed(segments) for segments, _ in found]
+        for size in (one for one in SPACINGS if one < TELLING):
+            if len(missed) > 1 and missed[-1] > min(missed[:-1]) / SAME:
+                break  # the last halving gained nothing
+            segments, power, _ = self._tried(size, rest=rest)
+            found.append((segments, power))
+            missed.append(self._missed(segments))
+        return [one for one, x in zip(found, missed, strict=True) if x < SAME * min(missed)][-1]
+
+    def _tried(self, size: float, *, rest: bool) -> tuple[tuple[Segment, ...], Array, bool]:
+        """Return the segments of a spacing, the power (n) they leave of the positions, and whether that is noise."""
+        segments = self._planned(size, rest=rest)
+        left = [one.offset(self._fitted(one)) for one in segments]
+        power = sum((x**2).sum(axis=0) for x in left) / sum(map(len, left))
+        exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
+        return segments, power, self._white(left, segments) or bool((power < exact**2).all())
+
+    def _fitted(self, segment: Segment) -> State:
+        """Return the motion that a segment's positions alone suggest."""
+        return segment.start(self.sigma_q, LOOSE * self.given.bend)
+
+    def _missed(self, segments: Sequence[Segment]) -> float:
+        """Return the power of the torque that fits to the positions alone leave."""
+        left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma_tau for one in segments]
+        return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
 
     def soften(self) -> str:
         """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""

@@ -81,8 +81,11 @@ def fourier(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return t, q, dq, ddq
 
 
-def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[Motion]:
-    """Simulate a closed loop for each generator: where the encoders' counts begin differs, and with it the chatter."""
+def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[tuple[Motion, np.ndarray]]:
+    """Simulate a closed loop for each generator; return the motions, and the positions that the controller saw.
+
+    Where the encoders' counts begin differs, and with it the chatter about the reference.
+    """
     theta, runs = np.asarray(model.values), len(rngs)
     t, reference, speed, acceleration = fourier(len(model.joints))
     feedforward = model.torque(reference, speed, acceleration, theta)
@@ -91,32 +94,29 @@ def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[Motion]:
     n = len(inertia)
     dither = np.array([rng.uniform(0, COUNT, n) for rng in rngs])
     x = np.tile(np.concatenate([reference[0], speed[0]]), (runs, 1))
-    slow, states, torques = x[:, :n].copy(), [], []
+    slow, states, views, torques = x[:, :n].copy(), [], [], []
 
     def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         return np.concatenate([x[:, n:], model.forward(x[:, :n], x[:, n:], tau, theta)], axis=1)
 
     for k in range(len(t)):
-        seen = quantised(x[:, :n], dither)
+        seen = COUNT * np.round((x[:, :n] + dither) / COUNT) - dither
         slow += LOW_PASS * (seen - slow)  # the velocity that a drive feeds back is filtered
         tau = feedforward[k] + kp * (reference[k] - seen) + kd * (speed[k] - LOW_PASS * RATE * (seen - slow))
         states.append(x)
+        views.append(seen)
         torques.append(tau)
         a = rate(x, tau)
         b = rate(x + h / 2 * a, tau)
         c = rate(x + h / 2 * b, tau)
         x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, tau))
     names = tuple(joint.name for joint in model.joints)
-    out = []
-    for state, tau in zip(np.stack(states, axis=1), np.stack(torques, axis=1), strict=True):
+    out, usable = [], np.ones(len(t), dtype=bool)
+    for state, seen, tau in zip(*(np.stack(part, axis=1) for part in (states, views, torques)), strict=True):
         q, dq = state[:, :n], state[:, n:]
         ddq = model.forward(q, dq, tau, theta)
-        out.append(Motion(t, q, dq, ddq, tau, names, np.ones(len(t), dtype=bool), "closed loop"))
+        out.append((Motion(t, q, dq, ddq, tau, names, usable, "closed loop"), seen))
     return out
-
-
-def quantised(q: np.ndarray, dither: np.ndarray) -> np.ndarray:
-    return np.asarray(COUNT * np.round((q + dither) / COUNT) - dither)
 
 
 def main() -> None:
@@ -130,10 +130,10 @@ def main() -> None:
     model = arm(given.joints)
     truth, basis = np.asarray(model.values), structural_basis(model)
     rngs = np.random.default_rng(given.seed).spawn(given.runs)
-    runs = [(motion, rng) for motion, rng in zip(simulate(model, rngs), rngs, strict=True)]
+    runs = simulate(model, rngs)
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
     least = informed_std(basis, S)
-    logs = [recorded(motion, given.noise, given.colour, rng) for motion, rng in runs]
+    logs = [recorded(*run, given.noise, given.colour, rng) for run, rng in zip(runs, rngs, strict=True)]
     smoother, _ = pair(model, logs[:1], [Spline(factor=one) for one in FACTORS], 0.5 / RATE, LeastSquares())
     problems = [posed(model, log, smoother) for log in logs]
     for name, estimator in ESTIMATORS.items():
@@ -181,12 +181,11 @@ def tell(name: str, results: list[Result], least: np.ndarray, basis: Basis) -> N
         print(f"  status: {word}", flush=True)
 
 
-def recorded(motion: Motion, noise: float, colour: float, rng: np.random.Generator) -> Log:
+def recorded(motion: Motion, seen: np.ndarray, noise: float, colour: float, rng: np.random.Generator) -> Log:
     white = rng.standard_normal(motion.tau.shape)
     for k in range(1, len(white)):
         white[k] = colour * white[k - 1] + np.sqrt(1 - colour**2) * white[k]
-    q = quantised(motion.q, rng.uniform(0, COUNT, motion.q.shape[1]))
-    return Log(motion.t, q, motion.tau + noise * white, motion.joints)
+    return Log(motion.t, seen, motion.tau + noise * white, motion.joints)
 
 
 def posed(model: Model, log: Log, smoother: Smoother) -> Problem:

@@ -10,12 +10,14 @@ from dynident.errors import ConfigError, InputError
 from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.gallery import two_link_arm
 from dynident.identify import Identification, Recipe, identify, versions
+from dynident.likelihood import fit
 from dynident.log import Log
 from dynident.model import Model
 from dynident.regression import Parallel
 from dynident.simulation import record, simulate
 from dynident.smoothers import Difference, Spline
-from dynident.terms import Joint, Offset, Viscous
+from dynident.terms import Bodies, Joint, Offset, Viscous
+from tests.robots import joint, link, urdf
 
 ARM = two_link_arm()
 
@@ -136,6 +138,30 @@ def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, .
     assert robust is not None
     assert (robust >= least).all()
     assert (robust == least).any()  # where the correlated residuals alone tell of smaller ones
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rank of a robot's parameters is never full, and no news; a failure, or a model that leaves much out, is."""
+
+    def no_luck(*_: object) -> None:
+        raise np.linalg.LinAlgError("no luck")
+
+    if fails:
+        monkeypatch.setattr(fit, "_step", no_luck)
+    bodies = Bodies(urdf(link("base"), link("arm", 1.0, (0.0, 0.1, 0.2)), joint("j", "revolute", "base", "arm")))
+    model, rng, t = (
+        Model((bodies, Viscous(bodies.joints, values=(0.1,)))),
+        np.random.default_rng(0),
+        np.arange(800) / 200,
+    )
+    q, dq, ddq = (a * np.sin(3 * t + phase)[:, None] for a, phase in ((1, 0), (3, np.pi / 2), (-9, 0)))
+    tau = model.torque(q, dq, ddq, np.asarray(model.values)) + 0.3 * np.sign(dq)  # friction that the model has not
+    swing = Log(t, q + 1e-4 * rng.standard_normal(q.shape), tau + 0.01 * rng.standard_normal(q.shape), ("j",), "swing")
+    found = identify(model, [swing], recipe=Recipe(estimator=MaximumLikelihood()))
+    said = " ".join(found.warnings)
+    assert ("maximum likelihood failed" if fails else "residuals are not white") in said
+    assert "rank" not in said
 
 
 def test_versions_name_what_computes() -> None:

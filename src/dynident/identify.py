@@ -62,8 +62,8 @@ class Recipe:
 class Identification:
     """Everything that one run found: what reports and exports read.
 
-    ``basis`` are the base parameters that the training data show, ``base_std`` (r) their standard errors in a fit
-    without constraints, ``structural`` those that any motion could show, and ``missing`` the motion that would show
+    ``basis`` are the base parameters that the training data show, ``base_std`` (r) their standard errors for
+    independent residuals, ``structural`` those that any motion could show, and ``missing`` the motion that would show
     the rest; all are given where the data do not determine every parameter.
 
     ``std_hac`` (p) and ``base_std_hac`` (r) are standard errors that allow for correlated residuals, infinite for what
@@ -170,7 +170,7 @@ def _identify(
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
-        found = replace(found, warnings=tuple(one.words for one in missing))
+        found = replace(found, warnings=(*estimate.remarks, *(one.words for one in missing)))
     own = _base_std(on_data, regression, estimate)
     robust = _robust_std(regression, estimate, own, on_data)
     return replace(

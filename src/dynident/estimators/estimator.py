@@ -40,7 +40,8 @@ class Estimate:
 
     ``value`` (p) in the units ``units``; ``covariance`` (p, p), infinite variance where the data do not determine a
     parameter; ``sigma`` (n) standard deviation of each joint's torque residual; ``rank`` and ``condition`` of the
-    column-scaled regressor; ``status`` says in words how it went, "ok" where all is well.
+    column-scaled regressor; ``status`` says in words how it went, "ok" where all is well, and ``remarks`` what of that
+    a user must know of any model, besides what the rank leaves open.
 
     Where the estimator can tell: ``verdict`` (p) says what each parameter was determined by; ``eigenvalues`` is the
     smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
@@ -60,6 +61,7 @@ class Estimate:
     condition: float
     samples: int
     status: str = "ok"
+    remarks: tuple[str, ...] = ()
     verdict: tuple[Verdict, ...] = ()
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)

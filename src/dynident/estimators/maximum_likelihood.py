@@ -84,7 +84,8 @@ class MaximumLikelihood:
             fallback = replace(start, value=run.search.theta)  # as near to it as physics allows
             return run.estimate()
         except (ModelError, InputError, np.linalg.LinAlgError) as error:
-            return replace(fallback, status=f"maximum likelihood failed, this is the least-squares start: {error}")
+            words = f"maximum likelihood failed, this is the least-squares start: {error}"
+            return replace(fallback, status=words, remarks=(words,))
 
 
 @dataclass(eq=False)
@@ -177,8 +178,8 @@ class _Run:
         inverse, rank, condition, lost = inverted(fitted.information)
         covariance = covariance_of(inverse, lost)
         verdict = self.verdicts(lost) if bodies_of(model.parameters) else ()
-        said = remarks(search, fitted, model.names, inverse, lost, tau)
-        words = [*self.notes, *said, *undetermined(model.names, lost, rank, verdict)]
+        said = (*self.notes, *remarks(search, fitted, model.names, inverse, lost, tau))
+        words = (*said, *undetermined(model.names, lost, rank, verdict))
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
@@ -192,6 +193,7 @@ class _Run:
             condition=condition,
             samples=sum(map(len, search.given.logs)),
             status="; ".join(words) or "ok",
+            remarks=said,
             verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),

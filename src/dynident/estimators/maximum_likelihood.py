@@ -100,6 +100,7 @@ class _Run:
 
     @classmethod
     def begin(cls, settings: MaximumLikelihood, problem: Problem, start: Estimate) -> _Run:
+        """Return the run with its data, noise as far as it is known, and a start that physics allows."""
         model = problem.model
         coulomb = any(parameter.role == "coulomb" for parameter in model.parameters)
         look = not coulomb if settings.steps is None else settings.steps
@@ -113,6 +114,7 @@ class _Run:
         return cls(settings, problem, start, Search(model, given, barrier, limits, theta, sigma_q, sigma_tau), notes)
 
     def estimate(self) -> Estimate:
+        """Fit, decide whether the recordings start from rest where that is asked, and tell."""
         fitted = self.fitted()
         if self.settings.start == "test" and (chance := self.from_rest(fitted)) < LEVEL:
             # knots, noise and theta are those of another motion
@@ -173,6 +175,7 @@ class _Run:
         return np.asarray(out)
 
     def told(self, fitted: Fitted) -> Estimate:
+        """Return the estimate that belongs to a fit: covariance, intervals, and what is to be said."""
         model, search = self.problem.model, self.search
         tau = search.left()[1]
         inverse, rank, condition, lost = inverted(fitted.information)

@@ -67,7 +67,7 @@ class Barrier:
 
     @cached_property
     def bound(self) -> NDArray[np.bool_]:
-        """Which parameters (p) belong to a matrix, so that they must follow others."""
+        """Which parameters (p) belong to a matrix, so that they must follow others; (1), false, without matrices."""
         rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one, _ in self._matrices]
         return np.asarray(np.sum(rows, axis=0) > 0) if rows else np.zeros(1, dtype=bool)
 

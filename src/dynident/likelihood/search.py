@@ -98,12 +98,12 @@ class Search:
             found.append((segments, power))
         missed = [self._missed(segments) for segments, _ in found]
         for size in (one for one in SPACINGS if one < TELLING):
-            if len(missed) > 1 and missed[-1] > min(missed[:-1]) / SAME:
+            if len(missed) > 1 and missed[-1] >= min(missed[:-1]) / SAME:
                 break  # the last halving gained nothing
             segments, power, _ = self._tried(size, rest=rest)
             found.append((segments, power))
             missed.append(self._missed(segments))
-        return [one for one, x in zip(found, missed, strict=True) if x < SAME * min(missed)][-1]
+        return [one for one, x in zip(found, missed, strict=True) if x <= SAME * min(missed)][-1]
 
     def _tried(self, size: float, *, rest: bool) -> tuple[tuple[Segment, ...], Array, bool]:
         """Return the segments of a spacing, the power (n) they leave of the positions, and whether that is noise."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from arm import LINKS, urdf
 from scipy.special import ndtri
 
 from dynident.basis import Basis, base_std, informed_std, structural_basis
@@ -31,14 +32,6 @@ from dynident.smoothers import Smoother, Spline
 from dynident.terms import Bodies, Coulomb, Viscous
 from dynident.uncertainty import robust_covariance
 
-LINKS = (  # mass, height of the next joint, its offset, its axis turned about x by so many right angles
-    (4.0, 0.33, 0.0, -1),
-    (3.5, 0.0, 0.0, 1),
-    (3.0, 0.32, 0.08, 1),
-    (2.7, 0.0, -0.08, -1),
-    (1.7, 0.38, 0.0, 1),
-    (1.6, 0.0, 0.09, 1),
-)
 PERIOD, RATE = 10.0, 500.0  # s, Hz
 ESTIMATORS = {
     "least squares": LeastSquares(),
@@ -50,19 +43,7 @@ LOW_PASS = 0.2  # share of a new sample in the filtered position, whose distance
 
 
 def arm(joints: int) -> Model:
-    parts, rise, shift, turn = ['<robot name="arm"><link name="base"/>'], 0.3, 0.0, 1
-    for k, (mass, height, offset, quarter) in enumerate(LINKS[6 - joints :], start=1):
-        parent = "base" if k == 1 else f"link{k - 1}"
-        size = 0.02 * mass
-        parts.append(
-            f'<link name="link{k}"><inertial><origin xyz="0.01 0.02 {0.05 + height / 2:.3f}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{size:.4f}" iyy="{0.9 * size:.4f}" izz="{0.3 * size:.4f}" ixy="0" ixz="0" iyz="0"/>'
-            f'</inertial></link><joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
-            f'<origin xyz="{shift} 0 {rise}" rpy="{turn * np.pi / 2:.15f} 0 0"/><axis xyz="0 0 1"/>'
-            '<limit lower="-3" upper="3" effort="80" velocity="3"/></joint>'
-        )
-        rise, shift, turn = height, offset, quarter
-    bodies = Bodies("".join([*parts, "</robot>"]))
+    bodies = Bodies(urdf(LINKS[6 - joints : 6], turn=1))
     viscous = Viscous(bodies.joints, values=(0.5,) * joints)
     return Model((bodies, viscous, Coulomb(bodies.joints, values=(0.4,) * joints, width=0.02)))
 

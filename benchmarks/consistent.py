@@ -15,6 +15,7 @@ from dataclasses import replace
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from arm import LINKS, urdf
 
 from dynident.basis import structural_basis
 from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
@@ -23,36 +24,9 @@ from dynident.model import Model
 from dynident.regression import Regression
 from dynident.terms import Bodies, Coulomb, Offset, Viscous
 
-LINKS = (  # mass, height of the next joint, its offset, its axis turned about x by so many right angles
-    (4.0, 0.33, 0.0, -1),
-    (3.5, 0.0, 0.0, 1),
-    (3.0, 0.32, 0.08, 1),
-    (2.7, 0.0, -0.08, -1),
-    (1.7, 0.38, 0.0, 1),
-    (1.6, 0.0, 0.09, 1),
-    (0.5, 0.10, 0.0, 0),
-)
-
-
-def robot() -> str:
-    """Write the arm as URDF text."""
-    parts, rise, shift, turn = ['<robot name="arm"><link name="base"/>'], 0.3, 0.0, 0
-    for k, (mass, height, offset, quarter) in enumerate(LINKS, start=1):
-        parent = "base" if k == 1 else f"link{k - 1}"
-        size = 0.02 * mass
-        parts.append(
-            f'<link name="link{k}"><inertial><origin xyz="0.01 0.02 {0.05 + height / 2:.3f}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{size:.4f}" iyy="{0.9 * size:.4f}" izz="{0.3 * size:.4f}" ixy="0" ixz="0" iyz="0"/>'
-            f'</inertial></link><joint name="joint{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
-            f'<origin xyz="{shift} 0 {rise}" rpy="{turn * np.pi / 2:.15f} 0 0"/><axis xyz="0 0 1"/>'
-            '<limit lower="-3" upper="3" effort="80" velocity="3"/></joint>'
-        )
-        rise, shift, turn = height, offset, quarter
-    return "".join([*parts, "</robot>"])
-
 
 def model() -> Model:
-    bodies = Bodies(robot())
+    bodies = Bodies(urdf(LINKS))
     friction = [term(bodies.joints, values=(0.5,) * len(bodies.joints)) for term in (Viscous, Coulomb, Offset)]
     return Model((bodies, *friction))
 

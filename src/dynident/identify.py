@@ -163,6 +163,14 @@ def _identify(
         recorded=tuple(roles[log.role][log.name] for log in judged),
         delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
     )
+    return _with_errors(found, regression, fitted, progress)
+
+
+def _with_errors(
+    found: Identification, regression: Regression, fitted: tuple[Motion, ...], progress: Callable[[str], None]
+) -> Identification:
+    """Return the identification with honest standard errors, and base parameters where not all are determined."""
+    model, estimate = found.model, found.estimate
     if estimate.rank == len(model.parameters):
         return replace(found, std_hac=_robust_std(regression, estimate, estimate.std))
     progress("finding base parameters")

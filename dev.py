@@ -3,7 +3,8 @@
 
 python3 dev.py demo [ARGS]   the article's study with its report (dynident reproduce)
 python3 dev.py test [ARGS]   the test suite (pytest)
-python3 dev.py lint          ruff, mypy, import-linter
+python3 dev.py lint          ruff, mypy, import-linter, the documentation
+python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
 """
 
@@ -20,7 +21,8 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-EXTRAS = {"demo": "", "test": "dev", "lint": "dev", "bench": "bench"}
+EXTRAS = {"demo": "", "test": "dev", "lint": "dev,docs", "docs": "docs", "bench": "bench"}
+DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
 
 
 def run(*command: object) -> None:
@@ -63,6 +65,9 @@ def main(arguments: list[str]) -> None:
         run(PYTHON, "-m", "ruff", "format", "--check", ".")
         run(PYTHON, "-m", "mypy")
         run(BIN / "lint-imports", "--no-cache")
+        run(*DOCS)
+    elif task == "docs":
+        run(*DOCS)
     else:
         run(PYTHON, "benchmarks/run.py", *rest)
 

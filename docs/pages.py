@@ -1,0 +1,92 @@
+"""The pages of the site, a hook of mkdocs: the repository's own, and one for each public module of the package.
+
+The site has the folders of the repository, so that a link works in both. What is public is read from the source:
+a module without a leading underscore, and in a folder what its ``__init__`` has in ``__all__``.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src"
+SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "examples/*")
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Replace the files of docs/ by those of the repository, and add the reference."""
+    for file in [file for file in files if file.src_dir == config.docs_dir]:
+        files.remove(file)
+    for path in (path for pattern in SHOWN for path in sorted(ROOT.glob(pattern)) if path.is_file()):
+        files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
+    for name, path in modules():
+        files.append(File.generated(config, uri(name), content=page(name, path)))
+    config.nav = navigation()
+    return files
+
+
+def navigation() -> list[Any]:
+    """Return README, the guides in the order in which it and ARCHITECTURE.md name them, the project and the modules."""
+    text = "".join((ROOT / name).read_text(encoding="utf-8") for name in ("ARCHITECTURE.md", "README.md"))
+    guides = sorted((ROOT / "docs").glob("*.md"), key=lambda path: text.rfind(f"(docs/{path.name}"))
+    project = [path.name for path in sorted(ROOT.glob("*.md")) if path.name != "README.md"]
+    return [
+        {"dynident": "README.md"},
+        {"Guide": [path.relative_to(ROOT).as_posix() for path in guides]},
+        {"Project": project},
+        {"API reference": list(reference())},
+    ]
+
+
+def reference() -> Iterator[dict[str, Any]]:
+    """Yield the modules of the reference, those of a folder together."""
+    names = (name.removeprefix("dynident.") for name, _ in modules())
+    for top, group in groupby(names, lambda name: name.partition(".")[0]):
+        pages = [{name: uri(f"dynident.{name}" if name != "dynident" else name)} for name in group]
+        yield pages[0] if len(pages) == 1 else {top: pages}
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield name and file of each public module, folders before what is in them."""
+    for path in sorted(SOURCE.rglob("*.py"), key=parts):
+        if not any(part.startswith("_") for part in parts(path)):
+            yield ".".join(parts(path)), path
+
+
+def parts(path: Path) -> tuple[str, ...]:
+    """Return the dotted name of a file's module, split."""
+    names = path.relative_to(SOURCE).with_suffix("").parts
+    return names[:-1] if names[-1] == "__init__" else names
+
+
+def uri(name: str) -> str:
+    """Return the page of a module."""
+    return f"api/{name}.md"
+
+
+def page(name: str, path: Path) -> str:
+    """Return a module's page: what it defines, and where it is a folder the names that it gathers from its modules."""
+    lines = [f"# {name}", "", f"::: {name}"]
+    if path.name == "__init__.py":
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        own = [node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+        lines += ["    options:", f"      members: {[one for one in own if not one.startswith('_')]}"]
+        lines += ["", *gathered(tree)]
+    return "\n".join(lines) + "\n"
+
+
+def gathered(tree: ast.Module) -> Iterator[str]:
+    """Yield the table of the names that an ``__init__`` imports from the package and exports."""
+    exported = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+    public = {name for name, _ in modules()}
+    for node in (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in public):
+        for name in (alias.asname or alias.name for alias in node.names):
+            if name in exported:
+                yield f"* `{name}`, from [{node.module}]({node.module}.md)"

@@ -22,6 +22,14 @@ def two_link_arm() -> Model:
 
     q1 is measured from hanging down, q2 from the direction of link 1. The printed friction unit, N s/m, is read as
     N m s/rad, because the joints turn.
+
+    >>> import numpy as np
+    >>> arm = two_link_arm()
+    >>> arm.names
+    ('theta1', 'theta2', 'theta3', 'theta4', 'theta5', 'theta6', 'theta7')
+    >>> zero = [[0.0, 0.0]]
+    >>> arm.torque(q=[[np.pi / 2, 0.0]], dq=zero, ddq=zero, theta=arm.values).tolist()  # N m, held level
+    [[1.4701, 0.1662]]
     """
     import sympy as sp
 
@@ -79,6 +87,10 @@ def pendulum() -> Model:
     """A compound pendulum of 1 kg without friction: its period is known in closed form.
 
     One joint, "pivot", q from hanging down; J is the inertia about the pivot and h the first moment of mass m*lc.
+
+    >>> model = pendulum()
+    >>> dict(zip(model.names, model.values.tolist()))
+    {'J': 0.0825, 'h': 0.25}
     """
     import sympy as sp
 

@@ -25,6 +25,10 @@ def from_physical(mass: ArrayLike, centre: ArrayLike, tensor: ArrayLike) -> Arra
     tensor (..., 3, 3) in kg m^2 about that centre.
 
     Any mass and tensor will do, physical or not. Raises ModelError for a wrong shape or an asymmetric tensor.
+
+    >>> import numpy as np
+    >>> from_physical(2.0, [0.5, 0.0, 0.0], np.eye(3)).tolist()  # m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    [2.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.5, 0.0, 0.0, 1.5]
     """
     m, c, tensor = (np.asarray(value, dtype=float) for value in (mass, centre, tensor))
     _check("centre of mass", c, (3,))

@@ -155,6 +155,15 @@ def smooth(
 
     Raises InputError for data that cannot be smoothed (not finite, times not increasing, too few), ConfigError for a
     bad setting, and InputError where so wide a smoothing is asked for that double precision cannot resolve it.
+
+    >>> import numpy as np
+    >>> t = np.linspace(0.0, 10.0, 1001)
+    >>> y = np.sin(t) + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    >>> g = smooth(t, y, sigma=1e-3)
+    >>> print(f"{g.edf:.0f} degrees of freedom, cut-off {g.cutoff:.1f} Hz")
+    37 degrees of freedom, cut-off 1.3 Hz
+    >>> print(f"at 5 s: {g(5.0):.2f}, its second derivative {g(5.0, order=2):.2f}")
+    at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
     time, data = _checked(t, y)

@@ -17,7 +17,7 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
-SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "examples/*")
+SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -64,7 +64,8 @@ def bandwidth(series: Iterator[Iterator[Array]]) -> int:
     ``series`` holds for each uninterrupted stretch its blocks (B, r). All columns count alike; L is at most a tenth of
     the samples.
     """
-    now = lagged = 0.0
+    now: Array | float = 0.0
+    lagged: Array | float = 0.0
     rows = 0
     for blocks in series:
         last = None

@@ -41,7 +41,7 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
         words.append(f"of {group} neighbouring samples the mean was taken")
     sigma_tau = usual_noise(logs)[1]
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
-    bend = np.max([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions], axis=0)
+    bend = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
     return Recordings(tuple(logs), found, tuple(used), problem.delay, bend), words
 
 

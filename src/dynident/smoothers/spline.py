@@ -60,7 +60,7 @@ class Spline:
         if (still := _still(log.q, fit.values, fit.noise)).any():
             q, dq, ddq = (
                 np.where(still, rest, part)
-                for rest, part in zip((log.q.mean(axis=0), 0.0, 0.0), (q, dq, ddq), strict=True)
+                for rest, part in zip((log.q.mean(axis=0), np.zeros(1), np.zeros(1)), (q, dq, ddq), strict=True)
             )
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 

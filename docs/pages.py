@@ -14,6 +14,7 @@ from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
@@ -21,13 +22,14 @@ SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.s
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Replace the files of docs/ by those of the repository, and add the reference."""
+    """Replace the files of docs/ by those of the repository, and add the reference and the colours of code."""
     for file in [file for file in files if file.src_dir == config.docs_dir]:
         files.remove(file)
     for path in (path for pattern in SHOWN for path in sorted(ROOT.glob(pattern)) if path.is_file()):
         files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
     for name, path in modules():
         files.append(File.generated(config, uri(name), content=page(name, path)))
+    files.append(File.generated(config, "docs/code.css", content=HtmlFormatter().get_style_defs(".highlight")))
     config.nav = navigation()
     return files
 

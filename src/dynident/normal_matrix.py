@@ -19,6 +19,7 @@ from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import moving, stretches
+from dynident.splines.bspline import local_basis
 
 __all__ = ["NormalMatrix", "normal_matrices"]
 
@@ -112,14 +113,6 @@ def _built(
 def _cubic(t: Array) -> Array:
     """Return values, first and second derivatives (3, N, 3) at the knots t (N) of the three cubic B-splines there."""
     h = np.diff(t)
-    x = np.concatenate([t[0] - np.cumsum(h[:2])[::-1], t, t[-1] + np.cumsum(h[:-3:-1])])
-    before, here, after = x[1:-3], x[2:-2], x[3:-1]
-    wide = after - before
-    left, right = (after - here) / wide, (here - before) / wide  # the quadratic ones
-    a, b = 1 / (after - x[:-4]), 1 / (x[4:] - before)
-    values = ((after - here) * a * left, (here - before) * b * right)
-    slopes = (-3 * a * left, 3 * b * right)
-    bends = (6 * a / wide, 6 * b / wide)
-    outer = np.array([values, slopes, bends])
-    middle = np.array([1.0, 0.0, 0.0])[:, None] - outer.sum(axis=1)
-    return np.stack([outer[:, 0], middle, outer[:, 1]], axis=2)
+    before, after = t[0] - np.cumsum(h[:2])[::-1], t[-1] + np.cumsum(h[:-4:-1])
+    # the fourth spline begins at the knot: it and its derivatives are zero there
+    return local_basis(np.concatenate([before, t, after]), 3, np.arange(len(t)) + 2, t)[:, :, :3]

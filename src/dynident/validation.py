@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
-from dynident.log import Motion
+from dynident.log import Motion, subsample
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import BLOCK, Parallel, moving, stretches
 from dynident.residuals import ResidualTest, examine
@@ -143,7 +143,7 @@ def check_mass(
     ones each time. Raises the errors of the model.
     """
     rng = rng or np.random.default_rng(SEED)
-    seen = [motion.q[motion.mask][:: max(int(motion.mask.sum()) // 1000, 1)] for motion in motions]
+    seen = [motion.q[subsample([motion], 1000)[0]] for motion in motions]
     sides = []
     for joint in model.joints:
         limit, reach = model.limits.get(joint.name), np.pi if joint.kind == "revolute" else 1.0

@@ -18,7 +18,6 @@ from dynident.likelihood import (
     equations,
     has_sign,
     leverage,
-    noise,
     plan,
     scores,
     softened,
@@ -26,10 +25,11 @@ from dynident.likelihood import (
     whiteness,
 )
 from dynident.likelihood.arrow import Arrow, gather, overlap
-from dynident.likelihood.profile import LIMIT, crossing, swept
+from dynident.likelihood.profile import crossing, swept
 from dynident.likelihood.trajectory import DEGREE, graded
 from dynident.log import Log
 from dynident.model import Model
+from dynident.splines import NORMAL_95
 from dynident.terms import Coulomb, Coupling, Viscous
 from dynident.terms.term import Joint
 
@@ -252,11 +252,6 @@ class TestBarrier:
 
 
 class TestPlan:
-    def test_noise_does_not_see_a_step(self, rng: np.random.Generator) -> None:
-        x = rng.standard_normal((4000, 1)) * 0.1 + np.sin(np.arange(4000) / 500)[:, None]
-        x[2000:] += 50
-        assert noise(x, 1e-9)[0] == pytest.approx(0.1, rel=0.06)
-
     def test_finds_steps_and_no_others(self, rng: np.random.Generator) -> None:
         t = np.arange(2000) * 0.01
         tau = np.stack([np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((2000, 2))
@@ -306,12 +301,12 @@ class TestProfile:
     @pytest.mark.parametrize("size", [0.1, 0.4])
     def test_a_parabola_ends_where_it_should(self, size: float) -> None:
         ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
-        assert ends == pytest.approx([1 - LIMIT * size, 1 + LIMIT * size], rel=1e-3)
+        assert ends == pytest.approx([1 - NORMAL_95 * size, 1 + NORMAL_95 * size], rel=1e-3)
 
     @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
     def test_a_parabola_in_the_logarithm(self, size: float) -> None:
         ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
-        assert np.log(ends) / size == pytest.approx([-LIMIT, LIMIT], rel=0.02)
+        assert np.log(ends) / size == pytest.approx([-NORMAL_95, NORMAL_95], rel=0.02)
 
     def test_a_deviance_that_stays_low(self) -> None:
         """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
@@ -349,19 +344,19 @@ class TestProfile:
         theta = np.array([3.0, 7.0])
         path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
         found = swept(theta, path, covariance, 0)
-        expected = theta[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
 
     def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
         found = swept(np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0)
-        np.testing.assert_allclose(found, LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
+        np.testing.assert_allclose(found, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
         path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
         found = swept(np.zeros(2), path, covariance, 0)
-        expected = [[-LIMIT, LIMIT], [-LIMIT + 0.1 * LIMIT**2, LIMIT + 0.1 * LIMIT**2]]
+        expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 

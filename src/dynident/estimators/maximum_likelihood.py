@@ -17,6 +17,7 @@ from dynident.estimators.findings import covariance_of, inverted, remarks, undet
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
 from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
+from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
 
@@ -26,7 +27,6 @@ DEEP = 0.8  # room to the boundary that a second start is given, relative to the
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LEVEL = 0.01  # of the test whether the recordings start from rest
 ROUNDING = 1e-15  # an undetermined parameter that is smaller than the largest by so much is nothing
-NORMAL = 1.959964  # of a normal deviate, for 95 %
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class _Run:
         Each parameter follows the one with a large standard error that it is correlated with most.
         """
         std, share = np.sqrt(np.diag(covariance)), self.settings.profile
-        out = fitted.theta[:, None] + NORMAL * std[:, None] * np.array([-1.0, 1.0])
+        out = fitted.theta[:, None] + NORMAL_95 * std[:, None] * np.array([-1.0, 1.0])
         asked = share is not None and bool(np.isfinite(std).all())
         weak = np.flatnonzero(std > (share or np.inf) * np.abs(fitted.theta))
         if asked and len(weak):

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.estimators.cone import positive
 from dynident.estimators.estimator import Problem
-from dynident.likelihood import Demand, Recordings, noise, steps_of
+from dynident.likelihood import Demand, Recordings, steps_of
 from dynident.log import Log
 from dynident.regression import moving, stretches
+from dynident.splines import median_sigma, steady_noise
 
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
@@ -48,7 +49,7 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
 def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
     """Return the standard deviations (n) of white noise in the positions and torques."""
     sizes = [len(log) for log in logs]
-    found = ([noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
+    found = ([steady_noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
     q, tau = (np.sqrt(np.average(np.square(x), axis=0, weights=sizes)) for x in found)
     return q, tau
 
@@ -56,7 +57,7 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 def misfit(problem: Problem, theta: Array) -> Array:
     """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
-    return np.asarray(1.4826 * np.median(np.abs(np.concatenate(left)), axis=0))
+    return median_sigma(np.concatenate(left))
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: float = MARGIN) -> Array:

@@ -18,6 +18,7 @@ from dynident.likelihood.profile import crossing, swept
 from dynident.likelihood.segment import Segment, State
 from dynident.log import Log
 from dynident.model import Model
+from dynident.splines import median_sigma
 
 __all__ = ["Recordings", "Search"]
 
@@ -182,7 +183,7 @@ class Search:
         if huber is not None:
             trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
             self.segments = tuple(one.trusting(x) for one, x in zip(self.segments, trust, strict=True))
-            scale = 1.4826 * np.median(np.abs(np.concatenate(tau)), axis=0) * np.sqrt(there[1] / free[1])
+            scale = median_sigma(np.concatenate(tau)) * np.sqrt(there[1] / free[1])
         else:
             scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
         self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)

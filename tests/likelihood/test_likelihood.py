@@ -7,11 +7,10 @@ import pytest
 from scipy.interpolate import BSpline
 
 from dynident.article import SCENARIOS
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
 from dynident.gallery import two_link_arm
 from dynident.likelihood import (
-    Barrier,
-    Demand,
     State,
     Trajectory,
     demands,
@@ -212,34 +211,7 @@ class TestSegment:
         np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
 
 
-class TestBarrier:
-    def test_derivatives(self, rng: np.random.Generator) -> None:
-        half = rng.standard_normal((3, 2, 2, 4))
-        slopes = half + half.swapaxes(1, 2)
-        slopes[..., 0] = np.eye(2)
-        barrier = Barrier((Demand(slopes, slopes @ np.array([9.0, 0, 0, 0])),), 0.5)
-        theta = np.array([9.0, 0.3, -0.2, 0.1])
-        assert barrier.inside(theta)
-        assert not barrier.inside(-theta)
-        gradient, hessian = barrier.slopes(theta)
-        for k, e in enumerate(1e-5 * np.eye(4)):
-            change = barrier.value(theta + e) - barrier.value(theta - e)
-            assert change / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
-            up, down = barrier.slopes(theta + e)[0], barrier.slopes(theta - e)[0]
-            np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
-
-    def test_steps_end_at_the_minimum_inside(self, rng: np.random.Generator) -> None:
-        """From near the boundary, pulled far beyond it: the gradient vanishes, and a fixed parameter stays."""
-        rows = np.eye(4)[:, None, None, :]
-        barrier = Barrier(tuple(Demand(row[None]) for row in rows), 1e-3)
-        half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
-        H, g = half.T @ half, 100 * rng.standard_normal(4)
-        step = barrier.minimum(theta, H, g, 1e-12, np.array([0, 1, 2]))
-        assert barrier.inside(theta + step)
-        assert step[3] == 0.0
-        left = (g - H @ step - barrier.slopes(theta + step)[0])[:3] * (theta + step)[:3]
-        np.testing.assert_allclose(left, 0.0, atol=1e-5)
-
+class TestPhysics:
     def test_the_articles_arm(self) -> None:
         arm = two_link_arm()
         log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log

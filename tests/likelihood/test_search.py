@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from dynident.constraints import Barrier
 from dynident.gallery import slider
-from dynident.likelihood import Barrier, Recordings, Search, Settings
+from dynident.likelihood import Recordings, Search, Settings
 from dynident.log import Log
 
 THETA = np.array([2.0, 1.0, 0.5, 0.1])

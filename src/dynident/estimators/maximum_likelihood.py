@@ -9,14 +9,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier, bodies_of
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
-from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
-from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
+from dynident.likelihood import Fitted, Search, Settings, demands, has_sign
 from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Demand
+from dynident.constraints.cone import positive
 from dynident.errors import InputError
-from dynident.estimators.cone import positive
 from dynident.estimators.estimator import Problem
-from dynident.likelihood import Demand, Recordings, steps_of
+from dynident.likelihood import Recordings, steps_of
 from dynident.log import Log
 from dynident.regression import moving, stretches
 from dynident.splines import median_sigma, steady_noise

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
 from dynident.likelihood.arrow import Arrow
-from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import Equations, equations
 from dynident.likelihood.segment import Segment, State
 from dynident.model import Model

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
-from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import leverage, scores
 from dynident.likelihood.fit import Fitted, Settings, maximise
 from dynident.likelihood.friction import softened

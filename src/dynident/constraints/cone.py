@@ -63,16 +63,19 @@ def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequ
     there is no such point, or the solver finds none.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
+    # where the form says next to nothing, the matrices give the unit: else rounding decides whether the solver succeeds
+    reach = np.sqrt(sum((slopes.reshape(-1, len(theta)) ** 2).sum(axis=0) for slopes in matrices)) * scale
+    unit = scale / np.maximum(reach, 1.0)
     program = _Program(len(theta))
     for slopes, least in zip(matrices, room, strict=True):
         offset = np.broadcast_to(-least * np.eye(slopes.shape[1]), slopes.shape[:-1])
-        _add_matrices(program, Demand(slopes, None, offset, "a positive inertia").along(theta, np.diag(scale)))
-    scaled = hessian * np.outer(scale, scale) + 1e-9 * np.eye(len(theta))
+        _add_matrices(program, Demand(slopes, None, offset, "a positive inertia").along(theta, np.diag(unit)))
+    scaled = hessian * np.outer(unit, unit) + 1e-9 * np.diag((unit / scale) ** 2)
     try:
         point = program.solve(scaled, np.zeros(len(theta))).point
     except ConfigError as error:
         raise ModelError(f"no parameters are physical: {error}") from error
-    return np.asarray(theta + scale * point)
+    return np.asarray(theta + unit * point)
 
 
 @dataclass

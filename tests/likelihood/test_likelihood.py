@@ -11,6 +11,7 @@ from dynident.constraints import Barrier
 from dynident.errors import ModelError
 from dynident.gallery import two_link_arm
 from dynident.likelihood import (
+    Sigma,
     State,
     Trajectory,
     demands,
@@ -117,10 +118,10 @@ class TestSegment:
     @pytest.mark.parametrize("rest", [True, False])
     def test_gradient_is_that_of_the_cost(self, rng: np.random.Generator, rest: bool) -> None:
         arm, one = two_link_arm(), article_segment(rest=rest)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
-        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma_q, sigma_tau))
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
+        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma))
         k = found.border.shape[1] - 7
         dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
@@ -129,7 +130,7 @@ class TestSegment:
         ends = []
         for sign in (1, -1):
             moved = one.moved(state, sign * dC, sign * dW)
-            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma_q, sigma_tau))
+            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma))
         along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
         assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
 
@@ -146,11 +147,11 @@ class TestSegment:
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""
         arm, one = two_link_arm(), article_segment()
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        here = equations(one, arm, state, theta, sigma_q, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        here = equations(one, arm, state, theta, sigma)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
-        there, back = (equations(one, arm, state, theta + s * dtheta, sigma_q, sigma_tau) for s in (1, -1))
+        there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
         expected = -(here.border[:, -7:] + here.bend) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
@@ -158,9 +159,9 @@ class TestSegment:
     def test_leverage_counts_the_coefficients(self) -> None:
         """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""
         arm, one = two_link_arm(), article_segment(rest=False)
-        sigma_q, sigma_tau = np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        taken = leverage(one, arm, state, np.asarray(arm.values), sigma_q, sigma_tau)
+        sigma = Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        taken = leverage(one, arm, state, np.asarray(arm.values), sigma)
         assert (taken > 0).all()
         # without a step there are no equations between samples
         assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
@@ -168,12 +169,12 @@ class TestSegment:
     def test_few_points_stand_for_many_torques(self) -> None:
         """Cost, gradient and information are those of all samples."""
         arm, one = two_link_arm(), article_segment(stop=2.0)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        few = one.condensed(arm, state, theta, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        few = one.condensed(arm, state, theta, sigma.tau)
         assert len(few.points) < 0.7 * len(one.points)
         assert few.torques.weight[:, 0].sum() == pytest.approx(len(one.log))
-        a, b = (equations(segment, arm, state, theta, sigma_q, sigma_tau) for segment in (one, few))
+        a, b = (equations(segment, arm, state, theta, sigma) for segment in (one, few))
         assert a.cost == pytest.approx(b.cost, rel=1e-7)
         for name in ("band", "corner", "by_coefficients", "by_border"):
             wanted = getattr(a, name)
@@ -181,11 +182,11 @@ class TestSegment:
 
     def test_scores_add_up_to_the_gradient(self) -> None:
         arm, one = two_link_arm(), article_segment(rest=False)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
         follow = np.ones((len(found.band[0]), 7))
-        pulls = scores(one, arm, state, theta, sigma_q, sigma_tau, follow)
+        pulls = scores(one, arm, state, theta, sigma, follow)
         np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
 
     def test_late_positions(self) -> None:

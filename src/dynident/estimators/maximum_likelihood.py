@@ -16,7 +16,7 @@ from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
-from dynident.likelihood import Fitted, Search, Settings, demands, has_sign
+from dynident.likelihood import Fitted, Search, Settings, Sigma, demands, has_sign
 from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
@@ -111,7 +111,9 @@ class _Run:
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # what the model cannot explain counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = Settings(settings.tolerance, settings.iterations, newton=not bodies)
-        return cls(settings, problem, start, Search(model, given, barrier, limits, theta, sigma_q, sigma_tau), notes)
+        return cls(
+            settings, problem, start, Search(model, given, barrier, limits, theta, Sigma(sigma_q, sigma_tau)), notes
+        )
 
     def estimate(self) -> Estimate:
         """Fit, decide whether the recordings start from rest where that is asked, and tell."""
@@ -155,7 +157,7 @@ class _Run:
         from scipy.stats import chi2
 
         free = self.search.freed().run()
-        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma_q)
+        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma.q)
         return float(chi2.sf(max(gain, 0.0), degrees))
 
     def intervals(self, fitted: Fitted, covariance: Array) -> Array:
@@ -191,7 +193,7 @@ class _Run:
             covariance=covariance,
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma_tau,
+            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
             rank=rank,
             condition=condition,
             samples=sum(map(len, search.given.logs)),
@@ -200,7 +202,7 @@ class _Run:
             verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
-            weights=1.0 / search.sigma_tau,
+            weights=1.0 / search.sigma.tau,
             information=fitted.information,
         )
 

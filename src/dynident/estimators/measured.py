@@ -30,14 +30,11 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
 
     Where the problem has none, the runs of usable samples of the motions stand for them.
     """
-    words, slow = [], problem.regression.slow
+    words = []
     logs = problem.logs or _runs(problem)
-    used: list[NDArray[np.bool_] | None] = [None] * len(logs)
-    if slow is not None and len(logs) == len(problem.motions):
-        used = [moving(one.dq, slow) for one in problem.motions]
-    most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
-    group = 1 if rate is None else int(np.ceil(most / rate))
-    if group > 1 and min(map(len, logs)) >= SHORTEST * group:
+    used = _used(problem, len(logs))
+    group = _grouping(logs, rate)
+    if group > 1:
         logs = tuple(_thinned(log, group) for log in logs)
         used = [None if one is None else _means(one.astype(float), group) == 1 for one in used]
         words.append(f"of {group} neighbouring samples the mean was taken")
@@ -45,6 +42,21 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
     bend = np.max([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions], axis=0)
     return Recordings(tuple(logs), found, tuple(used), problem.delay, bend), words
+
+
+def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
+    """Return which torques (N, n) of each of the logs count, None where all do."""
+    slow = problem.regression.slow
+    if slow is None or logs != len(problem.motions):
+        return [None] * logs
+    return [moving(one.dq, slow) for one in problem.motions]
+
+
+def _grouping(logs: Sequence[Log], rate: float | None) -> int:
+    """Return of how many neighbouring samples the mean is to be taken; of one where a log would become too short."""
+    most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
+    group = 1 if rate is None else int(np.ceil(most / rate))
+    return group if min(map(len, logs)) >= SHORTEST * group else 1
 
 
 def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:

@@ -90,14 +90,16 @@ def validate(
         rmse=rmse,
         per_joint=_by_joint(motion, measured, guess),
         per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
-        effort_share={
-            joint: 100.0 * rmse[joint] / limit.effort
-            for joint, limit in model.limits.items()
-            if joint in rmse and limit.effort
-        },
+        effort_share=_of_limits(model, rmse),
         explained={joint: _explained(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
         residuals=_residuals(motion, predicted),
     )
+
+
+def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:
+    """Return the errors in % of the largest efforts, for joints whose limit is known."""
+    limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
+    return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
 
 
 def _by_joint(motion: Motion, measured: Array, predicted: Array) -> dict[str, float]:

@@ -62,7 +62,7 @@ def test_along_directions_it_is_the_same_barrier(rng: np.random.Generator) -> No
     np.testing.assert_allclose(along.slopes(y)[0], gradient @ directions, rtol=1e-10)
     np.testing.assert_allclose(along.slopes(y)[1], directions.T @ hessian @ directions, rtol=1e-10)
     assert along.degree == 7
-    assert along.weighing(0.6).value(y) == pytest.approx(2 * along.value(y))
+    assert along.value(y, 0.6) == pytest.approx(2 * along.value(y))
 
 
 def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> None:
@@ -75,11 +75,11 @@ def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> N
 
 def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None:
     """One is part of the objective, the other keeps inside: where the method ends, all slopes cancel."""
-    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((Demand(np.eye(4)[3].reshape(1, 1, 1, 4)),), 1e-2)
+    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((Demand(np.eye(4)[3].reshape(1, 1, 1, 4)),))
     origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
-    task = Penalised(np.eye(4), g, origin, (kept, edge), np.arange(4))
+    task = Penalised(np.eye(4), g, origin, ((kept, 1.0), (edge, 1e-2)), np.arange(4))
     d, fall = task.settled(np.zeros(4), 1e-12)
     assert fall < 1e-12
-    slope = d - g + kept.slopes(origin + d)[0] + edge.slopes(origin + d)[0]
+    slope = d - g + kept.slopes(origin + d)[0] + edge.slopes(origin + d, 1e-2)[0]
     np.testing.assert_allclose(slope, 0.0, atol=1e-6)
     assert 0 < (origin + d)[3] < 1e-2

@@ -5,7 +5,8 @@ Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,21 +25,38 @@ SHORTEST = 1e-6  # share of a step below which there is nothing to gain
 
 @dataclass(frozen=True, eq=False)
 class _Matrices:
-    """A demand on matrices, as far as it depends on x: ``columns`` (c), ``slopes`` (K, c, s, s), ``offset``."""
+    """Matrices of one size as far as they depend on x: ``columns`` (c), ``slopes`` (K, c, s, s), ``offset`` (K, s, s).
+
+    ``share`` (K) is that of each in the barrier.
+    """
 
     columns: Index
     slopes: Array
     offset: Array
+    share: Array
 
     @classmethod
-    def of(cls, one: Demand) -> _Matrices:
-        columns = np.flatnonzero(np.abs(one.slopes).sum(axis=(0, 1, 2)))
-        slopes = np.ascontiguousarray(np.moveaxis(one.slopes[..., columns], -1, 1))
-        return cls(columns, slopes, one.constant)
+    def of(cls, columns: Index, same: Sequence[Demand]) -> _Matrices:
+        """Gather demands on matrices of one size that depend on the same of x."""
+        slopes = np.concatenate([np.moveaxis(one.slopes[..., columns], -1, 1) for one in same])
+        share = np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in same])
+        return cls(columns, slopes, np.concatenate([one.constant for one in same]), share)
+
+    @cached_property
+    def flat(self) -> Array:
+        """The slopes as (c, K s s)."""
+        return np.swapaxes(self.slopes, 0, 1).reshape(len(self.columns), -1)
 
     def root(self, x: Array) -> Array:
         """Return the Cholesky factors (K, s, s) at x (v); LinAlgError outside."""
-        return np.linalg.cholesky(self.offset + np.einsum("kcij,c->kij", self.slopes, x[self.columns]))
+        return np.asarray(np.linalg.cholesky(self.offset + (x[self.columns] @ self.flat).reshape(self.offset.shape)))
+
+
+def _columns(one: Demand) -> Index:
+    """Return which of x a demand on matrices depends on: all where they are many, so that it goes with others."""
+    found = np.flatnonzero(np.abs(one.slopes).sum(axis=(0, 1, 2)))
+    size = one.slopes.shape[-1]
+    return found if 2 * len(found) < size else np.arange(size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +68,11 @@ class Barrier:
 
     @cached_property
     def _matrices(self) -> tuple[_Matrices, ...]:
-        return tuple(_Matrices.of(one) for one in self.demands if one.slopes.shape[1] > 1)
+        groups: dict[tuple[int, bytes], list[Demand]] = {}
+        for one in self.demands:
+            if one.slopes.shape[1] > 1:
+                groups.setdefault((one.slopes.shape[1], _columns(one).tobytes()), []).append(one)
+        return tuple(_Matrices.of(_columns(same[0]), same) for same in groups.values())
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array, Array]:
@@ -78,10 +100,6 @@ class Barrier:
         """Number of eigenvalues that must be positive: the distance from the optimum is ``weight`` times as large."""
         return sum(one.slopes.shape[0] * one.slopes.shape[1] for one in self.demands)
 
-    def weighing(self, weight: float) -> Barrier:
-        """Return the barrier with another weight."""
-        return self if weight == self.weight else replace(self, weight=weight)
-
     def _roots(self, x: Array) -> tuple[Array, list[Array]] | None:
         """Return the numbers (L) and the Cholesky factors of the matrices at x, None outside."""
         rows, room, _ = self._numbers
@@ -97,15 +115,17 @@ class Barrier:
         """Return whether all matrices are positive definite at x (v)."""
         return self._roots(x) is not None
 
-    def value(self, x: Array) -> float:
-        """Return the barrier at x (v), infinite outside."""
-        if (found := self._roots(x)) is None:
+    def value(self, x: Array, weight: float | None = None) -> float:
+        """Return the barrier, with another weight if one is given, at x (v); infinite outside."""
+        if (known := self._roots(x)) is None:
             return np.inf
-        values, roots = found
-        logs = [2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1).mean() for root in roots]
-        return self.weight * float((self._pull * x).sum() - self._numbers[2] @ np.log(values) - sum(logs))
+        values, roots = known
+        found = float((self._pull * x).sum() - self._numbers[2] @ np.log(values))
+        for one, root in zip(self._matrices, roots, strict=True):
+            found -= 2.0 * float(one.share @ np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1))
+        return (self.weight if weight is None else weight) * found
 
-    def slopes(self, x: Array) -> tuple[Array, Array]:
+    def slopes(self, x: Array, weight: float | None = None) -> tuple[Array, Array]:
         """Return gradient (v) and Hessian (v, v) at an x inside; raises LinAlgError outside."""
         if (found := self._roots(x)) is None:
             raise np.linalg.LinAlgError("a demanded matrix is not positive definite.")
@@ -118,10 +138,12 @@ class Barrier:
         for one, root in zip(self._matrices, roots, strict=True):
             inverse = np.linalg.inv(root)[:, None]
             turned = inverse @ one.slopes @ np.swapaxes(inverse, -1, -2)  # (K, c, s, s), symmetric
-            gradient[one.columns] -= np.trace(turned, axis1=-2, axis2=-1).mean(axis=0)
+            gradient[one.columns] -= one.share @ np.trace(turned, axis1=-2, axis2=-1)
+            turned *= np.sqrt(one.share)[:, None, None, None]
             flat = np.swapaxes(turned, 0, 1).reshape(len(one.columns), -1)
-            hessian[np.ix_(one.columns, one.columns)] += flat @ flat.T / len(root)
-        return self.weight * gradient, self.weight * hessian
+            hessian[np.ix_(one.columns, one.columns)] += flat @ flat.T
+        weight = self.weight if weight is None else weight
+        return weight * gradient, weight * hessian
 
     def minimum(self, x: Array, H: Array, g: Array, accuracy: float, free: Index) -> Array:
         """Return the step d (v) from an x inside that minimises d' H d / 2 - g' d plus the barrier at x + d.
@@ -130,12 +152,12 @@ class Barrier:
         around the boundary where the step is long. ``accuracy`` is of the minimum.
         """
         d, weight = np.zeros(len(x)), self.weight
-        step, fall = Penalised(H, g, x, (self,), free).newton(d)
+        step, fall = Penalised(H, g, x, ((self, weight),), free).newton(d)
         if not self.inside(x + step):
             weight = max(weight, 0.1 * fall / max(len(self.demands), 1))
         while True:
             enough = 2 * max(accuracy, 0.1 * (weight - self.weight))
-            d, _ = Penalised(H, g, x, (self.weighing(weight),), free).settled(d, enough)
+            d, _ = Penalised(H, g, x, ((self, weight),), free).settled(d, enough)
             if weight <= self.weight:
                 return d
             weight = max(0.1 * weight, self.weight)
@@ -143,19 +165,22 @@ class Barrier:
 
 @dataclass(frozen=True, eq=False)
 class Penalised:
-    """The function d' H d / 2 - g' d plus ``barriers`` at origin + d, of steps d (v) whose ``free`` ones may move."""
+    """The function d' H d / 2 - g' d plus ``barriers`` at origin + d, of steps d (v) whose ``free`` ones may move.
+
+    Each barrier comes with its weight.
+    """
 
     H: Array
     g: Array
     origin: Array
-    barriers: tuple[Barrier, ...]
+    barriers: tuple[tuple[Barrier, float], ...]
     free: Index
 
     def newton(self, d: Array) -> tuple[Array, float]:
         """Return Newton's step (v) from d, and twice the fall that it promises."""
         pull, stiff = self.g - self.H @ d, self.H
-        for one in self.barriers:
-            push, bend = one.slopes(self.origin + d)
+        for one, weight in self.barriers:
+            push, bend = one.slopes(self.origin + d, weight)
             pull, stiff = pull - push, stiff + bend
         step = _solved(stiff, pull, self.free)
         return step, float(pull @ step)
@@ -183,7 +208,7 @@ class Penalised:
         return 0.0
 
     def _barred(self, d: Array) -> float:
-        return sum(one.value(self.origin + d) for one in self.barriers)
+        return sum(one.value(self.origin + d, weight) for one, weight in self.barriers)
 
 
 def _solved(H: Array, g: Array, free: Index) -> Array:

@@ -64,7 +64,7 @@ class _Program:
         """Follow the central path from x = 0; return x and how far at most the objective is from its optimum."""
         x, weight = np.zeros(len(self.g)), 1.0
         while True:
-            both = (self.kept, self.edge.weighing(weight))
+            both = ((self.kept, 1.0), (self.edge, weight))
             task = Penalised(self.H, self.g, np.zeros_like(x), both, np.arange(len(x)))
             x, fall = task.settled(x, 1e-2 * weight, STEPS)
             cost = float(0.5 * x @ self.H @ x - self.g @ x) + self.kept.value(x)
@@ -99,4 +99,4 @@ def _program(
     for one in constraints.numbers(theta, directions):
         if (np.abs(one.slopes) > TINY).any():
             moved.append(replace(one, offset=np.maximum(one.constant, TINY)))
-    return _Program(slope.T @ slope, -slope.T @ away, Barrier(kept, 1.0), Barrier(tuple(moved), 1.0))
+    return _Program(slope.T @ slope, -slope.T @ away, Barrier(kept, 1.0), Barrier(tuple(moved)))

@@ -209,11 +209,11 @@ def test_interval_figure_has_error_bars_and_marks_what_is_not_determined():
     bars, true = figure.data
     assert list(figure.layout.yaxis.ticktext) == ["a", "b", "c"]
     assert list(bars.marker.symbol) == ["circle", "circle-open", "circle"]
-    np.testing.assert_allclose(bars.error_x.array, [19.6, 0.0, 0.0])
+    np.testing.assert_allclose(bars.error_x.array, [19.59964, 0.0, 0.0])
     assert bars.text[0] == "a: 1 ± 0.2 kg"
     assert list(true.y) == [0]
     assert true.x[0] == pytest.approx(5.0)
-    assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.6)
+    assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.59964)
 
 
 def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones():

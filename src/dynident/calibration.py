@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
-from dynident.log import Log, Motion
+from dynident.log import Log, Motion, subsample
 from dynident.model import Model
 from dynident.regression import Regression, compress
 from dynident.selection import choose_smoother, excerpts
@@ -133,7 +133,7 @@ def find_delay(
     """
     from scipy.optimize import minimize_scalar
 
-    rows = _thinned(model, motions, TRIALS[-1])
+    rows = subsample(motions, _samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return Delay(0.0, np.nan, np.nan)
     quick = _quick(estimator)
@@ -161,7 +161,7 @@ def find_lean(
     """
     from scipy.optimize import least_squares
 
-    thin = _shifted(motions, _thinned(model, motions, 0.0), 0.0)
+    thin = _shifted(motions, subsample(motions, _samples(model)), 0.0)
     quick = _quick(estimator)
 
     def residual(lean: Array) -> Array:
@@ -207,9 +207,6 @@ def _error(regression: Regression, estimator: Estimator) -> float:
     return 100.0 * float(np.sqrt(compressed.residual(value).sum() / torque)) if torque > 0 else 0.0
 
 
-def _thinned(model: Model, motions: Sequence[Motion], margin: float) -> list[NDArray[np.intp]]:
-    """Return the indices of usable samples of all motions, evenly spread, at least ``margin`` (s) from their ends."""
-    wanted = ENTRIES // max(len(model.parameters), 10)
-    every = max(1, sum(int(motion.mask.sum()) for motion in motions) // wanted)
-    inside = [one.mask & (one.t >= one.t[0] + margin) & (one.t <= one.t[-1] - margin) for one in motions]
-    return [np.flatnonzero(mask)[::every] for mask in inside]
+def _samples(model: Model) -> int:
+    """Return how many samples of all motions a trial rests on."""
+    return ENTRIES // max(len(model.parameters), 10)

@@ -96,38 +96,19 @@ def free_run(
     without its controller drifts away whatever the model. Raises ConfigError where neither is given, InputError where
     the controller's joints are others, or where too few samples are usable.
     """
-    if controller is None and restart is None:
-        raise ConfigError("free simulation needs the controller, or `restart` s for the measured torque.")
-    if controller is not None and controller.joints != motion.joints:
-        raise InputError(f"{motion.source}: the controller has joints {controller.joints}, the log {motion.joints}.")
-    part = max(stretches(motion.mask), key=lambda one: one.stop - one.start, default=slice(0, 0))
-    if part.stop - part.start < 3:
-        raise InputError(f"{motion.source}: too few usable samples in a row to simulate.")
-    t, step = motion.t[part], float(np.diff(motion.t[part]).mean())
-    length = len(t) - 1 if controller or restart is None else min(max(round(restart / step), 1), len(t) - 1)
-    starts = np.arange(0, len(t) - length, length)
-    rows = starts[:, None] + np.arange(length + 1)
-    failure = ""
-    try:
-        with np.errstate(all="ignore"):  # a run that diverges is reported below
-            q, tau = _integrate(_Machine(model, theta), motion, part.start + rows, controller)
-    except (DynidentError, np.linalg.LinAlgError) as fault:
-        failure = str(fault) if isinstance(fault, DynidentError) else "the mass matrix is singular"
-        q, tau = np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[part][rows]
-    measured = motion.q[part][rows]
-    if not failure and not (np.abs(q) < FAR).all():
-        failure = f"the simulated position runs away after {_escape(q, t[rows]):.3g} s"
+    rows = _pieces(motion, controller, restart)
+    q, tau, failure = _simulated(model, theta, motion, rows, controller)
+    measured, torques, shown = motion.q[rows], motion.tau[rows], rows[:, :-1].ravel()
     error = np.full_like(q, np.inf) if failure else q - measured
-    shown, torques = rows[:, :-1].ravel(), motion.tau[part][rows]
     asked = {} if controller is None else _shares(motion.joints, error if failure else tau - torques, torques)
     return FreeRun(
         name=name or motion.source,
         joints=motion.joints,
         driver="torque" if controller is None else "controller",
         restart=None if controller is not None else restart,
-        t=t[shown],
+        t=motion.t[shown],
         q=q[:, :-1].reshape(-1, q.shape[2]),
-        measured=motion.q[part][shown],
+        measured=motion.q[shown],
         tau=tau[:, :-1].reshape(-1, q.shape[2]),
         relative_error=_shares(motion.joints, error, measured),
         motion_error=_shares(motion.joints, error, measured - measured[:, :1]),
@@ -135,6 +116,38 @@ def free_run(
         torque_error=asked,
         failure=failure,
     )
+
+
+def _pieces(motion: Motion, controller: Controller | None, restart: float | None) -> NDArray[np.intp]:
+    """Return the samples (pieces, k) to simulate, of the longest run of usable ones; with a controller, one piece.
+
+    The last sample of each piece is the first of the next.
+    """
+    if controller is None and restart is None:
+        raise ConfigError("free simulation needs the controller, or `restart` s for the measured torque.")
+    if controller is not None and controller.joints != motion.joints:
+        raise InputError(f"{motion.source}: the controller has joints {controller.joints}, the log {motion.joints}.")
+    part = max(stretches(motion.mask), key=lambda one: one.stop - one.start, default=slice(0, 0))
+    if part.stop - part.start < 3:
+        raise InputError(f"{motion.source}: too few usable samples in a row to simulate.")
+    last, step = part.stop - part.start - 1, float(np.diff(motion.t[part]).mean())
+    length = last if controller or restart is None else min(max(round(restart / step), 1), last)
+    starts = np.arange(part.start, part.stop - length, length)
+    return np.asarray(starts[:, None] + np.arange(length + 1))
+
+
+def _simulated(
+    model: Model, theta: ArrayLike, motion: Motion, rows: NDArray[np.intp], controller: Controller | None
+) -> tuple[Array, Array, str]:
+    """Return positions and torques (pieces, k, n), and why the simulation failed, or ""."""
+    try:
+        with np.errstate(all="ignore"):  # a run that diverges is reported below
+            q, tau = _integrate(_Machine(model, theta), motion, rows, controller)
+    except (DynidentError, np.linalg.LinAlgError) as fault:
+        failure = str(fault) if isinstance(fault, DynidentError) else "the mass matrix is singular"
+        return np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[rows], failure
+    away = not (np.abs(q) < FAR).all()
+    return q, tau, f"the simulated position runs away after {_escape(q, motion.t[rows]):.3g} s" if away else ""
 
 
 def _shares(joints: tuple[str, ...], error: Array, whole: Array) -> dict[str, float]:

@@ -5,7 +5,7 @@ Time is axis 0, SI units, float64. Both are immutable: their arrays are read-onl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
 
-__all__ = ["Controller", "Log", "Motion"]
+__all__ = ["Controller", "Log", "Motion", "pieces", "subsample"]
 
 Array = NDArray[np.float64]
 
@@ -199,3 +199,21 @@ class Motion:
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
         return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=self.tau[rows], mask=mask)
+
+
+def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:
+    """Return the indices of usable samples of each motion, evenly spread: every k-th, about ``most`` in all.
+
+    They are between ``most`` and twice as many where there are more than that. None lies within ``margin`` (s) of an
+    end of its motion.
+    """
+    every = max(1, sum(int(motion.mask.sum()) for motion in motions) // most)
+    inside = [one.mask & (one.t >= one.t[0] + margin) & (one.t <= one.t[-1] - margin) for one in motions]
+    return [np.flatnonzero(mask)[::every] for mask in inside]
+
+
+def pieces(part: slice, count: int, share: float) -> list[slice]:
+    """Return that share of a stretch of samples in ``count`` pieces, evenly spread, where neighbours must stay so."""
+    length = part.stop - part.start
+    size, step = int(share * length / count), length // count
+    return [slice(part.start + k * step, part.start + k * step + size) for k in range(count)]

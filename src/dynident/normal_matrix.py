@@ -19,6 +19,7 @@ from dynident.likelihood.arrow import Arrow, gather, overlap
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import moving, stretches
+from dynident.splines.bspline import local_basis
 
 __all__ = ["NormalMatrix", "normal_matrices"]
 
@@ -65,43 +66,55 @@ def normal_matrices(
     n = len(model.joints)
     precision = [1.0 / variance(*pair, n) for pair in (("sigma_q", sigma_q), ("sigma_tau", sigma_tau))]
     kept = list(range(len(model.parameters)) if columns is None else columns)
+    known = _Linearised(model, np.asarray(theta, dtype=float), motion, precision[0], precision[1], kept, slow)
     for part in stretches(motion.mask):
         if part.stop - part.start >= SHORTEST:
-            yield _built(model, np.asarray(theta, dtype=float), motion, part, precision, kept, slow)
+            yield _built(known, part)
 
 
-def _built(
-    model: Model,
-    theta: Array,
-    motion: Motion,
-    part: slice,
-    precision: Sequence[Array],
-    columns: list[int],
-    slow: tuple[float, ...] | None,
-) -> NormalMatrix:
-    n, r, rows = len(model.joints), len(columns), part.stop - part.start
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """A model about theta (p) and a motion, the precision (n) of positions and torques, and the columns that count."""
+
+    model: Model
+    theta: Array
+    motion: Motion
+    position: Array
+    torque: Array
+    columns: list[int]
+    slow: tuple[float, ...] | None
+
+    def rows(self, at: slice, local: Array) -> tuple[Array, Array, Array]:
+        """Return the torque's derivatives by coefficients (k, n, 3 n) and parameters (k, n, r), and weights (k, n).
+
+        ``local`` (3, k, 3) are the splines and their derivatives at the samples.
+        """
+        states = self.motion.q[at], self.motion.dq[at], self.motion.ddq[at]
+        Y, slopes = self.model.regressor(*states)[:, :, self.columns], self.model.partials(*states, self.theta)
+        k, n = states[0].shape
+        J = sum(
+            np.einsum("ka,kij->kiaj", V, by).reshape(k, n, 3 * n)
+            for V, by in zip(local, (slopes.q, slopes.dq, slopes.ddq), strict=True)
+        )
+        keep = moving(states[1], self.slow)
+        return np.asarray(J), Y, np.broadcast_to(self.torque, (k, n)) * (1.0 if keep is None else keep)
+
+
+def _built(known: _Linearised, part: slice) -> NormalMatrix:
+    n, r, rows = len(known.model.joints), len(known.columns), part.stop - part.start
     w, m = 3 * n, (rows + 2) * n
-    local = _cubic(motion.t[part])
+    local = _cubic(known.motion.t[part])
     found = NormalMatrix(np.zeros((w, m)), np.zeros((w, m)), np.zeros((m, r)), np.zeros((r, r)))
     for start in range(0, rows, CHUNK):
         here = slice(start, min(start + CHUNK, rows))
-        at = slice(part.start + here.start, part.start + here.stop)
-        states = motion.q[at], motion.dq[at], motion.ddq[at]
-        Y, slopes = model.regressor(*states)[:, :, columns], model.partials(*states, theta)
-        weight = np.broadcast_to(precision[1], states[0].shape)
-        if (keep := moving(states[1], slow)) is not None:
-            weight = weight * keep
-        J = sum(
-            np.einsum("ka,kij->kiaj", V, by).reshape(-1, n, w)
-            for V, by in zip(local[:, here], (slopes.q, slopes.dq, slopes.ddq), strict=True)
-        )
+        k, V = here.stop - here.start, local[0, here]
+        J, Y, weight = known.rows(slice(part.start + here.start, part.start + here.stop), local[:, here])
         pull = (J * weight[:, :, None]).swapaxes(1, 2)  # (k, w, n)
-        known = np.einsum("ka,kb,ij->kaibj", local[0, here], local[0, here], np.diag(precision[0])).reshape(-1, w, w)
-        first, size = n * np.arange(here.stop - here.start), n * (here.stop - here.start + 2)
-        place = slice(n * here.start, n * here.start + size)
-        adds = overlap(first, w, size)
+        shown = np.einsum("ka,kb,ij->kaibj", V, V, np.diag(known.position)).reshape(k, w, w)
+        size = n * (k + 2)
+        place, adds = slice(n * here.start, n * here.start + size), overlap(n * np.arange(k), w, size)
         torque, border = gather(pull @ J, pull @ Y, adds)
-        position, _ = gather(known, np.zeros((len(known), w, 0)), adds)
+        position, _ = gather(shown, np.zeros((k, w, 0)), adds)
         found.torque[:, place] += torque
         found.position[:, place] += position
         found.border[place] += border
@@ -112,14 +125,6 @@ def _built(
 def _cubic(t: Array) -> Array:
     """Return values, first and second derivatives (3, N, 3) at the knots t (N) of the three cubic B-splines there."""
     h = np.diff(t)
-    x = np.concatenate([t[0] - np.cumsum(h[:2])[::-1], t, t[-1] + np.cumsum(h[:-3:-1])])
-    before, here, after = x[1:-3], x[2:-2], x[3:-1]
-    wide = after - before
-    left, right = (after - here) / wide, (here - before) / wide  # the quadratic ones
-    a, b = 1 / (after - x[:-4]), 1 / (x[4:] - before)
-    values = ((after - here) * a * left, (here - before) * b * right)
-    slopes = (-3 * a * left, 3 * b * right)
-    bends = (6 * a / wide, 6 * b / wide)
-    outer = np.array([values, slopes, bends])
-    middle = np.array([1.0, 0.0, 0.0])[:, None] - outer.sum(axis=1)
-    return np.stack([outer[:, 0], middle, outer[:, 1]], axis=2)
+    before, after = t[0] - np.cumsum(h[:2])[::-1], t[-1] + np.cumsum(h[:-4:-1])
+    # the fourth spline begins at the knot: it and its derivatives are zero there
+    return local_basis(np.concatenate([before, t, after]), 3, np.arange(len(t)) + 2, t)[:, :, :3]

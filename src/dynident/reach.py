@@ -14,13 +14,12 @@ from dynident.diagnostics import channels
 from dynident.errors import ConfigError, InputError, choices
 from dynident.estimators import LeastSquares, MaximumLikelihood
 from dynident.identify import Identification, Recipe, identify
-from dynident.likelihood import noise
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.normal_matrix import NormalMatrix, normal_matrices
 from dynident.regression import Regression
 from dynident.smoothers import Spline
-from dynident.splines import noise_sigma
+from dynident.splines import noise_sigma, steady_noise
 
 __all__ = ["CHANGES", "Noise", "Reach", "TorqueNoise", "noise_of", "reach"]
 
@@ -261,13 +260,18 @@ def _position(log: Log) -> Array:
         found = noise_sigma(log.t, log.q)
     except InputError as error:
         raise InputError(f"{log.source}: {error}") from error
-    return np.asarray(np.maximum(found, np.nan_to_num(steps) / np.sqrt(12)))
+    return _rounded(found, steps)
 
 
 def _scatter(log: Log) -> Array:
     """Return the torque's noise (n) by the median of differences, which jumps of dry friction do not disturb."""
     steps = np.array([channel.torque_resolution for channel in channels(log)])
-    return np.asarray(np.maximum(noise(log.tau, 1e-12), np.nan_to_num(steps) / np.sqrt(12)))
+    return _rounded(steady_noise(log.tau, 1e-12), steps)
+
+
+def _rounded(noise: Array, steps: Array) -> Array:
+    """Return the noise (n), but no less than the rounding to steps (n) gives; nan stands for no steps."""
+    return np.asarray(np.maximum(noise, np.nan_to_num(steps) / np.sqrt(12)))
 
 
 def _mean(sizes: Sequence[Array], logs: Sequence[Log]) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
 from dynident.estimators.least_squares import solve
-from dynident.log import Log, Motion
+from dynident.log import Log, Motion, pieces, subsample
 from dynident.model import Model
 from dynident.regression import Compressed, Regression
 from dynident.smoothers import Smoother
@@ -73,13 +73,12 @@ def choose_smoother(
     masks = [np.logical_and.reduce([motions[k].mask for motions in made]) for k in range(len(logs))]
     if not all(mask.sum() >= 10 * folds for mask in masks):  # the widest kernels leave too little in common
         masks = [np.ones(len(log), dtype=bool) for log in logs]
-    every = max(1, sum(int(mask.sum()) for mask in masks) // ROWS)
     errors = []
     for motions in tried:
         if isinstance(motions, InputError):
             errors.append(np.inf)
             continue
-        common = tuple(_only(motion, mask, every) for motion, mask in zip(motions, masks, strict=True))
+        common = _thinned(motions, masks)
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
@@ -92,11 +91,11 @@ def excerpts(logs: Sequence[Log]) -> list[Log]:
         return list(logs)
     found = []
     for log in logs:
-        size, step = int(share * len(log) / PIECES), len(log) // PIECES
-        if size < 1000:  # too short to smooth well
+        if int(share * len(log) / PIECES) < 1000:  # too short to smooth well
             found.append(log)
             continue
-        found += [log.rows(slice(k * step, k * step + size), f"{log.source} piece {k + 1}") for k in range(PIECES)]
+        parts = pieces(slice(0, len(log)), PIECES, share)
+        found += [log.rows(part, f"{log.source} piece {k}") for k, part in enumerate(parts, start=1)]
     return found
 
 
@@ -113,10 +112,10 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")
 
 
-def _only(motion: Motion, mask: NDArray[np.bool_], every: int) -> Motion:
-    """Return a motion of every k-th of the samples in the mask, all of them to be used."""
-    rows = np.flatnonzero(mask)[::every]
-    return replace(motion.delayed(0.0, rows), mask=np.ones(len(rows), dtype=bool))
+def _thinned(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
+    """Return motions of a few of the samples in the masks, all of them to be used."""
+    masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
+    return tuple(one.delayed(0.0, rows) for one, rows in zip(masked, subsample(masked, ROWS), strict=True))
 
 
 def _part(motion: Motion, k: int, folds: int) -> Motion:

@@ -21,6 +21,7 @@ from dynident.estimators import Estimate
 from dynident.io.results import read_table, write_table
 from dynident.regression import one_thread
 from dynident.simulation import Recording
+from dynident.splines import NORMAL_95
 
 if TYPE_CHECKING:
     import polars as pl
@@ -31,7 +32,6 @@ Array = NDArray[np.float64]
 KEY = ("scenario", "method", "level", "run", "seed", "version")
 FAILED = "failed: "
 UNSETTLED = ("not converged", "maximum likelihood failed")  # in the status of an estimate
-NORMAL_95 = 1.959964
 SAVE_EVERY = 2.0  # seconds between writes of the table
 
 

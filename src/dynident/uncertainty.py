@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError
+from dynident.log import pieces
 from dynident.regression import Block, Regression, stretches
 
 __all__ = ["bandwidth", "robust_covariance"]
@@ -139,9 +140,7 @@ def _pieces(part: slice, share: float) -> list[slice]:
     length = part.stop - part.start
     if share == 1.0 or share * length < 100:
         return [part]
-    count = max(1, round(share * length / PIECE))
-    starts = part.start + np.arange(count) * (length // count)
-    return [slice(int(start), int(start + share * length / count)) for start in starts]
+    return pieces(part, max(1, round(share * length / PIECE)), share)
 
 
 def _samples(regression: Regression) -> int:

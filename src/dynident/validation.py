@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
-from dynident.log import Motion
+from dynident.log import Motion, subsample
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import BLOCK, Parallel, moving, stretches
 from dynident.residuals import ResidualTest, examine
@@ -90,14 +90,16 @@ def validate(
         rmse=rmse,
         per_joint=_by_joint(motion, measured, guess),
         per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
-        effort_share={
-            joint: 100.0 * rmse[joint] / limit.effort
-            for joint, limit in model.limits.items()
-            if joint in rmse and limit.effort
-        },
+        effort_share=_of_limits(model, rmse),
         explained={joint: _explained(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
         residuals=_residuals(motion, predicted),
     )
+
+
+def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:
+    """Return the errors in % of the largest efforts, for joints whose limit is known."""
+    limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
+    return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
 
 
 def _by_joint(motion: Motion, measured: Array, predicted: Array) -> dict[str, float]:
@@ -143,7 +145,7 @@ def check_mass(
     ones each time. Raises the errors of the model.
     """
     rng = rng or np.random.default_rng(SEED)
-    seen = [motion.q[motion.mask][:: max(int(motion.mask.sum()) // 1000, 1)] for motion in motions]
+    seen = [motion.q[subsample([motion], 1000)[0]] for motion in motions]
     sides = []
     for joint in model.joints:
         limit, reach = model.limits.get(joint.name), np.pi if joint.kind == "revolute" else 1.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynident.control import FreeRun
 from dynident.identify import Identification
-from dynident.log import Motion
+from dynident.log import Motion, subsample
 from dynident.terms.term import INERTIAL
 from dynident.validation import LogValidation, relative_error
 
@@ -244,8 +244,8 @@ def _effects(found: Identification) -> Array:
     """Return the torque of one unit of each parameter (p) over that measured, both rms over the training."""
     columns, torque = [], []
     for log in _logs(found, "train"):
-        rows = np.flatnonzero(log.motion.mask)[:: max(int(log.motion.mask.sum()) // 500, 1)]
         motion = log.motion
+        (rows,) = subsample([motion], 500)
         columns.append(found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
         torque.append(motion.tau[rows])
     size = float(np.linalg.norm(np.concatenate(torque)))

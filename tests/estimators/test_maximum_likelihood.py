@@ -9,10 +9,11 @@ import pytest
 from dynident.article import SCENARIOS
 from dynident.basis import informed_std, structural_basis
 from dynident.bound import bound
+from dynident.constraints import Barrier
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimate, MaximumLikelihood, Problem, measured
 from dynident.gallery import two_link_arm
-from dynident.likelihood import Barrier, demands, fit
+from dynident.likelihood import demands, fit
 from dynident.log import Log
 from dynident.model import Model
 from dynident.regression import Regression

@@ -7,18 +7,17 @@ import pytest
 from scipy.interpolate import BSpline
 
 from dynident.article import SCENARIOS
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
 from dynident.gallery import two_link_arm
 from dynident.likelihood import (
-    Barrier,
-    Demand,
+    Sigma,
     State,
     Trajectory,
     demands,
     equations,
     has_sign,
     leverage,
-    noise,
     plan,
     scores,
     softened,
@@ -26,10 +25,11 @@ from dynident.likelihood import (
     whiteness,
 )
 from dynident.likelihood.arrow import Arrow, gather, overlap
-from dynident.likelihood.profile import LIMIT, crossing, swept
+from dynident.likelihood.profile import crossing, swept
 from dynident.likelihood.trajectory import DEGREE, graded
 from dynident.log import Log
 from dynident.model import Model
+from dynident.splines import NORMAL_95
 from dynident.terms import Coulomb, Coupling, Viscous
 from dynident.terms.term import Joint
 
@@ -118,10 +118,10 @@ class TestSegment:
     @pytest.mark.parametrize("rest", [True, False])
     def test_gradient_is_that_of_the_cost(self, rng: np.random.Generator, rest: bool) -> None:
         arm, one = two_link_arm(), article_segment(rest=rest)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
-        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma_q, sigma_tau))
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
+        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma))
         k = found.border.shape[1] - 7
         dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
@@ -130,7 +130,7 @@ class TestSegment:
         ends = []
         for sign in (1, -1):
             moved = one.moved(state, sign * dC, sign * dW)
-            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma_q, sigma_tau))
+            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma))
         along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
         assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
 
@@ -147,11 +147,11 @@ class TestSegment:
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""
         arm, one = two_link_arm(), article_segment()
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        here = equations(one, arm, state, theta, sigma_q, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        here = equations(one, arm, state, theta, sigma)
         dtheta = 1e-6 * theta * rng.standard_normal(7)
-        there, back = (equations(one, arm, state, theta + s * dtheta, sigma_q, sigma_tau) for s in (1, -1))
+        there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
         expected = -(here.border[:, -7:] + here.bend) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
@@ -159,9 +159,9 @@ class TestSegment:
     def test_leverage_counts_the_coefficients(self) -> None:
         """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""
         arm, one = two_link_arm(), article_segment(rest=False)
-        sigma_q, sigma_tau = np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        taken = leverage(one, arm, state, np.asarray(arm.values), sigma_q, sigma_tau)
+        sigma = Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        taken = leverage(one, arm, state, np.asarray(arm.values), sigma)
         assert (taken > 0).all()
         # without a step there are no equations between samples
         assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
@@ -169,12 +169,12 @@ class TestSegment:
     def test_few_points_stand_for_many_torques(self) -> None:
         """Cost, gradient and information are those of all samples."""
         arm, one = two_link_arm(), article_segment(stop=2.0)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        few = one.condensed(arm, state, theta, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        few = one.condensed(arm, state, theta, sigma.tau)
         assert len(few.points) < 0.7 * len(one.points)
         assert few.torques.weight[:, 0].sum() == pytest.approx(len(one.log))
-        a, b = (equations(segment, arm, state, theta, sigma_q, sigma_tau) for segment in (one, few))
+        a, b = (equations(segment, arm, state, theta, sigma) for segment in (one, few))
         assert a.cost == pytest.approx(b.cost, rel=1e-7)
         for name in ("band", "corner", "by_coefficients", "by_border"):
             wanted = getattr(a, name)
@@ -182,11 +182,11 @@ class TestSegment:
 
     def test_scores_add_up_to_the_gradient(self) -> None:
         arm, one = two_link_arm(), article_segment(rest=False)
-        theta, sigma_q, sigma_tau = np.asarray(arm.values), np.full(2, 1e-3), np.full(2, 0.1)
-        state = one.start(sigma_q, np.full(2, 30.0))
-        found = equations(one, arm, state, theta, sigma_q, sigma_tau)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
         follow = np.ones((len(found.band[0]), 7))
-        pulls = scores(one, arm, state, theta, sigma_q, sigma_tau, follow)
+        pulls = scores(one, arm, state, theta, sigma, follow)
         np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
 
     def test_late_positions(self) -> None:
@@ -212,34 +212,7 @@ class TestSegment:
         np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
 
 
-class TestBarrier:
-    def test_derivatives(self, rng: np.random.Generator) -> None:
-        half = rng.standard_normal((3, 2, 2, 4))
-        slopes = half + half.swapaxes(1, 2)
-        slopes[..., 0] = np.eye(2)
-        barrier = Barrier((Demand(slopes, slopes @ np.array([9.0, 0, 0, 0])),), 0.5)
-        theta = np.array([9.0, 0.3, -0.2, 0.1])
-        assert barrier.inside(theta)
-        assert not barrier.inside(-theta)
-        gradient, hessian = barrier.slopes(theta)
-        for k, e in enumerate(1e-5 * np.eye(4)):
-            change = barrier.value(theta + e) - barrier.value(theta - e)
-            assert change / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
-            up, down = barrier.slopes(theta + e)[0], barrier.slopes(theta - e)[0]
-            np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
-
-    def test_steps_end_at_the_minimum_inside(self, rng: np.random.Generator) -> None:
-        """From near the boundary, pulled far beyond it: the gradient vanishes, and a fixed parameter stays."""
-        rows = np.eye(4)[:, None, None, :]
-        barrier = Barrier(tuple(Demand(row[None]) for row in rows), 1e-3)
-        half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
-        H, g = half.T @ half, 100 * rng.standard_normal(4)
-        step = barrier.minimum(theta, H, g, 1e-12, np.array([0, 1, 2]))
-        assert barrier.inside(theta + step)
-        assert step[3] == 0.0
-        left = (g - H @ step - barrier.slopes(theta + step)[0])[:3] * (theta + step)[:3]
-        np.testing.assert_allclose(left, 0.0, atol=1e-5)
-
+class TestPhysics:
     def test_the_articles_arm(self) -> None:
         arm = two_link_arm()
         log = SCENARIOS["stated"].record(1e-8, np.random.default_rng(0)).log
@@ -252,11 +225,6 @@ class TestBarrier:
 
 
 class TestPlan:
-    def test_noise_does_not_see_a_step(self, rng: np.random.Generator) -> None:
-        x = rng.standard_normal((4000, 1)) * 0.1 + np.sin(np.arange(4000) / 500)[:, None]
-        x[2000:] += 50
-        assert noise(x, 1e-9)[0] == pytest.approx(0.1, rel=0.06)
-
     def test_finds_steps_and_no_others(self, rng: np.random.Generator) -> None:
         t = np.arange(2000) * 0.01
         tau = np.stack([np.sin(t), np.where(t >= 7.0, 3.0, -1.0)], axis=1) + 0.1 * rng.standard_normal((2000, 2))
@@ -306,12 +274,12 @@ class TestProfile:
     @pytest.mark.parametrize("size", [0.1, 0.4])
     def test_a_parabola_ends_where_it_should(self, size: float) -> None:
         ends = [crossing(lambda y: ((y - 1) / size, 1 / size), size, side) for side in (-1, 1)]
-        assert ends == pytest.approx([1 - LIMIT * size, 1 + LIMIT * size], rel=1e-3)
+        assert ends == pytest.approx([1 - NORMAL_95 * size, 1 + NORMAL_95 * size], rel=1e-3)
 
     @pytest.mark.parametrize("size", [0.1, 0.5, 1.0])
     def test_a_parabola_in_the_logarithm(self, size: float) -> None:
         ends = [crossing(lambda y: (np.log(y) / size, 1 / (size * y)), size, side) for side in (-1, 1)]
-        assert np.log(ends) / size == pytest.approx([-LIMIT, LIMIT], rel=0.02)
+        assert np.log(ends) / size == pytest.approx([-NORMAL_95, NORMAL_95], rel=0.02)
 
     def test_a_deviance_that_stays_low(self) -> None:
         """Nothing near zero tells it from the estimate: the interval goes nearly to zero."""
@@ -349,19 +317,19 @@ class TestProfile:
         theta = np.array([3.0, 7.0])
         path = [(r, theta + r * covariance[:, 0] / 2) for r in np.linspace(-2, 2, count + 1)[1:]]
         found = swept(theta, path, covariance, 0)
-        expected = theta[:, None] + LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]])
+        expected = theta[:, None] + NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]])
         np.testing.assert_allclose(found, expected, rtol=1e-3)
 
     def test_a_fit_as_likely_as_the_estimate_does_not_bend_the_valley(self) -> None:
         covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
         found = swept(np.zeros(2), [(0.001, np.array([2.0, -1.0])), (-1.9, np.array([-3.8, -1.425]))], covariance, 0)
-        np.testing.assert_allclose(found, LIMIT * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
+        np.testing.assert_allclose(found, NORMAL_95 * np.array([[-2.0, 2.0], [-1.0, 1.0]]), rtol=1e-3)
 
     def test_swept_intervals_bend_with_the_valley(self) -> None:
         covariance = np.array([[1.0, 1.0], [1.0, 1.0]])
         path = [(r, np.array([r, r + 0.1 * r**2])) for r in (-1.5, 2.5)]
         found = swept(np.zeros(2), path, covariance, 0)
-        expected = [[-LIMIT, LIMIT], [-LIMIT + 0.1 * LIMIT**2, LIMIT + 0.1 * LIMIT**2]]
+        expected = [[-NORMAL_95, NORMAL_95], [-NORMAL_95 + 0.1 * NORMAL_95**2, NORMAL_95 + 0.1 * NORMAL_95**2]]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 

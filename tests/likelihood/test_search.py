@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from dynident.constraints import Barrier
 from dynident.gallery import slider
-from dynident.likelihood import Barrier, Recordings, Search, Settings
+from dynident.likelihood import Recordings, Search, Settings, Sigma
 from dynident.log import Log
 
 THETA = np.array([2.0, 1.0, 0.5, 0.1])
@@ -21,7 +22,7 @@ def search(*, coloured: bool, used: bool = True) -> Search:
     tau = model.torque(q, dq, ddq, THETA) + 0.05 * rng.standard_normal(q.shape)
     log = Log(t, q + 1e-4 * noise, tau, ("slider",))
     given = Recordings((log,), ((),), (np.full(q.shape, used),), 0.0, np.array([28.0]))
-    return Search(model, given, Barrier(), Settings(), THETA, np.array([1e-4]), np.array([0.05]))
+    return Search(model, given, Barrier(), Settings(), THETA, Sigma(np.array([1e-4]), np.array([0.05])))
 
 
 def intervals(found: Search) -> int:
@@ -34,7 +35,7 @@ def test_white_positions_decide() -> None:
     """The widest spacing that follows the motion, whatever narrower ones would do."""
     found = search(coloured=False)
     assert intervals(found) == 2000 / 40
-    assert found.sigma_q[0] == pytest.approx(1e-4, rel=0.05)
+    assert found.sigma.q[0] == pytest.approx(1e-4, rel=0.05)
 
 
 def test_the_torque_decides_where_positions_are_never_white() -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from dynident.errors import InputError
-from dynident.splines import noise_sigma
+from dynident.splines import NORMAL_95, median_sigma, noise_sigma, steady_noise
 
 
 def bound(n: int) -> float:
@@ -48,3 +49,27 @@ def test_quantised_standstill_reads_as_silence() -> None:
 def test_too_few() -> None:
     with pytest.raises(InputError, match="at least 6 samples, got 5"):
         noise_sigma(np.arange(5), np.arange(5))
+
+
+def test_steady_noise_does_not_see_a_step() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((4000, 1)) * 0.1 + np.sin(np.arange(4000) / 500)[:, None]
+    x[2000:] += 50
+    assert steady_noise(x, 1e-9)[0] == pytest.approx(0.1, rel=0.06)
+    # the other one does: fourth differences of a step of 50 are 50 times 1, -3, 3, -1, of squared norm 20 of 70
+    assert noise_sigma(np.arange(4000), x)[0] == pytest.approx(np.sqrt(0.1**2 + 50**2 * 20 / 70 / 3996), rel=0.02)
+
+
+def test_steady_noise_is_no_less_than_a_share_of_the_largest_value() -> None:
+    np.testing.assert_allclose(steady_noise(np.array([[2.0, 0.0]] * 10), 1e-3), 2e-3)
+    np.testing.assert_allclose(steady_noise(np.zeros((10, 2)), 1e-3), 1e-3)
+
+
+def test_median_sigma_does_not_see_outliers() -> None:
+    x = 0.1 * np.random.default_rng(0).standard_normal((20_000, 2))
+    x[::50] = 100.0
+    np.testing.assert_allclose(median_sigma(x), 0.1, rtol=0.05)
+
+
+def test_the_critical_value_is_the_normal_distributions() -> None:
+    assert pytest.approx(ndtri(0.975), abs=1e-6) == NORMAL_95

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, choices
-from dynident.estimators.constraints import (
+from dynident.constraints import (
+    SIGNED,
     Body,
     Constraints,
     Corners,
@@ -23,8 +23,10 @@ from dynident.estimators.constraints import (
     box,
     interval,
     scales,
+    signs,
     total,
 )
+from dynident.errors import ConfigError, choices
 from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.least_squares import Weights, check_weights, joint_weights
 from dynident.estimators.prior import nearest, settle
@@ -35,7 +37,6 @@ __all__ = ["Consistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
-SIGNED = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 FREE = 1e-6  # share of a parameter in the free directions from which on it is not the data's
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
@@ -140,10 +141,7 @@ class Consistent:
 
     def _constraints(self, model: Model, bodies: tuple[Body, ...], scale: Array) -> Constraints:
         parameters = model.parameters
-        limits = []
-        for role, family in SIGNED.items():
-            columns = {k: (0.0, None) for k, x in enumerate(parameters) if x.role == role and getattr(self, role)}
-            limits.append(interval(family, parameters, columns))
+        limits = list(signs(parameters, [role for role in SIGNED if getattr(self, role)]))
         bounds = {_index(name, model, "bounds"): sides for name, sides in dict(self.bounds).items()}
         limits.append(interval("bounds", parameters, bounds))
         sides = self._intervals().get("total mass")

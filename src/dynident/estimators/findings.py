@@ -53,7 +53,7 @@ def remarks(
     words = []
     colour = _colour(tau)
     largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
-    if colour and (search.sigma_tau > EXACT * largest).any():
+    if colour and (search.sigma.tau > EXACT * largest).any():
         words.append(
             f"the torque's residuals are not white (correlation of neighbours {colour:.2f}): the model leaves out "
             "more than noise, so compare with least squares on held-out motion"

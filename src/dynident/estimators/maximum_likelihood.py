@@ -9,14 +9,15 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier, bodies_of
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
-from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
 from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
-from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
+from dynident.likelihood import Fitted, Search, Settings, Sigma, demands, has_sign
+from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
 
@@ -26,7 +27,6 @@ DEEP = 0.8  # room to the boundary that a second start is given, relative to the
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LEVEL = 0.01  # of the test whether the recordings start from rest
 ROUNDING = 1e-15  # an undetermined parameter that is smaller than the largest by so much is nothing
-NORMAL = 1.959964  # of a normal deviate, for 95 %
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,9 @@ class _Run:
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # what the model cannot explain counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = Settings(settings.tolerance, settings.iterations, newton=not bodies)
-        return cls(settings, problem, start, Search(model, given, barrier, limits, theta, sigma_q, sigma_tau), notes)
+        return cls(
+            settings, problem, start, Search(model, given, barrier, limits, theta, Sigma(sigma_q, sigma_tau)), notes
+        )
 
     def estimate(self) -> Estimate:
         """Fit, decide whether the recordings start from rest where that is asked, and tell."""
@@ -155,7 +157,7 @@ class _Run:
         from scipy.stats import chi2
 
         free = self.search.freed().run()
-        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma_q)
+        gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma.q)
         return float(chi2.sf(max(gain, 0.0), degrees))
 
     def intervals(self, fitted: Fitted, covariance: Array) -> Array:
@@ -164,7 +166,7 @@ class _Run:
         Each parameter follows the one with a large standard error that it is correlated with most.
         """
         std, share = np.sqrt(np.diag(covariance)), self.settings.profile
-        out = fitted.theta[:, None] + NORMAL * std[:, None] * np.array([-1.0, 1.0])
+        out = fitted.theta[:, None] + NORMAL_95 * std[:, None] * np.array([-1.0, 1.0])
         asked = share is not None and bool(np.isfinite(std).all())
         weak = np.flatnonzero(std > (share or np.inf) * np.abs(fitted.theta))
         if asked and len(weak):
@@ -191,7 +193,7 @@ class _Run:
             covariance=covariance,
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma_tau,
+            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
             rank=rank,
             condition=condition,
             samples=sum(map(len, search.given.logs)),
@@ -200,7 +202,7 @@ class _Run:
             verdict=verdict,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
-            weights=1.0 / search.sigma_tau,
+            weights=1.0 / search.sigma.tau,
             information=fitted.information,
         )
 

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Demand
+from dynident.constraints.cone import positive
 from dynident.errors import InputError
-from dynident.estimators.cone import positive
 from dynident.estimators.estimator import Problem
-from dynident.likelihood import Demand, Recordings, noise, steps_of
+from dynident.likelihood import Recordings, steps_of
 from dynident.log import Log
 from dynident.regression import moving, stretches
+from dynident.splines import median_sigma, steady_noise
 
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
@@ -28,14 +30,11 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
 
     Where the problem has none, the runs of usable samples of the motions stand for them.
     """
-    words, slow = [], problem.regression.slow
+    words = []
     logs = problem.logs or _runs(problem)
-    used: list[NDArray[np.bool_] | None] = [None] * len(logs)
-    if slow is not None and len(logs) == len(problem.motions):
-        used = [moving(one.dq, slow) for one in problem.motions]
-    most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
-    group = 1 if rate is None else int(np.ceil(most / rate))
-    if group > 1 and min(map(len, logs)) >= SHORTEST * group:
+    used = _used(problem, len(logs))
+    group = _grouping(logs, rate)
+    if group > 1:
         logs = tuple(_thinned(log, group) for log in logs)
         used = [None if one is None else _means(one.astype(float), group) == 1 for one in used]
         words.append(f"of {group} neighbouring samples the mean was taken")
@@ -45,10 +44,25 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     return Recordings(tuple(logs), found, tuple(used), problem.delay, bend), words
 
 
+def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
+    """Return which torques (N, n) of each of the logs count, None where all do."""
+    slow = problem.regression.slow
+    if slow is None or logs != len(problem.motions):
+        return [None] * logs
+    return [moving(one.dq, slow) for one in problem.motions]
+
+
+def _grouping(logs: Sequence[Log], rate: float | None) -> int:
+    """Return of how many neighbouring samples the mean is to be taken; of one where a log would become too short."""
+    most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
+    group = 1 if rate is None else int(np.ceil(most / rate))
+    return group if min(map(len, logs)) >= SHORTEST * group else 1
+
+
 def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
     """Return the standard deviations (n) of white noise in the positions and torques."""
     sizes = [len(log) for log in logs]
-    found = ([noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
+    found = ([steady_noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
     q, tau = (np.sqrt(np.average(np.square(x), axis=0, weights=sizes)) for x in found)
     return q, tau
 
@@ -56,7 +70,7 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 def misfit(problem: Problem, theta: Array) -> Array:
     """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
-    return np.asarray(1.4826 * np.median(np.abs(np.concatenate(left)), axis=0))
+    return median_sigma(np.concatenate(left))
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[Demand], margin: float = MARGIN) -> Array:

@@ -8,12 +8,12 @@ too thin for a general conic solver. Boyd and Vandenberghe (2004), "Convex optim
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.constraints import Body, Constraints
+from dynident.constraints import Barrier, Body, Constraints, Penalised
 from dynident.estimators.staged import Information
 
 __all__ = ["nearest", "settle"]
@@ -46,92 +46,32 @@ def settle(
     if not entropic and eased.violation(close := nearest(known, theta, prior)) <= 0:
         return close, ""
     program = _program(known, eased, theta, directions, prior, entropic)
-    x, gap = _descend(program)
+    x, gap = program.descended()
     words = "" if gap <= 1e-6 else f"the prior is only approached: the barrier method stopped {gap:.1e} from it"
     return theta + directions @ x, words
 
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """Minimise x' quadratic x / 2 + linear' x - sum log det of the first matrices, inside all matrices and lines.
+    """Minimise x' H x / 2 - g' x + ``kept`` at x (v), inside of ``edge``."""
 
-    Matrices are ``offset`` (b, 4, 4) + x times ``slopes`` (b, v, 4, 4), the first ``entropic`` of them in the
-    objective; lines are ``room`` (k) + ``rows`` (k, v) x > 0.
-    """
+    H: Array
+    g: Array
+    kept: Barrier
+    edge: Barrier
 
-    quadratic: Array
-    linear: Array
-    slopes: Array
-    offset: Array
-    entropic: int
-    rows: Array
-    room: Array
-
-    def weights(self, barrier: float) -> Array:
-        """Return the weight of each matrix."""
-        return np.where(np.arange(len(self.offset)) < self.entropic, 1.0, barrier)
-
-    def factors(self, x: Array) -> Array | None:
-        """Return the Cholesky factors (b, 4, 4), or None where x lies outside."""
-        try:
-            found = np.linalg.cholesky(self.offset + np.tensordot(x, self.slopes, axes=(0, 1)))
-        except np.linalg.LinAlgError:
-            return None
-        return None if (self.room + self.rows @ x <= 0).any() else np.asarray(found)
-
-    def value(self, x: Array, barrier: float) -> float:
-        """Return the objective with its barrier, infinite outside."""
-        factors = self.factors(x)
-        if factors is None:
-            return np.inf
-        logs = 2.0 * np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-        own = 0.5 * x @ self.quadratic @ x + self.linear @ x - self.weights(barrier) @ logs
-        return float(own - barrier * np.log(self.room + self.rows @ x).sum())
-
-    def newton(self, x: Array, barrier: float) -> tuple[Array, float]:
-        """Return the Newton step (v) from x, and the squared decrement."""
-        factors = self.factors(x)
-        inverse = np.linalg.inv(factors)  # type: ignore[arg-type]  # x lies inside
-        twice = np.einsum("bij,bkl->bjlik", inverse, inverse).reshape(-1, 16, 16)
-        turned = self.slopes.reshape(*self.slopes.shape[:2], 16) @ twice
-        weighted = turned * self.weights(barrier)[:, None, None]
-        lines = self.rows / (self.room + self.rows @ x)[:, None]
-        slope = self.quadratic @ x + self.linear - barrier * lines.sum(axis=0)
-        slope = slope - weighted[:, :, ::5].sum(axis=(0, 2))
-        flat = turned.swapaxes(0, 1).reshape(len(x), -1)
-        bend = self.quadratic + weighted.swapaxes(0, 1).reshape(len(x), -1) @ flat.T + barrier * lines.T @ lines
-        size = np.sqrt(np.diag(bend))
-        values, vectors = np.linalg.eigh(bend / np.outer(size, size))
-        # rounding may not turn the step uphill
-        step = -vectors @ ((vectors.T @ (slope / size)) / np.maximum(values, 1e-14 * values[-1])) / size
-        return step, float(-slope @ step)
-
-
-def _descend(program: _Program) -> tuple[Array, float]:
-    """Follow the central path from x = 0; return x and a bound of its distance from the optimum in the objective."""
-    x, barrier = np.zeros(len(program.linear)), 1.0
-    demands = 4 * (len(program.offset) - program.entropic) + len(program.room)
-    while True:
-        for _ in range(STEPS):
-            step, decrement = program.newton(x, barrier)
-            length = _search(program, x, step, barrier, decrement)
-            x = x + length * step
-            if decrement < 1e-2 * barrier or not length:
-                break
-        gap = (barrier * demands + decrement) / max(1.0, abs(program.value(x, 0.0)))
-        if gap < GAP or barrier < 1e-2 * GAP:
-            return x, gap
-        barrier *= 0.1
-
-
-def _search(program: _Program, x: Array, step: Array, barrier: float, decrement: float) -> float:
-    """Return how far to go along the step: backtracking; 0 where rounding leaves nothing to gain."""
-    here, length = program.value(x, barrier), 1.0
-    while length > 1e-4:
-        if program.value(x + length * step, barrier) <= here - 0.1 * length * decrement:
-            return length
-        length *= 0.5
-    return 0.0
+    def descended(self) -> tuple[Array, float]:
+        """Follow the central path from x = 0; return x and how far at most the objective is from its optimum."""
+        x, weight = np.zeros(len(self.g)), 1.0
+        while True:
+            both = ((self.kept, 1.0), (self.edge, weight))
+            task = Penalised(self.H, self.g, np.zeros_like(x), both, np.arange(len(x)))
+            x, fall = task.settled(x, 1e-2 * weight, STEPS)
+            cost = float(0.5 * x @ self.H @ x - self.g @ x) + self.kept.value(x)
+            gap = (weight * self.edge.degree + fall) / max(1.0, abs(cost))
+            if gap < GAP or weight < 1e-2 * GAP:
+                return x, gap
+            weight *= 0.1
 
 
 def _held(constraints: Constraints, free: Array) -> Array:
@@ -153,30 +93,10 @@ def _program(
     others = np.ones(len(theta), dtype=bool)
     others[[k for body in entropic for k in body.columns]] = False
     slope, away = directions / known.scale[:, None] * others[:, None], others * (theta - prior) / known.scale
-    quadratic, linear = slope.T @ slope, slope.T @ away
-    for body in entropic:
-        linear = linear + np.sum(body.scaled(directions) * np.linalg.inv(body.scaled(prior)), axis=(1, 2))
-    moved = [body for body in constraints.bodies if np.abs(body.scaled(directions)).max(initial=0.0) > TINY]
-    slopes = [body.scaled(directions) for body in (*entropic, *moved)]
-    inner = [body.scaled(theta) for body in entropic]
-    outer = [body.scaled(theta) - constraints.margin * np.eye(4) for body in moved]
-    return _Program(
-        quadratic,
-        linear,
-        np.array(slopes).reshape(-1, len(linear), 4, 4),
-        np.array(inner + outer).reshape(-1, 4, 4),
-        len(entropic),
-        *_lines(constraints, theta, directions),
-    )
-
-
-def _lines(constraints: Constraints, theta: Array, directions: Array) -> tuple[Array, Array]:
-    """Return the inequalities as rows (k, v) and their room (k) at theta, which is never less than TINY."""
-    rows, room = [np.zeros((0, directions.shape[1]))], [np.zeros(0)]
-    for limit in constraints.limits:
-        slope, value = limit.rows @ directions, limit.rows @ theta
-        for sign, left in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
-            used = np.isfinite(left) & (limit.lower < limit.upper) & (np.abs(slope) > TINY).any(axis=1)
-            rows.append(sign * slope[used])
-            room.append(np.maximum(left[used], TINY))
-    return np.concatenate(rows), np.concatenate(room)
+    drawn = [replace(body.demand(len(theta)), centre=body.scaled(prior)[None]) for body in entropic]
+    kept = tuple(one.along(theta, directions) for one in drawn)
+    moved = [one for one in constraints.demands(theta, directions) if np.abs(one.slopes).max(initial=0.0) > TINY]
+    for one in constraints.numbers(theta, directions):
+        if (np.abs(one.slopes) > TINY).any():
+            moved.append(replace(one, offset=np.maximum(one.constant, TINY)))
+    return _Program(slope.T @ slope, -slope.T @ away, Barrier(kept, 1.0), Barrier(tuple(moved)))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Constraints
+from dynident.constraints.cone import Optimum, minimise
 from dynident.errors import ConfigError, ModelError
-from dynident.estimators.cone import Optimum, minimise
-from dynident.estimators.constraints import Constraints
 
 __all__ = ["Information", "fit", "read"]
 

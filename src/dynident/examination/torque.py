@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnostics import Finding
-from dynident.log import Motion
+from dynident.log import Motion, subsample
 from dynident.model import Model
 from dynident.terms.term import INERTIAL
 
@@ -75,10 +75,9 @@ def nuisance(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
 
 def thinned(motions: Sequence[Motion]) -> tuple[Array, ...]:
     """Return q, dq, ddq, tau (M, n) of a few thousand usable samples of all motions."""
-    step = max(1, sum(int(motion.mask.sum()) for motion in motions) // SAMPLES)
+    pairs = list(zip(motions, subsample(motions, SAMPLES), strict=True))
     return tuple(
-        np.concatenate([getattr(motion, name)[motion.mask][::step] for motion in motions])
-        for name in ("q", "dq", "ddq", "tau")
+        np.concatenate([getattr(motion, name)[rows] for motion, rows in pairs]) for name in ("q", "dq", "ddq", "tau")
     )
 
 

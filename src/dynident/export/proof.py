@@ -15,7 +15,7 @@ from dynident.errors import DynidentError
 from dynident.export.edit import Text
 from dynident.export.identified import Identified, drives
 from dynident.export.written import Format, Proof, Written
-from dynident.log import Motion
+from dynident.log import Motion, subsample
 from dynident.terms import Bodies
 
 __all__ = ["prove", "random_states", "spread"]
@@ -32,9 +32,9 @@ SHAPES = (
 
 def spread(motions: tuple[Motion, ...], count: int = 500) -> States:
     """Return q, dq, ddq of about ``count`` usable samples (N, n), evenly spread over the motions."""
-    states = [np.concatenate([getattr(motion, name)[motion.mask] for motion in motions]) for name in ("q", "dq", "ddq")]
-    step = max(len(states[0]) // count, 1)
-    q, dq, ddq = (state[::step] for state in states)
+    pairs = list(zip(motions, subsample(motions, count), strict=True))
+    names = ("q", "dq", "ddq")
+    q, dq, ddq = (np.concatenate([getattr(motion, name)[rows] for motion, rows in pairs]) for name in names)
     return q, dq, ddq
 
 

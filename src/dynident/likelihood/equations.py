@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.likelihood.arrow import Arrow, gather
-from dynident.likelihood.segment import Segment, State
+from dynident.likelihood.segment import Segment, Sigma, State
 from dynident.likelihood.trajectory import Block
 from dynident.model import Model
 from dynident.terms.term import Partials
@@ -78,24 +78,17 @@ def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Arr
 
 
 def equations(
-    segment: Segment,
-    model: Model,
-    state: State,
-    theta: Array,
-    sigma_q: Array,
-    sigma_tau: Array,
-    *,
-    bend: bool = True,
+    segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, *, bend: bool = True
 ) -> Equations:
     """Return the normal equations about a state."""
-    n, p, k = len(sigma_q), len(theta), segment.hats.shape[1]
+    n, p, k = len(sigma.q), len(theta), segment.hats.shape[1]
     w, b, size = 5 * n, k * n + p, segment.trajectory.size * n
     band, side = np.zeros((w, size)), np.zeros((size, b + p * bend + 1))
     total = np.zeros((b + 1, b + 1))
-    for part in _parts(segment, model, state, theta, sigma_tau):
+    for part in _parts(segment, model, state, theta, sigma.tau):
         blocks = part.block.products(part.rows[:, :, :w], part.rows)
         for j in range(n):
-            blocks[:, j:w:n, j:w:n] += segment.gram[part.block.intervals] / sigma_q[j] ** 2
+            blocks[:, j:w:n, j:w:n] += segment.gram[part.block.intervals] / sigma.q[j] ** 2
         bends = _bends(segment, model, part) if bend else np.zeros((len(blocks), w, 0))
         wide = np.concatenate([blocks[:, :, w:-1], bends, blocks[:, :, -1:]], axis=2)
         one, other = gather(blocks[:, :, :w], wide, part.block.adds)
@@ -104,10 +97,10 @@ def equations(
         flat = part.rows[:, :, w:].reshape(-1, b + 1)
         total += flat.T @ flat
     share, squares = segment.shares(state)
-    side[:, -1] += (share / sigma_q**2).ravel()
+    side[:, -1] += (share / sigma.q**2).ravel()
     if segment.rest:
         band[0, :n] = 1.0  # the first coefficients are the second ones
-    cost = segment.given(squares, sigma_q, sigma_tau) + 0.5 * float(total[-1, -1])
+    cost = segment.given(squares, sigma) + 0.5 * float(total[-1, -1])
     return Equations(band, side[:, :b], total[:-1, :-1], side[:, b:-1], side[:, -1], total[:-1, -1], cost)
 
 
@@ -128,37 +121,35 @@ def _bends(segment: Segment, model: Model, part: _Part) -> Array:
     return -part.block.products(np.moveaxis(segment.local[:, part.block.points], 0, 1), slopes).reshape(-1, 5 * n, p)
 
 
-def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> Array:
+def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma) -> Array:
     """Return how many degrees of freedom (2, n) the trajectory takes from the positions and torques of each joint.
 
     These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.
     """
-    n, out = len(sigma_q), np.zeros((2, len(sigma_q)))
-    found = equations(segment, model, state, theta, sigma_q, sigma_tau, bend=False)
+    n, out = len(sigma.q), np.zeros((2, len(sigma.q)))
+    found = equations(segment, model, state, theta, sigma, bend=False)
     inverse = Arrow(found.band, found.border).inverse
-    for part in _parts(segment, model, state, theta, sigma_tau):
+    for part in _parts(segment, model, state, theta, sigma.tau):
         at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(5 * n)
         low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])
         Z = inverse[high - low, low]
         own = segment.measured[part.block.points]
         for j in range(n):
-            out[0, j] += (Z[:, j::n, j::n] * segment.gram[part.block.intervals]).sum() / sigma_q[j] ** 2
+            out[0, j] += (Z[:, j::n, j::n] * segment.gram[part.block.intervals]).sum() / sigma.q[j] ** 2
             row = part.rows[:, j, : 5 * n] * own[:, None]
             out[1, j] += (Z * part.block.products(row, row)).sum()
     return out
 
 
-def scores(
-    segment: Segment, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array, follow: Array
-) -> Array:
+def scores(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, follow: Array) -> Array:
     """Return the pull (I, p) of each interval's positions and torques on theta, the trajectory profiled out.
 
     ``follow`` (m n + k n, p) is how C and W follow theta, with the sign turned.
     """
-    n, p, w, out = len(sigma_q), len(theta), 5 * len(sigma_q), []
+    n, p, w, out = len(sigma.q), len(theta), 5 * len(sigma.q), []
     edge, V = segment.trajectory.size * n, segment.shown[1]
-    shown = segment.by_interval(V[:, :, None] * (segment.offset(state) / sigma_q**2)[:, None, :])
-    for part in _parts(segment, model, state, theta, sigma_tau):
+    shown = segment.by_interval(V[:, :, None] * (segment.offset(state) / sigma.q**2)[:, None, :])
+    for part in _parts(segment, model, state, theta, sigma.tau):
         pull = part.block.products(part.rows[:, :, :-1], part.rows[:, :, -1:])[:, :, 0]
         pull[:, :w] += shown[part.block.intervals].reshape(-1, w)
         at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(w)

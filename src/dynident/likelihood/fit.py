@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -9,14 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
 from dynident.likelihood.arrow import Arrow
-from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import Equations, equations
-from dynident.likelihood.segment import Segment, State
+from dynident.likelihood.segment import Segment, Sigma, State
 from dynident.model import Model
 
-__all__ = ["Fitted", "Settings", "maximise"]
+__all__ = ["Fitted", "Likelihood", "Settings", "maximise"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
@@ -32,12 +33,15 @@ SHORTEST = 1e-3  # share of a step below which the search gives up
 class Settings:
     """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps.
 
-    ``newton`` takes second derivatives by trajectory and theta, which cost 3 n regressors a step.
+    ``newton`` takes second derivatives by trajectory and theta, which cost 3 n regressors a step. Before the search the
+    trajectories take ``hold`` steps at the theta given. The parameter with the index ``fixed`` stays as it is.
     """
 
     tolerance: float = 1e-4
     iterations: int = 60
     newton: bool = True
+    hold: int = 2
+    fixed: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,7 @@ class _Quadratic:
         return cls(information, gradient, fall, tuple(maps))
 
 
-def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int | None, settings: Settings) -> _Step:
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: Settings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
     turned = [_turned(one, np.column_stack([one.border, one.bend])) for one in found]
@@ -137,7 +141,7 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, fixed: int
     H, g = _positive(used.information), used.gradient
     # what has no effect stays where it is, unless it belongs to a body that needs it
     free = np.flatnonzero((np.diag(H) * np.maximum(theta**2, 1.0) > IDLE) | barrier.bound)
-    free = free[free != fixed]
+    free = free[free != settings.fixed]
     dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
     return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
@@ -160,14 +164,13 @@ def _safe(observed: Array, gauss: Array) -> bool:
     return weakest[0] > SAFE * weakest[1]
 
 
-@dataclass(eq=False)
-class _Search:
-    """The problem, and where the search stands."""
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """What is to be made most likely: a model on the segments of its logs, with their noise, inside of a barrier."""
 
     model: Model
     segments: tuple[Segment, ...]
-    sigma_q: Array
-    sigma_tau: Array
+    sigma: Sigma
     barrier: Barrier
 
     def cost(self, states: Sequence[State], theta: Array) -> float:
@@ -175,12 +178,13 @@ class _Search:
         if not self.barrier.inside(theta):
             return np.inf
         pairs = zip(self.segments, states, strict=True)
-        data = sum(one.cost(self.model, state, theta, self.sigma_q, self.sigma_tau) for one, state in pairs)
+        data = sum(one.cost(self.model, state, theta, self.sigma) for one, state in pairs)
         return data + self.barrier.value(theta)
 
     def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+        """Return the normal equations of each segment."""
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma_q, self.sigma_tau, bend=bend) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma, bend=bend) for one, x in pairs]
 
     def linearised(
         self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
@@ -218,67 +222,79 @@ def _carried(
     return tuple(out)
 
 
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Where the search stands."""
+
+    states: tuple[State, ...]
+    theta: Array
+    cost: float
+
+
 def maximise(
-    model: Model,
-    segments: Sequence[Segment],
+    likelihood: Likelihood,
     states: Sequence[State],
     theta: Array,
-    sigma_q: Array,
-    sigma_tau: Array,
-    barrier: Barrier,
     settings: Settings | None = None,
-    hold: int = 2,
-    fixed: int | None = None,
     trace: Callable[[int, float, float, Array], None] = lambda *_: None,
 ) -> Fitted:
     """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
 
-    Before the search the states take ``hold`` steps at the theta given. A step that fails because the trajectory's
-    valley is curved is followed by one at fixed theta before it is halved. The parameter with the index ``fixed`` stays
-    as it is. ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where
-    the equations cannot be solved.
+    A step that fails because the trajectory's valley is curved is followed by one at fixed theta before it is halved.
+    ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
+    equations cannot be solved.
     """
     settings = settings or Settings()
-    search = _Search(model, tuple(segments), sigma_q, sigma_tau, barrier)
-    states = tuple(states)
-    for _ in range(hold):
-        states = search.followed(states, theta)
-    cost = search.cost(states, theta)
-    if not np.isfinite(cost):
-        raise ModelError(f"{model.name}: the start is outside of what physics allows.")
+    at, near, slow = _begun(likelihood, states, theta, settings.hold), False, 0
     found: list[Equations] = []
-    near, iteration, slow = False, 0, 0
-    while True:
-        found = search.linearised(states, theta, found if near else [], bend=settings.newton)
-        step = _step(found, theta, barrier, fixed, settings)
-        trace(iteration, cost, step.decrement, theta)
+    for iteration in itertools.count():
+        found = likelihood.linearised(at.states, at.theta, found if near else [], bend=settings.newton)
+        step = _step(found, at.theta, likelihood.barrier, settings)
+        trace(iteration, at.cost, step.decrement, at.theta)
         converged = abs(step.decrement) < settings.tolerance
         if converged or iteration >= settings.iterations or slow >= PATIENCE:
             break
-        better = _descend(search, states, theta, step, cost) if step.decrement > 0 else None
-        if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
-            step = _step(found, theta, barrier, fixed, replace(settings, newton=False))
-            better = _descend(search, states, theta, step, cost)
+        step, better = _improved(likelihood, at, step, found, settings)
         if better is None:
             break
-        slow = slow + 1 if cost - better[2] < STALLED * 0.5 * step.decrement else 0
-        states, theta, cost = better
-        near, iteration = step.decrement < NEAR, iteration + 1
-    return Fitted(theta, states, step.information, step.maps, cost, step.gradient, step.decrement, iteration, converged)
+        slow = slow + 1 if at.cost - better.cost < STALLED * 0.5 * step.decrement else 0
+        at, near = better, step.decrement < NEAR
+    left = (step.information, step.maps, at.cost, step.gradient, step.decrement)
+    return Fitted(at.theta, at.states, *left, iteration, converged)
 
 
-def _descend(
-    search: _Search, states: tuple[State, ...], theta: Array, step: _Step, cost: float
-) -> tuple[tuple[State, ...], Array, float] | None:
-    """Return states, theta and cost after a share of the step that lowers the cost; None where there is none."""
+def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
+    """Return the start after ``hold`` steps of the states alone; ModelError outside of the barrier."""
+    states = tuple(states)
+    for _ in range(hold):
+        states = likelihood.followed(states, theta)
+    cost = likelihood.cost(states, theta)
+    if not np.isfinite(cost):
+        raise ModelError(f"{likelihood.model.name}: the start is outside of what physics allows.")
+    return _Point(states, theta, cost)
+
+
+def _improved(
+    likelihood: Likelihood, at: _Point, step: _Step, found: Sequence[Equations], settings: Settings
+) -> tuple[_Step, _Point | None]:
+    """Return the step that was taken and where it led, None where none lowers the cost."""
+    better = _descend(likelihood, at, step) if step.decrement > 0 else None
+    if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
+        step = _step(found, at.theta, likelihood.barrier, replace(settings, newton=False))
+        better = _descend(likelihood, at, step)
+    return step, better
+
+
+def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
+    """Return the point after a share of the step that lowers the cost; None where there is none."""
     size = 1.0
     while size > SHORTEST:
-        moved, aim = search.tried(states, step, size), theta + size * step.theta
+        moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
             for _ in range(3):
-                value = search.cost(moved, aim)
-                if value < cost - 1e-2 * size * min(step.decrement, 1.0):
-                    return moved, aim, value
-                moved = search.followed(moved, aim)
+                cost = likelihood.cost(moved, aim)
+                if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
+                    return _Point(moved, aim, cost)
+                moved = likelihood.followed(moved, aim)
         size *= 0.4
     return None

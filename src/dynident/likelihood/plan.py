@@ -1,4 +1,4 @@
-"""From a log to a segment: the noise of its channels, steps of its torque, and the knots that follow from them."""
+"""From a log to a segment: steps of its torque, and the knots that follow from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynident.likelihood.torques import Torques
 from dynident.likelihood.trajectory import Trajectory, graded
 from dynident.log import Log
 
-__all__ = ["noise", "plan", "steps_of", "whiteness"]
+__all__ = ["plan", "steps_of", "whiteness"]
 
 Array = NDArray[np.float64]
 FINE, GROWTH = 0.25, 1.1  # first spacing of knots after a step, in samples, and its growth
@@ -21,21 +21,6 @@ CORNER, CORNERS = 15, 4  # samples from one torque knot to the next after a step
 SUMS = (1, 3, 10)  # numbers of autocorrelations that tell residuals from white ones
 LONG = 9  # samples on each side whose medians tell a step from outliers
 SIDE = 5  # samples on each side of a step that tell it from noise
-
-
-def noise(x: Array, least: float, order: int = 4) -> Array:
-    """Return the noise's standard deviation (n) of evenly sampled x (N, n), from the median of its differences.
-
-    The median does not see the few samples after a step. White noise is assumed. The result is at least the share
-    ``least`` of the channel's largest value, or where that is zero, of the largest of all.
-    """
-    coefficients = np.array([1.0])
-    for _ in range(order):
-        coefficients = np.convolve(coefficients, [1.0, -1.0])
-    left = np.abs(np.diff(x, order, axis=0))
-    found = 1.4826 * np.median(left, axis=0) / np.linalg.norm(coefficients)
-    size = np.abs(x).max(axis=0)
-    return np.asarray(np.maximum(found, least * np.where(size > 0, size, size.max() or 1.0)))
 
 
 def steps_of(log: Log, sigma_tau: Array, size: float = 8.0) -> tuple[float, ...]:

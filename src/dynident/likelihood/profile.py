@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LIMIT", "crossing", "swept"]
+from dynident.splines import NORMAL_95
+
+__all__ = ["crossing", "swept"]
 
 Array = NDArray[np.float64]
-LIMIT = 1.959964  # of a normal deviate, for 95 %
 LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 NEAR = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 TRIALS = 6
@@ -24,7 +25,7 @@ def crossing(root: Callable[[float], tuple[float, float]], size: float, side: in
     the slope 1 / ``size``. Where it stays low, the last y is returned. A root of nan says that y cannot be tried: the
     end is not beyond.
     """
-    aim, last = side * LIMIT, float(np.exp(side * LONGEST))
+    aim, last = side * NORMAL_95, float(np.exp(side * LONGEST))
     low, high = sorted((1.0, last))
     y = float(np.clip((1 + 0.5 * aim * size) ** 2 if side > 0 else np.exp(aim * size), low, high))
     known = [(0.0, 1.0, size)]  # the root, y, and its slope by the root
@@ -70,12 +71,12 @@ def swept(theta: Array, path: Sequence[tuple[float, Array]], covariance: Array, 
     """
     along = covariance[:, k] / np.sqrt(covariance[k, k])
     rest = np.sqrt(np.maximum(np.diag(covariance) - along**2, 0.0))
-    fine, powers = np.linspace(-LIMIT, LIMIT, 81)[:, None], np.array([2, 3])
+    fine, powers = np.linspace(-NORMAL_95, NORMAL_95, 81)[:, None], np.array([2, 3])
     centre = theta + fine * along
     far = [pair for pair in path if abs(pair[0]) > TELLING]
     if far:
         r = np.array([[root] for root, _ in far])
         aside = np.array([found for _, found in far]) - theta - r * along
         centre += fine**powers @ np.linalg.lstsq(r**powers, aside, rcond=None)[0]
-    reach = np.sqrt(LIMIT**2 - fine**2) * rest
+    reach = np.sqrt(NORMAL_95**2 - fine**2) * rest
     return np.stack([(centre - reach).min(axis=0), (centre + reach).max(axis=0)], axis=1)

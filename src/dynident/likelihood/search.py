@@ -8,16 +8,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints import Barrier
 from dynident.errors import ModelError
-from dynident.likelihood.barrier import Barrier
 from dynident.likelihood.equations import leverage, scores
-from dynident.likelihood.fit import Fitted, Settings, maximise
+from dynident.likelihood.fit import Fitted, Likelihood, Settings, maximise
 from dynident.likelihood.friction import softened
 from dynident.likelihood.plan import plan, whiteness
 from dynident.likelihood.profile import crossing, swept
-from dynident.likelihood.segment import Segment, State
+from dynident.likelihood.segment import Segment, Sigma, State
 from dynident.log import Log
 from dynident.model import Model
+from dynident.splines import median_sigma
 
 __all__ = ["Recordings", "Search"]
 
@@ -50,19 +51,32 @@ class Recordings:
     bend: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Knots:
+    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``settled`` as noise."""
+
+    segments: tuple[Segment, ...]
+    power: Array
+    settled: bool
+
+
 @dataclass(eq=False)
 class Search:
-    """Where the search stands: theta (p), noise (n) of positions and torques, segments and their states."""
+    """Where the search stands: theta (p), the noise ``sigma``, segments and their states."""
 
     model: Model
     given: Recordings
     barrier: Barrier
     settings: Settings
     theta: Array
-    sigma_q: Array
-    sigma_tau: Array
+    sigma: Sigma
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = field(default=())
+
+    @property
+    def likelihood(self) -> Likelihood:
+        """What is searched for the maximum of."""
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier)
 
     def lay_out(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
@@ -73,58 +87,64 @@ class Search:
         if spacing:
             self.segments = self._planned(spacing, rest=rest)
         else:
-            self.segments, power = self._spaced(rest=rest)
-            self.sigma_q = np.maximum(self.sigma_q, np.sqrt(power))  # what the spline cannot follow counts as noise
-        self.states = tuple(one.start(self.sigma_q, self.given.bend) for one in self.segments)
+            found = self._spaced(rest=rest)
+            # what the spline cannot follow counts as noise
+            self.segments = found.segments
+            self.sigma = replace(self.sigma, q=np.maximum(self.sigma.q, np.sqrt(found.power)))
+        self.states = tuple(one.start(self.sigma.q, self.given.bend) for one in self.segments)
         if condense:
             pairs = zip(self.segments, self.states, strict=True)
-            self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma_tau) for one, state in pairs)
+            self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma.tau) for one, state in pairs)
 
     def _planned(self, spacing: float, *, rest: bool) -> tuple[Segment, ...]:
         given = zip(self.given.logs, self.given.steps, self.given.used, strict=True)
         return tuple(
-            plan(log, times, spacing, self.sigma_tau, rest=rest, delay=self.given.delay, used=used)
+            plan(log, times, spacing, self.sigma.tau, rest=rest, delay=self.given.delay, used=used)
             for log, times, used in given
         )
 
-    def _spaced(self, *, rest: bool) -> tuple[tuple[Segment, ...], Array]:
-        """Return the segments, and the power (n) of what they leave of the positions."""
+    def _spaced(self, *, rest: bool) -> _Knots:
+        """Return the widest knots that leave white residuals of the positions, else those that the torque decides."""
         widest = max(map(len, self.given.logs)) / FEWEST
-        found: list[tuple[tuple[Segment, ...], Array]] = []
-        for size in (one for one in SPACINGS if TELLING < one <= widest):
-            segments, power, settled = self._tried(size, rest=rest)
-            if settled:
-                return segments, power
-            found.append((segments, power))
-        missed = [self._missed(segments) for segments, _ in found]
-        for size in (one for one in SPACINGS if one < TELLING):
-            if len(missed) > 1 and missed[-1] >= min(missed[:-1]) / SAME:
-                break  # the last halving gained nothing
-            segments, power, _ = self._tried(size, rest=rest)
-            found.append((segments, power))
-            missed.append(self._missed(segments))
-        return [one for one, x in zip(found, missed, strict=True) if x <= SAME * min(missed)][-1]
+        tried = []
+        for size in SPACINGS:
+            if TELLING < size <= widest:
+                tried.append(self._tried(size, rest=rest))
+                if tried[-1].settled:
+                    return tried[-1]
+        return self._by_torque(tried, rest=rest)
 
-    def _tried(self, size: float, *, rest: bool) -> tuple[tuple[Segment, ...], Array, bool]:
-        """Return the segments of a spacing, the power (n) they leave of the positions, and whether that is noise."""
+    def _by_torque(self, tried: list[_Knots], *, rest: bool) -> _Knots:
+        """Return the narrowest knots, those tried or still narrower, from which the torque follows as well as any."""
+        missed = [self._missed(one.segments) for one in tried]
+        for size in SPACINGS:
+            if size < TELLING:
+                if len(missed) > 1 and missed[-1] >= min(missed[:-1]) / SAME:
+                    break  # the last halving gained nothing
+                tried.append(self._tried(size, rest=rest))
+                missed.append(self._missed(tried[-1].segments))
+        return [one for one, x in zip(tried, missed, strict=True) if x <= SAME * min(missed)][-1]
+
+    def _tried(self, size: float, *, rest: bool) -> _Knots:
+        """Return the knots of a spacing, after a fit to the positions alone."""
         segments = self._planned(size, rest=rest)
         left = [one.offset(self._fitted(one)) for one in segments]
         power = sum(((x**2).sum(axis=0) for x in left), np.zeros(len(self.sigma_q))) / sum(map(len, left))
         exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
-        return segments, power, self._white(left, segments) or bool((power < exact**2).all())
+        return _Knots(segments, power, self._white(left, segments) or bool((power < exact**2).all()))
 
     def _fitted(self, segment: Segment) -> State:
         """Return the motion that a segment's positions alone suggest."""
-        return segment.start(self.sigma_q, LOOSE * self.given.bend)
+        return segment.start(self.sigma.q, LOOSE * self.given.bend)
 
     def _missed(self, segments: Sequence[Segment]) -> float:
         """Return the power of the torque that fits to the positions alone leave."""
-        left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma_tau for one in segments]
+        left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma.tau for one in segments]
         return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
 
     def soften(self) -> str:
         """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""
-        known = [one.resolution(self.sigma_q, self.given.bend) for one in self.segments]
+        known = [one.resolution(self.sigma.q, self.given.bend) for one in self.segments]
         still = self.given.bend < STILL
         width = np.where(still, NO_SIGN, np.max(known, axis=0))
         speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
@@ -151,9 +171,8 @@ class Search:
         self, theta: Array, states: tuple[State, ...], hold: int = 0, loose: float = 1.0, fixed: int | None = None
     ) -> Fitted:
         """Search from a theta and states, with one parameter fixed or none."""
-        settings = replace(self.settings, tolerance=loose * self.settings.tolerance)
-        noise = (self.sigma_q, self.sigma_tau)
-        return maximise(self.model, self.segments, states, theta, *noise, self.barrier, settings, hold, fixed)
+        settings = replace(self.settings, tolerance=loose * self.settings.tolerance, hold=hold, fixed=fixed)
+        return maximise(self.likelihood, states, theta, settings)
 
     def freed(self) -> Search:
         """Return the search with the velocities at the start unknown."""
@@ -165,28 +184,27 @@ class Search:
             one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
         ]
         torques = zip(pairs, self.segments, strict=True)
-        return [a / self.sigma_q for a, _ in pairs], [
-            (one.raw.weight > 0) * b / self.sigma_tau for (_, b), one in torques
+        return [a / self.sigma.q for a, _ in pairs], [
+            (one.raw.weight > 0) * b / self.sigma.tau for (_, b), one in torques
         ]
 
     def reweight(self, huber: float | None) -> None:
         """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
         q, tau = self.left()
         pairs = zip(self.segments, self.states, strict=True)
-        noise = (self.sigma_q, self.sigma_tau)
-        taken = np.sum([leverage(one, self.model, state, self.theta, *noise) for one, state in pairs], axis=0)
+        taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
         there = np.array(
-            [sum(map(len, q)) + 0 * self.sigma_q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
+            [sum(map(len, q)) + 0 * self.sigma.q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
         )
         free = np.maximum(there - taken, 0.05 * there)
         if huber is not None:
             trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
             self.segments = tuple(one.trusting(x) for one, x in zip(self.segments, trust, strict=True))
-            scale = 1.4826 * np.median(np.abs(np.concatenate(tau)), axis=0) * np.sqrt(there[1] / free[1])
+            scale = median_sigma(np.concatenate(tau)) * np.sqrt(there[1] / free[1])
         else:
             scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
-        self.sigma_tau = self.sigma_tau * np.maximum(scale, 1e-6)
-        self.sigma_q = self.sigma_q * np.maximum(np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0]), 1e-6)
+        scale_q = np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0])
+        self.sigma = Sigma(self.sigma.q * np.maximum(scale_q, 1e-6), self.sigma.tau * np.maximum(scale, 1e-6))
 
     def _held(self, last: Fitted, theta: Array, k: int, value: float) -> Fitted | None:
         """Return the best fit with parameter k at a value, from theta near the ``last``; None where there is none."""
@@ -243,9 +261,9 @@ class Search:
         ``inverse`` (p, p) is that of the information. The pulls of stretches of the recordings on theta are taken as
         independent, whatever their noise is like.
         """
-        noise, out = (self.sigma_q, self.sigma_tau), []
+        out = []
         for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
-            pulls = scores(one, self.model, state, fitted.theta, *noise, back[:, 1:])
+            pulls = scores(one, self.model, state, fitted.theta, self.sigma, back[:, 1:])
             middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
             part = max(int(CLUSTERS / len(self.segments)), 2)
             edges = np.searchsorted(

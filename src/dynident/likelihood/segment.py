@@ -15,12 +15,20 @@ from dynident.likelihood.trajectory import Block, Trajectory
 from dynident.log import Log
 from dynident.model import Model
 
-__all__ = ["Segment", "State"]
+__all__ = ["Segment", "Sigma", "State"]
 
 Array = NDArray[np.float64]
 GAUSS = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the middle of an interval of length one
 RIDGE = 1e-9  # of the positions' products, where a coefficient acts on none
 TIGHT = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
+
+
+@dataclass(frozen=True, eq=False)
+class Sigma:
+    """Standard deviations of white noise: ``q`` (n) of the positions (rad, m), ``tau`` (n) of the torques (N m, N)."""
+
+    q: Array
+    tau: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,14 +218,14 @@ class Segment:
         wanted[self.measured] = self.torques.tau
         return np.asarray(wanted)
 
-    def given(self, squares: Array, sigma_q: Array, sigma_tau: Array) -> float:
+    def given(self, squares: Array, sigma: Sigma) -> float:
         """Return half the weighted ``squares`` (n) of positions, and of what no model can explain of the torques."""
-        return 0.5 * float((squares / sigma_q**2 + self.torques.scatter / sigma_tau**2).sum())
+        return 0.5 * float((squares / sigma.q**2 + self.torques.scatter / sigma.tau**2).sum())
 
-    def cost(self, model: Model, state: State, theta: Array, sigma_q: Array, sigma_tau: Array) -> float:
+    def cost(self, model: Model, state: State, theta: Array, sigma: Sigma) -> float:
         """Return half the sum of the weighted squares."""
-        left = (self.wanted(state) - model.torque(*self.motion(state), theta)) * self.weights(sigma_tau)
-        return self.given(self.shares(state)[1], sigma_q, sigma_tau) + 0.5 * float((left**2).sum())
+        left = (self.wanted(state) - model.torque(*self.motion(state), theta)) * self.weights(sigma.tau)
+        return self.given(self.shares(state)[1], sigma) + 0.5 * float((left**2).sum())
 
     def moved(self, state: State, dC: Array, dW: Array) -> State:
         """Return the state after a step, given flat."""

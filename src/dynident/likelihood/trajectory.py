@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from dynident.likelihood.arrow import overlap
+from dynident.splines.bspline import local_basis
 
 __all__ = ["DEGREE", "Block", "Trajectory", "graded"]
 
@@ -113,28 +114,4 @@ class Trajectory:
 
     def local(self, t: Array) -> Array:
         """Return values, first and second derivatives (3, N, 5) of the five splines that act on each time."""
-        m = self.first[self.interval(t)] + DEGREE
-        values = [np.ones((len(t), 1))]
-        for degree in range(1, DEGREE + 1):
-            values.append(self._raised(values[-1], t, m, degree))
-        slope = self._derived(values[DEGREE - 1], m, DEGREE)
-        bend = self._derived(self._derived(values[DEGREE - 2], m, DEGREE - 1), m, DEGREE)
-        return np.stack([values[DEGREE], slope, bend])
-
-    def _raised(self, lower: Array, t: Array, m: Index, degree: int) -> Array:
-        """Cox and de Boor's recursion, for all that do not vanish between the knots m and m + 1."""
-        out = np.zeros((len(t), degree + 1))
-        for a in range(degree):
-            left, right = self.knots[m - degree + 1 + a], self.knots[m + 1 + a]
-            share = lower[:, a] / (right - left)
-            out[:, a] += (right - t) * share
-            out[:, a + 1] += (t - left) * share
-        return out
-
-    def _derived(self, lower: Array, m: Index, degree: int) -> Array:
-        out = np.zeros((len(lower), degree + 1))
-        for a in range(degree):
-            share = degree * lower[:, a] / (self.knots[m + 1 + a] - self.knots[m - degree + 1 + a])
-            out[:, a] -= share
-            out[:, a + 1] += share
-        return out
+        return local_basis(self.knots, DEGREE, self.first[self.interval(t)] + DEGREE, t)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.plot.canvas import BLUE, GRID, INK, RED, Array, panels, plain
+from dynident.splines import NORMAL_95
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 __all__ = ["interval_figure", "reference_word", "relative_std", "singular_figure"]
 
 WIDEST = 100.0  # % of a parameter's value at which the axis ends
-NORMAL_95 = 1.96  # two-sided 95 % quantile of the normal distribution
 LEAST = 1e-20  # relative singular values below it are zero but for rounding
 LONGEST = 30  # letters of a name at the axis; the rest shows when pointed at
 

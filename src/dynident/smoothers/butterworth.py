@@ -32,9 +32,9 @@ class Butterworth:
     settle: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if len(self.orders) != 3 or any(int(n) != n or not 1 <= n <= 12 for n in self.orders):
+        if len(self.orders) != 3 or not set(self.orders) <= set(range(1, 13)):
             raise ConfigError(f"filter orders {self.orders}: give three whole numbers from 1 to 12, for q, dq and ddq.")
-        if len(self.cutoffs) != 3 or not all(np.isfinite(f) and f > 0 for f in self.cutoffs):
+        if len(self.cutoffs) != 3 or not all(0 < f < np.inf for f in self.cutoffs):
             raise ConfigError(f"filter cut-offs {self.cutoffs}: give three positive frequencies in Hz, for q, dq, ddq.")
         if self.settle is not None and not (len(self.settle) == 2 and all(s >= 0 for s in self.settle)):
             raise ConfigError(f"settle is {self.settle}: give two times >= 0 s, at the start and at the end.")

@@ -1,18 +1,21 @@
 """Natural cubic smoothing splines after Reinsch (1967): pure numerics, usable alone."""
 
-from dynident.splines.noise import noise_sigma
+from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
 from dynident.splines.spline import SmoothingSpline, smooth
 
 __all__ = [
     "GCV",
+    "NORMAL_95",
     "REML",
     "Constraint",
     "Fixed",
     "Interpolation",
     "Rule",
     "SmoothingSpline",
+    "median_sigma",
     "noise_sigma",
     "rule_named",
     "smooth",
+    "steady_noise",
 ]

@@ -187,18 +187,22 @@ def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
     if len(time) < 3:
         raise InputError(f"a smoothing spline needs at least 3 samples, got {len(time)}.")
-    for name, value in (("t", time), ("y", data)):
-        if not np.isfinite(value).all():
-            where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
-            raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
-        size = float(np.ptp(value))
-        if size > LARGEST or 0 < size < 1 / LARGEST or np.abs(value).max() > LARGEST:
-            raise InputError(f"{name} spans {size:g}: that is out of range (1e-100 to 1e100); choose another unit.")
+    _check_values("t", time)
+    _check_values("y", data)
     wrong = np.flatnonzero(np.diff(time) <= 0)
     if len(wrong):
         i = int(wrong[0])
         raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
     return time, data
+
+
+def _check_values(name: str, value: Array) -> None:
+    if not np.isfinite(value).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
+        raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
+    size = float(np.ptp(value))
+    if size > LARGEST or 0 < size < 1 / LARGEST or np.abs(value).max() > LARGEST:
+        raise InputError(f"{name} spans {size:g}: that is out of range (1e-100 to 1e100); choose another unit.")
 
 
 def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:

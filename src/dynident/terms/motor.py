@@ -73,18 +73,8 @@ class Coupling:
         pairs = given.items() if isinstance(given, Mapping) else given
         object.__setattr__(self, "coefficients", tuple((str(name), float(c)) for name, c in pairs))
         object.__setattr__(self, "joints", tuple(self.joints))
-        where, known = f"Coupling {self.name!r}", [joint.name for joint in self.joints]
-        for k, (name, c) in enumerate(self._pairs):
-            if name not in known:
-                raise ModelError(f"{where}: no joint {name!r}; {choices(name, known)}")
-            if name in [other for other, _ in self._pairs[:k]]:
-                raise ModelError(f"{where}: joint {name!r} is listed twice.")
-            if c == 0 or not np.isfinite(c):
-                raise ModelError(
-                    f"{where}: the coefficient of {name!r} is {c}; give a finite one, or leave the joint out."
-                )
-        if not self._pairs:
-            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{known[0]!r}: 1.0}}.")
+        where = f"Coupling {self.name!r}"
+        self._check_pairs(where)
         if not self._parts:
             raise ModelError(f"{where}: no part is left; switch on one of inertia, viscous, coulomb and offset.")
         if self.values is not None:
@@ -92,6 +82,21 @@ class Coupling:
             if len(self.values) != len(self._parts):
                 names = ", ".join(parameter.name for part in self._parts for parameter in part.parameters)
                 raise ModelError(f"{where}: {len(self.values)} values for {len(self._parts)} parameters ({names}).")
+
+    def _check_pairs(self, where: str) -> None:
+        known, seen = [joint.name for joint in self.joints], set()
+        for name, c in self._pairs:
+            if name not in known:
+                raise ModelError(f"{where}: no joint {name!r}; {choices(name, known)}")
+            if name in seen:
+                raise ModelError(f"{where}: joint {name!r} is listed twice.")
+            seen.add(name)
+            if c == 0 or not np.isfinite(c):
+                raise ModelError(
+                    f"{where}: the coefficient of {name!r} is {c}; give a finite one, or leave the joint out."
+                )
+        if not seen:
+            raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{known[0]!r}: 1.0}}.")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

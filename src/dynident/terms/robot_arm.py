@@ -68,6 +68,17 @@ def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, floa
     """Return the names of the moving joints: all known, of one coordinate, not bound to another."""
     movable = {joint.name: joint for joint in file.joints if joint.kind != "fixed" or joint.refusal}
     names = [name for name in movable if name not in locked] if used is None else list(used)
+    _check_named(file, movable, names, locked)
+    for name in names:
+        _check_movable(file, movable[name])
+    _check_mimics(file, names, locked)
+    return names
+
+
+def _check_named(
+    file: RobotFile, movable: Mapping[str, RobotJoint], names: Sequence[str], locked: Mapping[str, float]
+) -> None:
+    """Check that the names used and locked are joints that can move, each named once."""
     for name in (*names, *locked):
         known(name, movable, file.source, "joint that can move")
         if [*names, *locked].count(name) > 1:
@@ -77,15 +88,15 @@ def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, floa
     for name, value in locked.items():
         if not abs(value) < HUGE or (movable[name].kind == "fixed" and value):
             raise ModelError(f"{file.source}: joint {name!r} cannot be locked at {value}; lock it at 0.")
-    for name in names:
-        _check_movable(file, movable[name])
+
+
+def _check_mimics(file: RobotFile, names: Sequence[str], locked: Mapping[str, float]) -> None:
     for joint in file.joints:
         if joint.follows and joint.name not in locked and joint.follows[0] in names:
             raise ModelError(
                 f"{file.source}: joint {joint.name!r} mimics {joint.follows[0]!r}, which moves; lock that one, or "
                 f"state a value for {joint.name!r} in 'locked' if it does stand still."
             )
-    return names
 
 
 def _check_movable(file: RobotFile, joint: RobotJoint) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.constraints.constraints import Constraints, Demand, Limit
 from dynident.errors import ConfigError, ModelError
-from dynident.estimators.constraints import Constraints, Limit
 
 __all__ = ["Optimum", "minimise", "positive"]
 
@@ -51,10 +51,8 @@ def minimise(
     program = _Program(len(linear))
     for limit in constraints.limits:
         _add_limit(program, limit, origin, directions)
-    for body in constraints.bodies:
-        room = body.scaled(origin) - constraints.margin * np.eye(4)
-        label = f"a positive definite pseudo-inertia of {body.name}"
-        program.add("PSDTriangleConeT", 4, -_triangle(body.scaled(directions)).T, _triangle(room), (label,))
+    for one in constraints.demands(origin, directions):
+        _add_matrices(program, one)
     return program.solve(quadratic, linear)
 
 
@@ -65,19 +63,19 @@ def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequ
     there is no such point, or the solver finds none.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
+    # where the form says next to nothing, the matrices give the unit: else rounding decides whether the solver succeeds
+    reach = np.sqrt(sum((slopes.reshape(-1, len(theta)) ** 2).sum(axis=0) for slopes in matrices)) * scale
+    unit = scale / np.maximum(reach, 1.0)
     program = _Program(len(theta))
     for slopes, least in zip(matrices, room, strict=True):
-        for one in slopes:
-            size = len(one)
-            offset = one @ theta - least * np.eye(size)
-            directions = np.moveaxis(one, -1, 0) * scale[:, None, None]
-            program.add("PSDTriangleConeT", size, -_triangle(directions).T, _triangle(offset), ("a positive inertia",))
-    scaled = hessian * np.outer(scale, scale) + 1e-9 * np.eye(len(theta))
+        offset = np.broadcast_to(-least * np.eye(slopes.shape[1]), slopes.shape[:-1])
+        _add_matrices(program, Demand(slopes, None, offset, "a positive inertia").along(theta, np.diag(unit)))
+    scaled = hessian * np.outer(unit, unit) + 1e-9 * np.diag((unit / scale) ** 2)
     try:
         point = program.solve(scaled, np.zeros(len(theta))).point
     except ConfigError as error:
         raise ModelError(f"no parameters are physical: {error}") from error
-    return np.asarray(theta + scale * point)
+    return np.asarray(theta + unit * point)
 
 
 @dataclass
@@ -155,6 +153,12 @@ def _add_limit(program: _Program, limit: Limit, origin: Array, directions: Array
     for cone, rows, sign, side in parts:
         labels = tuple(label for label, row in zip(limit.labels, rows, strict=True) if row)
         program.add(cone, int(rows.sum()), sign * slope[rows], sign * (side - value)[rows], labels)
+
+
+def _add_matrices(program: _Program, demand: Demand) -> None:
+    for offset, slopes in zip(demand.constant, demand.slopes, strict=True):
+        A, b = -_triangle(np.moveaxis(slopes, -1, 0)).T, _triangle(offset)
+        program.add("PSDTriangleConeT", len(offset), A, b, (demand.label,))
 
 
 def _triangle(matrices: Array) -> Array:

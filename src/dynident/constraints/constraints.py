@@ -1,4 +1,6 @@
-"""What physics and the user demand of parameters: linear limits, and a positive definite pseudo-inertia of each body.
+"""What physics and the user demand of parameters: linear limits, and matrices that are positive definite.
+
+These are the pseudo-inertia of each body, or the mass matrix of a model without bodies.
 
 Wensing, Kim and Slotine (2018), "Linear matrix inequalities for physically consistent inertial parameter
 identification: a statistical perspective on the mass distribution".
@@ -8,20 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, choices
 from dynident.inertia import to_pseudo
+from dynident.model import Model
 from dynident.terms.term import INERTIAL, Parameter
 
-__all__ = ["Body", "Constraints", "Limit", "bodies_of", "box", "interval", "scales", "total"]
+__all__ = [
+    "SIGNED", "Body", "Constraints", "Corners", "Demand", "Interval", "Limit", "bodies_of", "box", "interval",
+    "physics", "scales", "signs", "total",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Interval = tuple[float | None, float | None]
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 INERTIA = "pseudo-inertia"
+SIGNED = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}  # never negative
 MASS, LENGTH = 1.0, 0.1  # the size (kg, m) of a body whose nominal mass and inertia are not known
 
 
@@ -47,6 +55,42 @@ class Limit:
 
 
 @dataclass(frozen=True, eq=False)
+class Demand:
+    """Matrices (K, s, s) = ``offset`` + ``slopes`` (K, s, s, v) x that must be positive definite.
+
+    x (v) is theta, or steps along some directions. ``offset`` (K, s, s) is zero where it is None. ``centre`` (K, s, s),
+    where given, is what they are drawn to: the cost is then the log-det divergence from it, which also keeps a body
+    finite that the data leave free.
+    """
+
+    slopes: Array
+    centre: Array | None = None
+    offset: Array | None = None
+    label: str = "a positive definite matrix"
+
+    @property
+    def constant(self) -> Array:
+        """The offset (K, s, s)."""
+        return np.zeros(self.slopes.shape[:-1]) if self.offset is None else self.offset
+
+    def at(self, x: Array) -> Array:
+        """Return the matrices (K, s, s) at x (v)."""
+        return np.asarray(self.constant + self.slopes @ x)
+
+    def along(self, origin: Array, directions: Array) -> Demand:
+        """Return the demand on y (w) where x = origin (v) + directions (v, w) y."""
+        return replace(self, slopes=self.slopes @ directions, offset=self.at(origin))
+
+    @cached_property
+    def pull(self) -> Array:
+        """Gradient (v) of the part of the divergence that is linear in x; zero without a centre."""
+        if self.centre is None:
+            return np.zeros(self.slopes.shape[-1])
+        turned = np.linalg.solve(self.centre[:, None], np.moveaxis(self.slopes, -1, 1))
+        return np.asarray(np.trace(turned, axis1=-2, axis2=-1).mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
 class Body:
     """A rigid body: the ``columns`` (10) of its parameters, and ``size`` (4) to judge its pseudo-inertia by.
 
@@ -64,14 +108,21 @@ class Body:
         """
         return np.asarray(to_pseudo(theta[self.columns].T) / np.outer(self.size, self.size))
 
+    def demand(self, p: int, margin: float = 0.0) -> Demand:
+        """Return the demand on theta (p) that the scaled pseudo-inertia's eigenvalues exceed ``margin``."""
+        slopes = np.moveaxis(self.scaled(np.eye(p)), 0, -1)[None]
+        label = f"a positive definite pseudo-inertia of {self.name}"
+        return Demand(slopes, offset=-margin * np.eye(4)[None], label=label)
+
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Linear limits, and scaled pseudo-inertias whose smallest eigenvalue is at least ``margin``."""
+    """Linear limits, scaled pseudo-inertias whose smallest eigenvalue is at least ``margin``, other ``matrices``."""
 
-    limits: tuple[Limit, ...]
-    bodies: tuple[Body, ...]
-    margin: float
+    limits: tuple[Limit, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    margin: float = 0.0
+    matrices: tuple[Demand, ...] = ()
 
     @property
     def families(self) -> tuple[str, ...]:
@@ -81,7 +132,7 @@ class Constraints:
     def only(self, family: str) -> Constraints:
         """Return one family alone."""
         limits = tuple(limit for limit in self.limits if limit.family == family)
-        return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else ())
+        return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else (), matrices=())
 
     def eased(self, share: float) -> Constraints:
         """Return the same with ``share`` of the margin, so that what meets this one lies inside of that."""
@@ -91,7 +142,51 @@ class Constraints:
         """Return by how much theta (p) breaks the worst of the constraints; not positive where it meets all."""
         lines = [limit.violation(theta) for limit in self.limits]
         cones = [self.margin - float(np.linalg.eigvalsh(body.scaled(theta))[0]) for body in self.bodies]
-        return max(lines + cones, default=-np.inf)
+        others = [-float(np.linalg.eigvalsh(one.at(theta)).min()) for one in self.matrices]
+        return max(lines + cones + others, default=-np.inf)
+
+    def demands(self, origin: Array, directions: Array) -> tuple[Demand, ...]:
+        """Return the matrices along theta = origin (p) + directions (p, v) x: those of the bodies, then the others."""
+        bodies = [body.demand(len(origin), self.margin) for body in self.bodies]
+        return tuple(one.along(origin, directions) for one in (*bodies, *self.matrices))
+
+    def numbers(self, origin: Array, directions: Array) -> tuple[Demand, ...]:
+        """Return the inequalities of the limits along theta = origin (p) + directions (p, v) x, as matrices of one."""
+        found = []
+        for limit in self.limits:
+            slope, value = limit.rows @ directions, limit.rows @ origin
+            for sign, room in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
+                used = np.flatnonzero(np.isfinite(room) & (limit.lower < limit.upper))
+                shape = (1, 1, 1)
+                found += [
+                    Demand(sign * slope[k].reshape(*shape, -1), None, room[k].reshape(shape), limit.labels[k])
+                    for k in used
+                ]
+        return tuple(found)
+
+
+def physics(model: Model, q: Array) -> Constraints:
+    """Return what physics demands of any model: friction and rotors not negative, bodies with a mass distribution.
+
+    A model without bodies must have a positive definite mass matrix at the configurations q (K, n), where it has one at
+    all.
+    """
+    bodies = bodies_of(model.parameters)
+    if bodies:
+        return Constraints(signs(model.parameters), bodies)
+    slopes = np.stack([model.mass_matrix(q, one) for one in np.eye(len(model.parameters))], axis=-1)
+    seen = bool((np.abs(slopes).sum(axis=(0, 2, 3)) > 0).all())
+    matrices = (Demand(slopes, label="a positive definite mass matrix"),) if seen else ()
+    return Constraints(signs(model.parameters), matrices=matrices)
+
+
+def signs(parameters: Sequence[Parameter], roles: Iterable[str] = tuple(SIGNED)) -> tuple[Limit, ...]:
+    """Return the limits, one family for each of the roles, that friction and rotor inertia are not negative."""
+    found = []
+    for role in roles:
+        columns: dict[int, Interval] = {k: (0.0, None) for k, x in enumerate(parameters) if x.role == role}
+        found.append(interval(SIGNED[role], parameters, columns))
+    return tuple(found)
 
 
 def bodies_of(parameters: Sequence[Parameter]) -> tuple[Body, ...]:

@@ -47,7 +47,7 @@ class TestBound:
         theta, t, n = np.asarray(model.values), motion.t, 41
 
         def positions(x: np.ndarray) -> np.ndarray:
-            """Positions (B, N) under x (B, N + 2 + p), all runs at once: torques at the samples, initial state, theta."""
+            """Positions (B, N) of all runs x (B, N + 2 + p) at once: torques at the samples, initial state, theta."""
             torques, start, values = np.split(x, [n, n + 2], axis=1)
 
             def torque(s: float) -> np.ndarray:

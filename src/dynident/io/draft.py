@@ -149,15 +149,20 @@ def _channels(page: _Page, section: str, signals: Mapping[str, Signal], guess: G
     common = asked.pop() if len(asked) == 1 and len(signals) > 1 else ""  # asked once, not joint by joint
     if common:
         page.ask(section, common)
+    _wanted(page, section, signals)
+    for name, one in signals.items():
+        complete = one.column is not None and not one.gain
+        page.line(_channel(name, one), f"{section}.{name}", one.question if complete and not common else "")
+
+
+def _wanted(page: _Page, section: str, signals: Mapping[str, Signal]) -> None:
+    """Say what is to be filled in of a section's channels."""
     gains = sorted({signal.gain for signal in signals.values() if signal.gain})
     if gains:
         page.want(section, f"the gains: {' or '.join(gains)}")
     missing = [name for name, signal in signals.items() if signal.column is None]
     if missing:
         page.want(section, f"the columns of {_listed(missing)}, which were not found")
-    for name, one in signals.items():
-        complete = one.column is not None and not one.gain
-        page.line(_channel(name, one), f"{section}.{name}", one.question if complete and not common else "")
 
 
 def _channel(name: str, signal: Signal) -> str:

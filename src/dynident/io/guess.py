@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,11 +93,10 @@ def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Gues
     time = _time(table, found, rows, ros)
     signals = {} if position is None else _positions(table, usable, position, ros)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
-    taken = {time.column, *(column for match in matches.values() for column in match.columns.values())}
-    left = tuple(name for name in table.columns if name not in taken and len(table.columns[name]) == rows)
+    left = _left(table, rows, time, matches.values())
     return Guess(
         time=time,
-        position={joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in used},
+        position=_complete(signals, used),
         torque=_torques(table, used, torque, ros),
         lock=_lock(table, joints, names, signals),
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
@@ -104,6 +104,17 @@ def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Gues
         strangers=_strangers(left, position, joints),
         gaps=_has_gaps(table, time),
     )
+
+
+def _complete(signals: Mapping[str, Signal], joints: Iterable[JointFacts]) -> dict[str, Signal]:
+    """Return the positions of all joints, in their order, those without a column too."""
+    return {joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in joints}
+
+
+def _left(table: Table, rows: int, time: TimeGuess, matches: Iterable[Match]) -> tuple[str, ...]:
+    """Return the columns of that length that are neither the time nor matched."""
+    taken = {time.column, *chain.from_iterable(match.columns.values() for match in matches)}
+    return tuple(name for name, column in table.columns.items() if name not in taken and len(column) == rows)
 
 
 def _strangers(left: Iterable[str], position: Match | None, joints: Sequence[JointFacts]) -> tuple[str, ...]:
@@ -126,15 +137,17 @@ def _positions(table: Table, joints: Sequence[JointFacts], match: Match, ros: bo
     """Return the positions of the joints that are matched; those of turning joints may look like degrees."""
     joints = [joint for joint in joints if joint.name in match.columns]
     values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
-    turning = [joint for joint in joints if joint.kind == "revolute"]
-    in_rad, in_deg = (all(_fits(joint, values[joint.name], x) for joint in turning) for x in (1.0, math.pi / 180))
-    degrees = ""
-    if in_deg and not in_rad and not ros:
-        span = max((float(np.ptp(values[joint.name])) for joint in turning if len(values[joint.name])), default=0.0)
-        degrees = (
-            f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
-        )
+    degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
     return {joint.name: _position(joint, values[joint.name], match, degrees) for joint in joints}
+
+
+def _degrees(turning: Sequence[tuple[JointFacts, Array]]) -> str:
+    """Return the question whether positions are in degrees, where they fit the joints so, and not in rad."""
+    in_rad, in_deg = (all(_fits(joint, q, factor) for joint, q in turning) for factor in (1.0, math.pi / 180))
+    if in_rad or not in_deg:
+        return ""
+    span = max((float(np.ptp(q)) for _, q in turning if len(q)), default=0.0)
+    return f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
 
 
 def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal:

@@ -60,12 +60,15 @@ def best_pair(table: Table, found: Iterable[Family], joints: Sequence[JointFacts
 
     Commanded quantities are never taken, currents only for want of torques.
     """
-    sound = [assign(one, joints) for one in found if one.rank > -2]
-    positions = [one for one in sound if one.family.role == "position" and one.columns]
-    torques = [one for one in sound if one.family.role in ("torque", "current") and one.columns]
+    sound = [one for one in (assign(family, joints) for family in found if family.rank > -2) if one.columns]
+    positions, torques = (_of_role(sound, *roles) for roles in (("position",), ("torque", "current")))
     pairs = (pair for pair in product([*positions, None], [*torques, None]) if _alike(table, pair))
     position, torque = max(pairs, key=_merit, default=(None, None))
     return _rivals(table, position, positions), _rivals(table, torque, torques)
+
+
+def _of_role(matches: Iterable[Match], *roles: str) -> list[Match]:
+    return [one for one in matches if one.family.role in roles]
 
 
 def _alike(table: Table, pair: tuple[Match | None, Match | None]) -> bool:
@@ -103,13 +106,17 @@ def _rivals(table: Table, chosen: Match | None, others: Iterable[Match]) -> Matc
 
 def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
     """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
-    named = {key: column for key, column in family.columns.items() if isinstance(key, str)}
-    if named:
-        columns = {joint.name: named[joint.name] for joint in joints if joint.name in named}
+    if any(isinstance(key, str) for key in family.columns):
+        columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns carry the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
-    numbered = {key: family.columns[key] for key in sorted(key for key in family.columns if isinstance(key, int))}
+    numbers = sorted(key for key in family.columns if isinstance(key, int))
+    return _by_number(family, {key: family.columns[key] for key in numbers}, joints)
+
+
+def _by_number(family: Family, numbered: Mapping[int, str], joints: Sequence[JointFacts]) -> Match:
+    """Match numbered columns to the joints whose names have these numbers, else to as many joints in order."""
     chains = _chains(joints)
     for chain in chains:
         if sorted(chain) == list(numbered):

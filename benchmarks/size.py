@@ -63,8 +63,8 @@ def record(folder: Path, n: int) -> Path:
 
 def staged(config: Path) -> None:
     """Run the command's steps in this process; print the seconds of each."""
-    from dynident.cli.identify import run_config
     from dynident.export import exports
+    from dynident.io.project import run
     from dynident.report import identification_page, result_dict
 
     began = last = time.perf_counter()
@@ -76,7 +76,7 @@ def staged(config: Path) -> None:
         spent[stage] = spent.get(stage, 0.0) + now - last
         last, stage = now, " ".join(step.split()[:2]) if step.startswith(("trying", "reading", "smoothing")) else step
 
-    found = run_config(config, say)
+    found = run(config, progress=say)
     say("exports")
     made = exports(found)
     say("report")

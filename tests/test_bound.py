@@ -7,7 +7,7 @@ from dynident.article import SCENARIOS
 from dynident.bound import bound, information
 from dynident.errors import ConfigError, ModelError
 from dynident.gallery import pendulum, two_link_arm
-from dynident.simulation import simulate
+from dynident.simulation import simulate, simulate_many
 
 # standard deviations in % of the parameters, from an independent computation with another discretisation
 TABLE = {
@@ -47,31 +47,22 @@ class TestBound:
         theta, t, n = np.asarray(model.values), motion.t, 41
 
         def positions(x: np.ndarray) -> np.ndarray:
-            """Positions under x: torques at the samples, initial state, theta."""
-            parts = np.split(x, [n, n + 2])
-            made = [
-                simulate(
-                    model,
-                    parts[2],
-                    lambda s: [np.interp(s, t, parts[0])],
-                    t,
-                    parts[1][:1],
-                    parts[1][1:],
-                    tolerance=1e-11,
-                )
-            ]
-            return made[0].q[:, 0]
+            """Positions (B, N) of all runs x (B, N + 2 + p) at once: torques at the samples, initial state, theta."""
+            torques, start, values = np.split(x, [n, n + 2], axis=1)
+
+            def torque(s: float) -> np.ndarray:
+                k = int(np.clip(np.searchsorted(t, s, side="right"), 1, n - 1))
+                part = (s - t[k - 1]) / (t[k] - t[k - 1])
+                return ((1 - part) * torques[:, k - 1] + part * torques[:, k])[:, None]
+
+            made = simulate_many(model, values, torque, t, start[:, :1], start[:, 1:], tolerance=1e-11)
+            return np.stack([one.q[:, 0] for one in made])
 
         at = np.concatenate([motion.tau[:, 0], [0.0, 0.0], theta])
         size = 1e-4 * np.where(at == 0, 1.0, np.abs(at))
         size[:n] = 1e-4
-        J = np.stack(
-            [
-                (positions(at + s * e) - positions(at - s * e)) / (2 * s)
-                for s, e in zip(size, np.eye(len(at)), strict=True)
-            ],
-            axis=1,
-        )
+        ahead, behind = np.split(positions(np.concatenate([at + np.diag(size), at - np.diag(size)])), 2)
+        J = ((ahead - behind) / (2 * size[:, None])).T
         full = J.T @ J / 1e-6
         full[:n, :n] += np.eye(n) / 0.01
         m = n + 2

@@ -116,29 +116,13 @@ def _identify(
     progress: Callable[[str], None],
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
-    roles = {"train": _named(train), "validation": _named(validation)}
-    if not roles["train"]:
-        raise ConfigError("no training log is given; name at least one.")
-    roles = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
-    settings = {"recipe": repr(recipe), "estimator": repr(recipe.estimator), "low-pass": repr(recipe.parallel)}
-    settings["seed of the random poses"] = str(SEED)
-    slow = recipe.slowest(joints)
+    roles = _roles(train, validation, joints)
+    trained, slow = tuple(roles["train"].values()), recipe.slowest(joints)
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
-    trained = tuple(roles["train"].values())
     smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
-    settings |= told
-    settings |= _used(smoother)
-    motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
-    for role, logs in roles.items():
-        for name, log in logs.items():
-            progress(f"smoothing {name}")
-            motions[role][name] = smoother(log)
+    motions = _smoothed(roles, smoother, progress)
     fitted = tuple(motions["train"].values())
-    if recipe.lean:
-        progress("finding how the base leans")
-        lean = find_lean(model, fitted, recipe.estimator, slow)
-        model = mounted(model, lean.x, lean.y)
-        settings |= {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
+    model, leaning = _mounted(model, fitted, recipe, slow, progress)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
@@ -156,14 +140,50 @@ def _identify(
         estimate,
         judged,
         () if estimate.status == "ok" else (estimate.status,),
-        settings,
+        {**_settings(recipe), **told, **_used(smoother), **leaning},
         versions(),
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
-        runs=_runs(model, estimate, judged, roles, recipe, smoother, progress),
         recorded=tuple(roles[log.role][log.name] for log in judged),
-        delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
+        delay=late,
     )
+    found = replace(found, runs=_runs(found, recipe, smoother, progress))
     return _with_errors(found, regression, fitted, progress)
+
+
+def _roles(
+    train: Mapping[str, Log] | Sequence[Log], validation: Mapping[str, Log] | Sequence[Log], joints: tuple[str, ...]
+) -> dict[str, dict[str, Log]]:
+    """Return the logs by role and name, of these joints in this order; ConfigError where none is to be fitted."""
+    roles = {"train": _named(train), "validation": _named(validation)}
+    if not roles["train"]:
+        raise ConfigError("no training log is given; name at least one.")
+    return {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
+
+
+def _smoothed(
+    roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
+) -> dict[str, dict[str, Motion]]:
+    motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
+    for role, logs in roles.items():
+        for name, log in logs.items():
+            progress(f"smoothing {name}")
+            motions[role][name] = smoother(log)
+    return motions
+
+
+def _mounted(
+    model: Model,
+    motions: tuple[Motion, ...],
+    recipe: Recipe,
+    slow: tuple[float, ...] | None,
+    progress: Callable[[str], None],
+) -> tuple[Model, dict[str, str]]:
+    """Return the model on its base as it leans, and settings that say so, where the recipe asks for it."""
+    if not recipe.lean:
+        return model, {}
+    progress("finding how the base leans")
+    lean = find_lean(model, motions, recipe.estimator, slow)
+    return mounted(model, lean.x, lean.y), {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
 
 
 def _with_errors(
@@ -193,23 +213,18 @@ def _with_errors(
 
 
 def _runs(
-    model: Model,
-    estimate: Estimate,
-    judged: Sequence[LogValidation],
-    logs: Mapping[str, Mapping[str, Log]],
-    recipe: Recipe,
-    smoother: Smoother,
-    progress: Callable[[str], None],
+    found: Identification, recipe: Recipe, smoother: Smoother, progress: Callable[[str], None]
 ) -> tuple[FreeRun, ...]:
+    """Return the free simulations of the recordings that know their controller, or of all where the recipe asks."""
     runs = []
-    for one in judged:
-        log = logs[one.role][one.name]
+    for one, log in zip(found.logs, found.recorded, strict=True):
         if log.controller is not None or recipe.restart is not None:
             progress(f"simulating {one.name}")
             # a controller sees the positions when they were stamped
             stamped = log.controller is not None and isinstance(smoother, Delayed)
             motion = smoother.smoother(log) if stamped else one.motion  # type: ignore[attr-defined]
-            runs.append(free_run(model, estimate.value, motion, log.controller, recipe.restart, name=one.name))
+            made = free_run(found.model, found.estimate.value, motion, log.controller, recipe.restart, name=one.name)
+            runs.append(made)
     return tuple(runs)
 
 
@@ -236,6 +251,12 @@ def _of_determined(basis: Basis, std: Array) -> Array:
         if np.count_nonzero(row) == 1:
             found[k] = value
     return found
+
+
+def _settings(recipe: Recipe) -> dict[str, str]:
+    """Return what a saved result says of the recipe."""
+    found = {"recipe": repr(recipe), "estimator": repr(recipe.estimator), "low-pass": repr(recipe.parallel)}
+    return {**found, "seed of the random poses": str(SEED)}
 
 
 def _used(smoother: Smoother) -> dict[str, str]:

@@ -59,20 +59,8 @@ def choose_smoother(
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
-    logs = excerpts(logs)
-    tried: list[tuple[Motion, ...] | InputError] = []
-    for k, smoother in enumerate(candidates, start=1):
-        progress(f"trying smoother {k} of {len(candidates)}")
-        try:
-            tried.append(tuple(smoother(log) for log in logs))
-        except InputError as error:
-            tried.append(error)
-    made = [motions for motions in tried if isinstance(motions, tuple)]
-    if not made:
-        raise next(error for error in tried if isinstance(error, InputError))
-    masks = [np.logical_and.reduce([motions[k].mask for motions in made]) for k in range(len(logs))]
-    if not all(mask.sum() >= 10 * folds for mask in masks):  # the widest kernels leave too little in common
-        masks = [np.ones(len(log), dtype=bool) for log in logs]
+    tried = _tried(excerpts(logs), candidates, progress)
+    masks = _common([motions for motions in tried if not isinstance(motions, InputError)], 10 * folds)
     errors = []
     for motions in tried:
         if isinstance(motions, InputError):
@@ -82,6 +70,31 @@ def choose_smoother(
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
+
+
+def _tried(
+    logs: Sequence[Log], candidates: Sequence[Smoother], progress: Callable[[str], None]
+) -> list[tuple[Motion, ...] | InputError]:
+    """Return the motions of the logs by each candidate, or why it has none; raises the first error where all fail."""
+    tried: list[tuple[Motion, ...] | InputError] = []
+    for k, smoother in enumerate(candidates, start=1):
+        progress(f"trying smoother {k} of {len(candidates)}")
+        try:
+            tried.append(tuple(smoother(log) for log in logs))
+        except InputError as error:
+            tried.append(error)
+    failed = [error for error in tried if isinstance(error, InputError)]
+    if len(failed) == len(tried):
+        raise failed[0]
+    return tried
+
+
+def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.bool_]]:
+    """Return which samples of each log every candidate vouches for; all of them where too few are left."""
+    masks = [np.logical_and.reduce([one.mask for one in motions]) for motions in zip(*made, strict=True)]
+    if not all(mask.sum() >= least for mask in masks):  # the widest kernels leave too little in common
+        masks = [np.ones(len(mask), dtype=bool) for mask in masks]
+    return masks
 
 
 def excerpts(logs: Sequence[Log]) -> list[Log]:

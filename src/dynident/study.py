@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -129,33 +130,43 @@ def run_study(
 
     if runs < 1:
         raise InputError(f"runs is {runs}; a study needs at least 1.")
-    rows = _known(path)
     wanted = {
         (scenario.name, method.name, float(level), run, seed, fingerprint()): (scenario, method)
-        for scenario in scenarios
-        for level in levels
-        for run in range(runs)
-        for method in methods
+        for scenario, level, run, method in product(scenarios, levels, range(runs), methods)
     }
-    rows = [row for row in rows if not row["status"].startswith(FAILED)]  # another try may succeed
-    done = {tuple(row[name] for name in KEY) for row in rows}
-    units = _units(wanted, done)
-    count, saved = len(wanted.keys() & done), time.monotonic()
-    progress(count, len(wanted))
+    rows = [row for row in _known(path) if not row["status"].startswith(FAILED)]  # another try may succeed
+    done = {_key(row) for row in rows}
+    known, results = len(wanted.keys() & done), _results(_units(wanted, done), executor)
+    rows = _gathered(rows, results, path, lambda new: progress(known + new, len(wanted)))
+    table = _frame([row for row in rows if _key(row) in wanted])
+    order = {name: k for k, name in enumerate(dict.fromkeys(method.name for method in methods))}
+    return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
+
+
+def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in KEY)
+
+
+def _gathered(
+    rows: list[dict[str, Any]],
+    results: Iterable[list[dict[str, Any]]],
+    path: str | Path | None,
+    progress: Callable[[int], None],
+) -> list[dict[str, Any]]:
+    """Return the rows with those of the results, kept in the file at ``path`` meanwhile, however this ends."""
+    found, saved = list(rows), time.monotonic()
+    progress(0)
     try:
-        for new in _results(units, executor):
-            rows += new
-            count += len(new)
-            progress(count, len(wanted))
+        for new in results:
+            found += new
+            progress(len(found) - len(rows))
             if path is not None and time.monotonic() - saved > SAVE_EVERY:
-                write_table(path, _frame(rows))
+                write_table(path, _frame(found))
                 saved = time.monotonic()
     finally:
         if path is not None:
-            write_table(path, _frame(rows))
-    table = _frame([row for row in rows if tuple(row[name] for name in KEY) in wanted])
-    order = {name: k for k, name in enumerate(dict.fromkeys(method.name for method in methods))}
-    return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
+            write_table(path, _frame(found))
+    return found
 
 
 def _known(path: str | Path | None) -> list[dict[str, Any]]:

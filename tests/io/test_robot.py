@@ -9,8 +9,8 @@ import pytest
 
 from dynident.errors import ModelError
 from dynident.io.config import parse_config
+from dynident.io.project import log_hashes
 from dynident.io.robot import fingerprint
-from dynident.io.saved import log_hashes
 
 
 def test_a_file_has_the_digest_of_its_bytes(tmp_path: Path) -> None:

@@ -19,6 +19,9 @@ from dynident.cli import main
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the recordings are not beside the checkout")
+CONSISTENT = "estimator: {kind: consistent}"
+UNCHOSEN = "smoother: {kind: spline}"  # for what does not depend on the smoothing: trying all of them takes long
+UNSIMULATED = "simulation: null"  # likewise, for what is not simulated
 
 
 def configured(folder: Path, example: str, changes: str) -> Path:
@@ -41,6 +44,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("real")
 
 
+def grouped(*examples: str) -> list[Any]:
+    """Examples as cases of a test, each in the process of the other tests that share its identifications."""
+    return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in examples]
+
+
 def level(*more: str) -> str:
     """The LWR4 on a base taken as level, with more terms."""
     model = yaml.safe_load((ROOT / "examples" / "lwr4.yaml").read_text())["model"]
@@ -51,6 +59,7 @@ def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> l
     return [one[kind] for one in result[role].values()]
 
 
+@pytest.mark.xdist_group("lwr4")
 def test_lwr4(folder: Path) -> None:
     """Least squares, unfiltered as logged, held out on the repeat: at most 2.2 %, even on a base taken as level."""
     result = identify(folder, "lwr4")
@@ -59,29 +68,32 @@ def test_lwr4(folder: Path) -> None:
     assert max(errors(result, "train")) <= 2.0
 
 
+@pytest.mark.xdist_group("lwr4")
 def test_lwr4_consistent(folder: Path) -> None:
     """With possible bodies and non-negative friction: at most 2.25 % held out; 2.5 % with rotors on a level base."""
-    result = identify(folder, "lwr4", "{estimator: {kind: consistent}}")
+    result = identify(folder, "lwr4", CONSISTENT)
     assert max(errors(result, "validation")) <= 2.25
-    rotors = identify(folder, "lwr4", "estimator: {kind: consistent}\n" + level("rotor"))
+    rotors = identify(folder, "lwr4", f"{CONSISTENT}\n{level('rotor')}")
     assert max(errors(rotors, "validation")) <= 2.5
     assert all(one["value"] > 0 for one in result["parameters"] if one["name"].endswith(".mass"))
 
 
-@pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
+@pytest.mark.parametrize("example", grouped("lwr4", "panda", "double_pendulum", "tx40"))
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
-    result = identify(folder, example, "{estimator: {kind: consistent}}")
+    result = identify(folder, example, CONSISTENT if example == "lwr4" else f"{CONSISTENT}\n{UNCHOSEN}")
     assert [one["format"] for one in result["exports"]] == ["urdf", "yaml", "numpy"]
     assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["exports"])
     assert "Pinocchio" in result["exports"][0]["readers"]
 
 
+@pytest.mark.xdist_group("panda")
 def test_panda(folder: Path) -> None:
     """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
     assert max(errors(identify(folder, "panda"), "validation")) <= 2.9
 
 
+@pytest.mark.xdist_group("double_pendulum")
 def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
     (joints,) = (one["per_joint"] for one in result["validation"].values())
@@ -90,6 +102,7 @@ def test_double_pendulum(folder: Path) -> None:
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
 
 
+@pytest.mark.xdist_group("tx40")
 def test_tx40(folder: Path) -> None:
     result = identify(folder, "tx40")
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.9
@@ -99,6 +112,7 @@ def test_tx40(folder: Path) -> None:
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_with_its_delay(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
     plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
@@ -106,9 +120,10 @@ def test_emps_with_its_delay(folder: Path) -> None:
     assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_by_maximum_likelihood(folder: Path) -> None:
     """As good as least squares and no better: the model's friction limits, not noise, and the status says so."""
-    result = identify(folder, "emps", "{estimator: {kind: maximum_likelihood}}")
+    result = identify(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
     found = {one["name"]: one["value"] for one in result["parameters"]}
     for name, usual, near in (("M", 95.0, 0.2), ("Fv", 204.1, 1.0), ("Fc", 20.34, 0.1), ("offset", -3.18, 0.05)):
         assert found[name] == pytest.approx(usual, abs=near), name
@@ -116,9 +131,10 @@ def test_emps_by_maximum_likelihood(folder: Path) -> None:
     assert any("residuals are not white" in text for text in result["warnings"])
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
-    plain = "{parallel: null}"
+    plain = f"parallel: null\n{UNSIMULATED}"
     reached = {one["name"]: one["std"] for one in identify(folder, "emps", plain)["parameters"]}
     file = folder / "bound.json"
     done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])
@@ -128,6 +144,7 @@ def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
         assert one["std"]["now"] == pytest.approx(reached[one["name"]], rel=0.05), one["name"]
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_simulated_in_its_loop(folder: Path) -> None:
     """The published position errors of the forward simulation are 0.0138 and 0.0080 %."""
     result = identify(folder, "emps")
@@ -137,6 +154,7 @@ def test_emps_simulated_in_its_loop(folder: Path) -> None:
         assert result["simulation"][name]["torque_error"]["slider"] < 10
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:
     found = {one["name"]: one for one in identify(folder, "emps")["parameters"]}
     for name, published in {"M": 0.1085, "Fv": 1.146, "Fc": 0.1012, "offset": 0.0444}.items():
@@ -144,7 +162,7 @@ def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_corr
         assert found[name]["std_hac"] > 1.5 * found[name]["std"]
 
 
-@pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
+@pytest.mark.parametrize("example", grouped("lwr4", "panda", "tx40", "double_pendulum"))
 def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -> None:
     """A repeat holds nothing out; a mass matrix must be positive; one bad joint is enough; none was simulated."""
     verdict = identify(folder, example)["verdict"]
@@ -159,6 +177,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
     assert any(reason in one for one in verdict["reasons"])
 
 
+@pytest.mark.xdist_group("emps")
 def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     urdf = (
         '<robot name="emps"><link name="base"/><link name="carriage"><inertial><mass value="1"/>'
@@ -168,7 +187,7 @@ def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     )
     (folder / "emps.urdf").write_text(urdf)
     plain = {one["name"]: one["value"] for one in identify(folder, "emps")["parameters"]}
-    model = f"{{model: {{file: {folder / 'emps.urdf'}, terms: [viscous, coulomb, offset]}}}}"
+    model = f"model: {{file: {folder / 'emps.urdf'}, terms: [viscous, coulomb, offset]}}\n{UNSIMULATED}"
     bodies = {one["name"]: one["value"] for one in identify(folder, "emps", model)["parameters"]}
     for name, other in {"M": "carriage.mass", "Fv": "Fv_slider", "Fc": "Fc_slider", "offset": "offset_slider"}.items():
         assert bodies[other] == pytest.approx(plain[name], rel=1e-9)
@@ -204,9 +223,10 @@ def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> Non
 
 
 def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
-    whole = check(folder, "tx40", ("window: [0, 5]", "window: [0, 9]"), ("window: [5, 7.4]", "window: [0, 1]"))
+    plain = "smoother: { kind: spline, rule: torque }", "smoother: { kind: spline }"
+    whole = check(folder, "tx40", ("window: [0, 5]", "window: [0, 9]"), ("window: [5, 7.4]", "window: [0, 1]"), plain)
     assert ("rest", None) in whole["warning"]
-    turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"))
+    turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"), plain)
     assert turned["warning"] == {("sign", "joint_2")}
-    swapped = check(folder, "panda", ("tau.1,", "tau.6,"))
+    swapped = check(folder, "panda", ("tau.1,", "tau.6,"), plain)
     assert ("foreign", "panda_joint2") in swapped["warning"]

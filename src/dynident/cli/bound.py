@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -11,7 +10,7 @@ import click
 from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
 
 if TYPE_CHECKING:
-    from dynident.reach import Reach, TorqueNoise
+    from dynident.reach import TorqueNoise
 
 __all__ = ["bound"]
 
@@ -33,15 +32,16 @@ def bound(
     """Say how accurately any unbiased method could know each parameter from the training logs of CONFIG (YAML), what
     limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would buy.
     """
+    from dynident.io.project import read_project
     from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.report.page import terminal
 
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
-    given = {"sigma_q": _noise("--sigma-q", sigma_q), "sigma_tau": _noise("--sigma-tau", sigma_tau)}
+    given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
     with status() as say:
-        found = _reached(config, given, torque, say)
+        found = read_project(config, say).bound(*given, cast("TorqueNoise", torque), say)
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.print(terminal(table))
@@ -54,28 +54,6 @@ def bound(
         page = bound_page(found)
         tell(screen, "Numbers", write_json(out / "bound.json", bound_dict(found)))
         tell(screen, "Report", write_text(out / "report.html", page))
-
-
-def _reached(
-    path: Path, given: dict[str, dict[str, float] | float | None], torque: str, say: Callable[[str], None]
-) -> Reach:
-    from dataclasses import replace
-
-    from dynident.io.config import config_warnings, load_model, read_config
-    from dynident.io.logs import read_roles
-    from dynident.io.recipe import build_recipe
-    from dynident.io.saved import model_settings
-    from dynident.reach import reach
-
-    config = read_config(path)
-    say("building the model")
-    model = load_model(config.model, path.parent)
-    logs, remarks = read_roles(config, model.joints, say)
-    found = reach(model, logs["train"], build_recipe(config), **given, torque=cast("TorqueNoise", torque), progress=say)
-    run = found.identification
-    settings = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **run.settings}
-    warnings = (*config_warnings(config), *remarks, *run.warnings)
-    return replace(found, identification=replace(run, warnings=warnings, settings=settings))
 
 
 def _noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:

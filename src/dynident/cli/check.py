@@ -47,10 +47,11 @@ def _examined(path: Path, say: Callable[[str], None]) -> Examination:
     from dynident.diagnostics import Finding
     from dynident.errors import DynidentError
     from dynident.examination import Examination
+    from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
-        return _robot(path) if path.suffix.lower() in SUFFIXES else _configured(path, say)
+        return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
     except DynidentError as error:
         return Examination((Finding("error", None, str(error), "unusable"),))
 
@@ -62,18 +63,3 @@ def _robot(path: Path) -> Examination:
 
     file = read_robot_file(read_robot(path), path.name)
     return Examination(examine_robot(file), links=link_facts(file))
-
-
-def _configured(path: Path, say: Callable[[str], None]) -> Examination:
-    from dynident.diagnostics import Finding
-    from dynident.examination import examine
-    from dynident.io.config import config_warnings, load_model, read_config
-    from dynident.io.logs import read_found, turning_joints
-    from dynident.io.recipe import build_recipe
-
-    config = read_config(path)
-    say("building the model")
-    model = load_model(config.model, path.parent)
-    logs, found = read_found(config, model.joints, say)
-    found = (*(Finding("warning", None, words, source=path.name) for words in config_warnings(config)), *found)
-    return examine(model, logs, build_recipe(config), multi_turn=turning_joints(config), found=found, progress=say)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dynident.export import Export
     from dynident.identify import Identification
 
-__all__ = ["identify", "run_config"]
+__all__ = ["identify"]
 
 MOST_STEPS = 6  # in a terminal; the report has all
 
@@ -25,6 +25,7 @@ MOST_STEPS = 6  # in a terminal; the report has all
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.export import exports
+    from dynident.io.project import run
     from dynident.io.results import probe_folder
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
@@ -33,7 +34,7 @@ def identify(config: Path, out: Path | None) -> None:
     if out:
         probe_folder(out)
     with status() as say:
-        found = run_config(config, say)
+        found = run(config, progress=say)
         say("writing the model and loading it again")
         made = exports(found) if out else ()
     # written before anything is printed: who reads the terminal may leave early
@@ -68,24 +69,3 @@ def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tup
             remove(out / one.file)  # of an earlier run: it would pass for this one's
     written.append(("Result", write_json(out / "result.json", result)))
     return [*written, ("Report", write_text(out / "report.html", page))]
-
-
-def run_config(path: Path, say: Callable[[str], None]) -> Identification:
-    """Run the identification that a configuration file describes; ``say`` is told each step."""
-    from dataclasses import replace
-
-    from dynident.identify import identify as run
-    from dynident.io.config import config_warnings, load_model, read_config
-    from dynident.io.logs import read_roles
-    from dynident.io.recipe import build_recipe
-    from dynident.io.saved import log_hashes, model_settings
-
-    config = read_config(path)
-    say("building the model")
-    model = load_model(config.model, path.parent)
-    recipe = build_recipe(config)
-    warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
-    logs, remarks = read_roles(config, model.joints, say)
-    read = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **log_hashes(config)}
-    found = run(model, logs["train"], logs["validation"], recipe, progress=say)
-    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings={**read, **found.settings})

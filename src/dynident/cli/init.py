@@ -69,11 +69,10 @@ def _remarks(written: Draft, out: Path, notes: list[str]) -> None:
 def _trial(text: str, out: Path) -> list[str]:
     """Read the logs as the configuration says, and return what that warns of or fails at."""
     from dynident.errors import DynidentError
-    from dynident.io.config import config_warnings, load_model, parse_config
-    from dynident.io.logs import read_roles
+    from dynident.io.project import parse_project
 
     try:
-        config = parse_config(text, out.parent, str(out))
-        return [*config_warnings(config), *read_roles(config, load_model(config.model, out.parent).joints)[1]]
+        project = parse_project(text, out)
+        return [*project.warnings, *project.logs()[1]]
     except DynidentError as error:
         return [f"as it is, the configuration cannot be used: {error}"]

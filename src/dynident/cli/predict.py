@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dynident.cli.terminal import FILE, console, status, tell
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dynident.io.saved import Saved
+    from dynident.validation import LogValidation
 
 __all__ = ["predict"]
 
@@ -22,29 +30,19 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
     names several files for a recording, LOG is key=file,key=file.
     """
     from dynident.errors import ConfigError
-    from dynident.io.logs import read_logs
     from dynident.io.results import probe_folder, table_kind, write_table
-    from dynident.io.saved import log_spec, read_result
+    from dynident.io.saved import read_result
     from dynident.report.page import terminal
     from dynident.report.prediction import prediction_frame, prediction_table
-    from dynident.validation import validate
 
     if out:
         table_kind(out)
         probe_folder(out.parent)
-    screen, found = console(), []
+    screen = console()
     with status() as say:
         say("reading the result")
         saved = read_result(result)
-        for text in logs:
-            spec = log_spec(text, saved.config)
-            say(f"predicting {spec.label}")
-            reading = read_logs(spec, saved.config, saved.model.joints, torque=False)
-            for warning in reading.warnings:
-                screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
-            for log in reading.logs:
-                motion = saved.smoother(log)
-                found.append((validate(saved.model, saved.value, motion), reading.measured))
+        found = _predicted(saved, logs, screen, say)
     measured = [one for one, known in found if known]
     if measured:
         screen.print(terminal(prediction_table(measured, saved.model.joints)))
@@ -53,3 +51,17 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
         raise ConfigError(f"{', '.join(unknown)}: without torques there is nothing to compare; give --out a file.")
     if out:
         tell(screen, "Torques", write_table(out, prediction_frame(found)))
+
+
+def _predicted(
+    saved: Saved, logs: tuple[str, ...], screen: Console, say: Callable[[str], None]
+) -> list[tuple[LogValidation, bool]]:
+    """Return the prediction of every log, and whether its torques are known; print what reading warns of."""
+    found = []
+    for text in logs:
+        say(f"predicting {text}")
+        reading = saved.read(text)
+        for warning in reading.warnings:
+            screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
+        found += [(saved.predict(log), reading.measured) for log in reading.logs]
+    return found

@@ -62,21 +62,8 @@ def examine(
     left out of what is said of the motion; a stage that fails is a finding. ``multi_turn`` as in ``check``.
     """
     joints = tuple(joint.name for joint in model.joints)
-    kinds = {joint.name: joint.kind for joint in model.joints}
     findings = [*found, *_of_file(model, joints)]
-    timings, facts, sound = {}, {}, []
-    for role, named in logs.items():
-        for name, log in named.items():
-            progress(f"examining {name}")
-            log = replace(log.select(joints), source=name)
-            said = inspect(log, kinds, multi_turn)
-            findings += said
-            timings[name] = timing(log)
-            if len(log) >= MINIMUM_SAMPLES:
-                facts[name] = channels(log)
-            if role == "train" and not any(one.severity == "error" for one in said):
-                sound.append(log)
-    whole = Examination((), timings, facts, links=_links(model))
+    whole, sound = _recorded(model, logs, multi_turn, findings, progress)
     if sound:
         try:
             with one_thread():
@@ -85,6 +72,30 @@ def examine(
             findings.append(Finding("error", None, str(error), "motion"))
     order = ("error", "warning", "info")
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
+
+
+def _recorded(
+    model: Model,
+    logs: Mapping[str, Mapping[str, Log]],
+    multi_turn: Set[str],
+    findings: list[Finding],
+    progress: Callable[[str], None],
+) -> tuple[Examination, list[Log]]:
+    """Return the examination with what each log says, and the training logs without an error; adds to the findings."""
+    kinds = {joint.name: joint.kind for joint in model.joints}
+    timings, facts, sound = {}, {}, []
+    for role, named in logs.items():
+        for name, log in named.items():
+            progress(f"examining {name}")
+            log = replace(log.select(tuple(kinds)), source=name)
+            said = inspect(log, kinds, multi_turn)
+            findings += said
+            timings[name] = timing(log)
+            if len(log) >= MINIMUM_SAMPLES:
+                facts[name] = channels(log)
+            if role == "train" and not any(one.severity == "error" for one in said):
+                sound.append(log)
+    return Examination((), timings, facts, links=_links(model)), sound
 
 
 def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
@@ -123,18 +134,25 @@ def _moving(
     if "delay" in told:
         findings.append(Finding("info", None, f"delay: {told['delay']}.", "delay"))
     findings += _leaning(model, motions, recipe, slow)
-    limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
-    findings += (downward := list(gravity_findings(model, motions)))
-    for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
-        findings += [
-            *limit_findings(moved, limits.get(joint.name), joint.effort),
-            *(() if downward else agreement_findings(torque, joint.effort)),  # of the file under the wrong gravity
-        ]
+    findings += _of_motion(model, motions, excitations, agreements)
     seen = rank(model, Regression(model, motions, recipe.parallel, slow))
     findings += rank_findings(seen)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
+
+
+def _of_motion(
+    model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
+) -> Iterator[Finding]:
+    """Yield what is said of gravity, and of each joint by its limits and its torque."""
+    limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
+    downward = list(gravity_findings(model, motions))
+    yield from downward
+    for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
+        yield from limit_findings(moved, limits.get(joint.name), joint.effort)
+        if not downward:  # the file's torques are meant under its own gravity
+            yield from agreement_findings(torque, joint.effort)
 
 
 def _leaning(

@@ -35,27 +35,10 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     terms = [term for term in model.terms if isinstance(term, Bodies)]
     assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
     size = float(np.linalg.norm(assumed))
-    q, dq, ddq, tau = thinned(motions)
-    if not size or nominal(model, q, dq, ddq) is None:
-        return
-    columns = _columns(model, q, dq, ddq, size)
-    left = [
-        _without(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance(q, dq, ddq, j)) for j in range(q.shape[1])
-    ]
-    rows = np.concatenate([each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0])
-    X, y = rows[:, :-1], rows[:, -1]
-    singular = np.linalg.svd(X, compute_uv=False)
-    if singular[-1] < SEEN * singular[0]:
-        return
-    found = np.linalg.lstsq(X, y)[0]
-    down, total = found[1:], float(y @ y)
-    both = np.column_stack([X[:, 0], X[:, 1:] @ (assumed / size)])
-    before = np.linalg.lstsq(both, y)[0]
-    rest, usual = (float(np.square(y - A @ x).sum()) for A, x in ((X, found), (both, np.maximum(before, 0.0))))
-    cosine = float(down @ assumed) / (size * float(np.linalg.norm(down)) or 1.0)
-    likely = found[0] > 0 and 1 / FACTOR < float(np.linalg.norm(down)) < FACTOR
-    if likely and rest < (1 - CLEAR) * total and rest < BETTER * usual and cosine < np.cos(np.deg2rad(ANGLE)):
-        vector = ", ".join(f"{x:.1f}" for x in np.round(size * down / np.linalg.norm(down), 1) + 0.0)
+    X, y = _rows(model, motions, size)
+    down = _down(X, y, assumed / size) if len(y) else None
+    if down is not None:
+        vector = ", ".join(f"{x:.1f}" for x in np.round(size * down, 1) + 0.0)
         yield Finding(
             "warning",
             None,
@@ -64,6 +47,38 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
             "else look at the signs of all torques and positions, and at `zero`.",
             "gravity",
         )
+
+
+def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:
+    """Return the nominal torques (M, 4) of ``_columns`` and the measured ones (M), each joint's by the norm of its
+    torque and without what friction, rotor and offset explain; none where gravity or a nominal inertia is missing.
+    """
+    q, dq, ddq, tau = thinned(motions)
+    if not size or nominal(model, q, dq, ddq) is None:
+        return np.empty((0, 4)), np.empty(0)
+    columns = _columns(model, q, dq, ddq, size)
+    left = [
+        _without(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance(q, dq, ddq, j)) for j in range(q.shape[1])
+    ]
+    rows = np.concatenate([each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0])
+    return rows[:, :-1], rows[:, -1]
+
+
+def _down(X: Array, y: Array, assumed: Array) -> Array | None:
+    """Return the direction (3) of gravity in a fit of y (M) by X (M, 4), if it is clearly not the assumed one (3)."""
+    singular = np.linalg.svd(X, compute_uv=False)
+    if singular[-1] < SEEN * singular[0]:
+        return None
+    found = np.linalg.lstsq(X, y)[0]
+    along = np.column_stack([X[:, 0], X[:, 1:] @ assumed])
+    usual = np.maximum(np.linalg.lstsq(along, y)[0], 0.0)
+    rest, before = (float(np.square(y - A @ x).sum()) for A, x in ((X, found), (along, usual)))
+    length = float(np.linalg.norm(found[1:]))
+    likely = found[0] > 0 and 1 / FACTOR < length < FACTOR
+    explains = rest < (1 - CLEAR) * float(y @ y) and rest < BETTER * before
+    if likely and explains and float(found[1:] @ assumed) / length < np.cos(np.deg2rad(ANGLE)):
+        return np.asarray(found[1:] / length)
+    return None
 
 
 def _columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.diagnostics import Finding
 from dynident.inertia import flaws, from_physical, to_physical
-from dynident.terms.robot_xml import RobotFile, RobotJoint
+from dynident.terms.robot_xml import Limits, RobotFile, RobotJoint
 
 __all__ = ["LinkFacts", "examine_robot", "link_facts"]
 
@@ -192,15 +192,12 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         names = [fact.link for fact in group]
         if len({parents.get(name) for name in names}) < 2:
             continue
-        every = len(group) == len(facts) and len(facts) > 2
-        yield Finding(
-            "warning" if every else "info",
-            None,
-            f"{'all links' if every else ', '.join(names)} have the same mass {group[0].mass:.4g} kg and the same "
-            "moments: "
-            + (f"placeholders? {CURE}" if every else "copied, or simple shapes? As a prior they say little."),
-            "copied",
-        )
+        same = f"have the same mass {group[0].mass:.4g} kg and the same moments:"
+        if len(group) == len(facts) > 2:
+            yield Finding("warning", None, f"all links {same} placeholders? {CURE}", "copied")
+        else:
+            words = f"{', '.join(names)} {same} copied, or simple shapes? As a prior they say little."
+            yield Finding("info", None, words, "copied")
 
 
 def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -210,20 +207,19 @@ def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
 
 
 def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    bare: dict[str, list[str]] = {}
     for joint in moving:
-        limits, words = joint.limits, []
-        if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
-            words.append(f"its lower limit {limits.lower:g} is not below its upper limit {limits.upper:g}")
-        for name in ("effort", "velocity"):
-            value = getattr(limits, name)
-            if value is None and (name, file.format) != ("velocity", "mjcf"):  # there it has no place
-                bare.setdefault(name, []).append(joint.name)
-            elif value is not None and value <= 0:
-                words.append(f"its {name} limit is {value:g}")
-        for what in words:
-            yield Finding("warning", joint.name, f"{what}: simulators take it at its word. Correct it.", "limits")
-    for name, names in bare.items():
-        yield Finding(
-            "info", None, f"no {name} limit of {', '.join(names)}: recordings cannot be compared with it.", "limits"
-        )
+        for words in _impossible_limits(joint.limits):
+            yield Finding("warning", joint.name, f"{words}: simulators take it at its word. Correct it.", "limits")
+    for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # velocity has no place there
+        bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
+        if bare:
+            words = f"no {name} limit of {', '.join(bare)}: recordings cannot be compared with it."
+            yield Finding("info", None, words, "limits")
+
+
+def _impossible_limits(limits: Limits) -> Iterator[str]:
+    if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
+        yield f"its lower limit {limits.lower:g} is not below its upper limit {limits.upper:g}"
+    for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
+        if value is not None and value <= 0:
+            yield f"its {name} limit is {value:g}"

@@ -90,23 +90,35 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
         if not isinstance(term, PerJoint) or type(term) not in kinds:
             left_out += _worded(term, values)
             continue
-        for parameter, joint, value in zip(term.parameters, term.on or _names(term), values.tolist(), strict=True):
-            if value < 0:
-                raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
-            same = found[kinds[type(term)]]
-            same[joint] = same.get(joint, 0.0) + value
-        if isinstance(term, Coulomb) and (term.width or term.dead_band):
-            rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
-            left_out.append(f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)")
+        _add(found[kinds[type(term)]], term, values)
+        left_out += _rules(term)
     nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in found}
-    notes = tuple(
-        f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
-        for name, values in nominal.items()
-        for joint, value in values.items()
-        if value and joint not in found[name]
-    )
     held = {name: {**nominal[name], **found[name]} for name in found}
+    notes = tuple(_kept(nominal, found))
     return Drives(held["damping"], held["friction"], held.get("armature", {}), tuple(left_out), notes)
+
+
+def _add(sums: dict[str, float], term: PerJoint, values: Array) -> None:
+    """Add a term's values to those of its joints; ModelError where one is negative."""
+    for parameter, joint, value in zip(term.parameters, term.on or _names(term), values.tolist(), strict=True):
+        if value < 0:
+            raise ModelError(f"{parameter.name} is {value:.4g} {parameter.unit}, below zero; {ADVICE}.")
+        sums[joint] = sums.get(joint, 0.0) + value
+
+
+def _rules(term: Term) -> Iterator[str]:
+    """Say how friction changes its sign, where it is not as in the file."""
+    if isinstance(term, Coulomb) and (term.width or term.dead_band):
+        rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
+        yield f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)"
+
+
+def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """Say which values are the file's own."""
+    for name, values in nominal.items():
+        for joint, value in values.items():
+            if value and joint not in found[name]:
+                yield f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
 
 
 def _names(term: Term) -> tuple[str, ...]:

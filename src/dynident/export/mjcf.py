@@ -5,6 +5,8 @@ Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +36,7 @@ def identified_mjcf(identified: Identified) -> Written:
         raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
     found, shares = drives(identified, armature=True), link_inertias(bodies, values)
     text, joints = Text(bodies.xml), {joint.name for joint in bodies.joints}
-    for node in (top for world in text.root.children if world.tag == "worldbody" for top in world.walk()):
+    for node in _nodes(text):
         name = node.attributes.get("name", "")
         if node.tag == "body" and name in shares.links:
             _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
@@ -44,6 +46,13 @@ def identified_mjcf(identified: Identified) -> Written:
         _set_gravity(text, bodies.gravity)
     notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
     return Written("mjcf", str(text), found.left_out, notes)
+
+
+def _nodes(text: Text) -> Iterator[Node]:
+    """Yield all elements of the bodies."""
+    for world in text.root.children:
+        if world.tag == "worldbody":
+            yield from world.walk()
 
 
 def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> None:

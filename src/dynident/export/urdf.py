@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,20 +74,28 @@ def _set_inertia(text: Text, link: Node, theta: Array | None) -> None:
     mass, centre, tensor = to_physical(theta, link.attributes["name"])
     values = {key: repr(float(tensor[place])) for key, place in TENSOR.items()}
     if inertial is None:
-        numbers = " ".join(f'{key}="{value}"' for key, value in values.items())
-        parts = (f'<origin xyz="{words(centre)}"/>', f'<mass value="{float(mass)!r}"/>', f"<inertia {numbers}/>")
+        parts = (f'<origin xyz="{words(centre)}"/>', f'<mass value="{float(mass)!r}"/>', _element("inertia", values))
         text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
         return
-    origin = inertial.find("origin")
-    if origin is None:
-        text.insert(inertial, f'<origin xyz="{words(centre)}"/>')
-    else:
-        turned = {"rpy": "0 0 0"} if any(float(x) for x in origin.attributes.get("rpy", "").split()) else {}
-        text.set(origin, {"xyz": words(centre), **turned})
+    _set_origin(text, inertial, words(centre))
     for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
         element = inertial.find(tag)
         if element is not None:  # the reader has refused an <inertial> without them
             text.set(element, attributes)
+
+
+def _set_origin(text: Text, inertial: Node, centre: str) -> None:
+    """Set the frame of an inertia: at the centre of mass, with the axes of the link."""
+    origin = inertial.find("origin")
+    if origin is None:
+        text.insert(inertial, f'<origin xyz="{centre}"/>')
+    else:
+        turned = {"rpy": "0 0 0"} if any(float(x) for x in origin.attributes.get("rpy", "").split()) else {}
+        text.set(origin, {"xyz": centre, **turned})
+
+
+def _element(tag: str, values: Mapping[str, str]) -> str:
+    return f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>"
 
 
 def _set_dynamics(text: Text, joint: Node, found: Drives, name: str) -> None:
@@ -97,4 +105,4 @@ def _set_dynamics(text: Text, joint: Node, found: Drives, name: str) -> None:
     if dynamics is not None:
         text.set(dynamics, values)
     elif values:
-        text.insert(joint, "<dynamics " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>")
+        text.insert(joint, _element("dynamics", values))

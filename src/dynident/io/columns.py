@@ -106,11 +106,14 @@ def read_name(column: str, joints: Iterable[str]) -> Named:
     unit = _UNITS.get(role, {}).get(spelled)
     if unit:
         rest = _without(rest, unit_words)
-    numbers = [k for k, word in enumerate(rest) if word.isdecimal()]
-    number = int(rest[numbers[-1]]) if numbers and joint is None else None
-    if number is not None:
-        rest = (*rest[: numbers[-1]], *rest[numbers[-1] + 1 :])
+    number, rest = _number(rest) if joint is None else (None, rest)
     return Named(column, role, joint, number, unit, (*rest, unit or ""), _rank(set(rest)))
+
+
+def _number(words: tuple[str, ...]) -> tuple[int | None, tuple[str, ...]]:
+    """Return the last number among the words, and the others."""
+    at = max((k for k, word in enumerate(words) if word.isdecimal()), default=None)
+    return (None, words) if at is None else (int(words[at]), (*words[:at], *words[at + 1 :]))
 
 
 def families(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:

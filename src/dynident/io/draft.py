@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from yaml.reader import Reader
 
 from dynident.diagnostics import moving
@@ -25,6 +26,7 @@ from dynident.log import Log
 
 __all__ = ["Draft", "draft", "same_columns"]
 
+Array = NDArray[np.float64]
 _PLAIN = re.compile(r"[A-Za-z_./][A-Za-z0-9_./-]*")  # names that YAML takes as they are, but for words such as yes
 # what no line may hold: names in quotes are escaped by then, so that this is left in comments only
 _BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
@@ -147,20 +149,28 @@ def _channels(page: _Page, section: str, signals: Mapping[str, Signal], guess: G
     common = asked.pop() if len(asked) == 1 and len(signals) > 1 else ""  # asked once, not joint by joint
     if common:
         page.ask(section, common)
+    _wanted(page, section, signals)
+    for name, one in signals.items():
+        complete = one.column is not None and not one.gain
+        page.line(_channel(name, one), f"{section}.{name}", one.question if complete and not common else "")
+
+
+def _wanted(page: _Page, section: str, signals: Mapping[str, Signal]) -> None:
+    """Say what is to be filled in of a section's channels."""
     gains = sorted({signal.gain for signal in signals.values() if signal.gain})
     if gains:
         page.want(section, f"the gains: {' or '.join(gains)}")
     missing = [name for name, signal in signals.items() if signal.column is None]
     if missing:
         page.want(section, f"the columns of {_listed(missing)}, which were not found")
-    for name, one in signals.items():
-        if one.column is None:
-            page.line(f"  # {_scalar(name)}: {{ column: , unit: {one.unit} }}")
-        elif one.gain:
-            page.line(f"  # {_scalar(name)}: {{ column: {_scalar(one.column)}, gain: , unit: {one.unit} }}")
-        else:
-            text = f"  {_scalar(name)}: {{ column: {_scalar(one.column)}, unit: {one.unit} }}"
-            page.line(text, f"{section}.{name}", "" if common else one.question)
+
+
+def _channel(name: str, signal: Signal) -> str:
+    """Return the line of a channel, a comment where something in it is to be filled in."""
+    if signal.column is None:
+        return f"  # {_scalar(name)}: {{ column: , unit: {signal.unit} }}"
+    gain = " gain: ," if signal.gain else ""
+    return f"  {'# ' if gain else ''}{_scalar(name)}: {{ column: {_scalar(signal.column)},{gain} unit: {signal.unit} }}"
 
 
 def _unused(page: _Page, guess: Guess, table: Table) -> None:
@@ -219,22 +229,28 @@ def _span(guess: Guess, table: Table) -> tuple[str, str, str]:
 
     The first two are "null" where it moves from the start, or to the end; all are where the times are not known.
     """
-    names = [guess.time.column, *(one.column for one in guess.position.values() if one.column)]
-    columns = [table.columns[name] for name in names if name is not None]
-    if guess.time.column is None or len({len(column) for column in columns}) != 1:
+    rows = _times_and_positions(guess, table)
+    if len(rows) < 2 or not rows[-1, 0] > rows[0, 0]:
         return "null", "null", "null"
-    rows = np.column_stack(columns)
-    rows = rows[(np.abs(rows) < _LARGEST).all(axis=1)]
-    t = rows[:, 0] * UNITS["time"][guess.time.unit]
-    if len(t) < 2 or not t[-1] > t[0]:
-        return "null", "null", "null"
+    t, q = rows[:, 0], rows[:, 1:]
     start, stop = float(t[0]), float(t[-1])
-    if len(columns) > 1 and (np.diff(t) > 0).all():
-        q = rows[:, 1:]
+    if q.size and (np.diff(t) > 0).all():
         start, stop = moving(Log(t, q, np.zeros(q.shape), tuple(map(str, range(q.shape[1])))))
     digits = max(0, 2 - math.floor(math.log10(stop - start)))
     first, last = (f"{x:.{digits}f}" if x != end else "null" for x, end in ((start, t[0]), (stop, t[-1])))
     return (first, last, f"{start + _TRAIN * (stop - start):.{digits}f}")
+
+
+def _times_and_positions(guess: Guess, table: Table) -> Array:
+    """Return the stamps (s) and the positions found (N, 1 + n) that can have been measured; none without stamps."""
+    names = [guess.time.column, *(one.column for one in guess.position.values() if one.column)]
+    columns = [table.columns[name] for name in names if name is not None]
+    if guess.time.column is None or len({len(column) for column in columns}) != 1:
+        return np.empty((0, 1))
+    rows = np.column_stack(columns)
+    rows = rows[(np.abs(rows) < _LARGEST).all(axis=1)]
+    rows[:, 0] *= UNITS["time"][guess.time.unit]
+    return rows
 
 
 def _relative(path: Path, folder: Path) -> str:

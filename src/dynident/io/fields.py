@@ -147,16 +147,18 @@ def _windows(value: object) -> tuple[Interval, ...]:
     pairs = value if isinstance(value, list | tuple) else [value]
     if pairs and not any(isinstance(pair, list | tuple) for pair in pairs):
         pairs = [pairs]
-    read: list[Interval] = []
-    for pair in pairs:
-        if not isinstance(pair, list | tuple) or len(pair) != 2:
-            raise ValueError("a window is [start, stop] in s, where null leaves an end open")
-        start, stop = (None if end is None else _number(end) for end in pair)
-        if start is not None and stop is not None and start >= stop:
-            raise ValueError(f"a window must stop after it starts, but {start:g} >= {stop:g} s")
-        read.append((start, stop))
+    read = [_window(pair) for pair in pairs]
     _check_disjoint(read)
     return tuple(read)
+
+
+def _window(pair: object) -> Interval:
+    if not isinstance(pair, list | tuple) or len(pair) != 2:
+        raise ValueError("a window is [start, stop] in s, where null leaves an end open")
+    start, stop = (None if end is None else _number(end) for end in pair)
+    if start is not None and stop is not None and start >= stop:
+        raise ValueError(f"a window must stop after it starts, but {start:g} >= {stop:g} s")
+    return start, stop
 
 
 def _check_disjoint(windows: list[Interval]) -> None:

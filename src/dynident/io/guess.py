@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,24 +91,30 @@ def guess(table: Table, joints: Sequence[JointFacts], ros: bool = False) -> Gues
     used = [joint for joint in usable if joint.name in names]
     rows = rows_of(table, position or torque)
     time = _time(table, found, rows, ros)
-    matched = [joint for joint in usable if position is None or joint.name in position.columns]
-    signals = _positions(table, matched, position, ros)
-    taken = {time.column, *(column for match in (position, torque) if match for column in match.columns.values())}
-    left = tuple(name for name in table.columns if name not in taken and len(table.columns[name]) == rows)
+    signals = {} if position is None else _positions(table, usable, position, ros)
+    matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
+    left = _left(table, rows, time, matches.values())
     return Guess(
         time=time,
-        position={joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in used},
+        position=_complete(signals, used),
         torque=_torques(table, used, torque, ros),
-        lock=_lock(table, joints, names, signals if position else {}),
-        reasons={
-            key: match.reason + _unit_reason(match.family, ros)
-            for key, match in (("position", position), ("torque", torque))
-            if match
-        },
+        lock=_lock(table, joints, names, signals),
+        reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
         left=left,
         strangers=_strangers(left, position, joints),
         gaps=_has_gaps(table, time),
     )
+
+
+def _complete(signals: Mapping[str, Signal], joints: Iterable[JointFacts]) -> dict[str, Signal]:
+    """Return the positions of all joints, in their order, those without a column too."""
+    return {joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in joints}
+
+
+def _left(table: Table, rows: int, time: TimeGuess, matches: Iterable[Match]) -> tuple[str, ...]:
+    """Return the columns of that length that are neither the time nor matched."""
+    taken = {time.column, *chain.from_iterable(match.columns.values() for match in matches)}
+    return tuple(name for name, column in table.columns.items() if name not in taken and len(column) == rows)
 
 
 def _strangers(left: Iterable[str], position: Match | None, joints: Sequence[JointFacts]) -> tuple[str, ...]:
@@ -126,32 +133,40 @@ def _shared(one: Match | None, other: Match | None, joints: Sequence[JointFacts]
     return set.intersection(*matched) if matched else {joint.name for joint in joints}
 
 
-def _positions(table: Table, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
-    if match is None:
-        return {joint.name: _unknown(joint, POSITIONS) for joint in joints}
+def _positions(table: Table, joints: Sequence[JointFacts], match: Match, ros: bool) -> dict[str, Signal]:
+    """Return the positions of the joints that are matched; those of turning joints may look like degrees."""
+    joints = [joint for joint in joints if joint.name in match.columns]
     values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
-    turning = [joint for joint in joints if joint.kind == "revolute"]
-    in_rad, in_deg = (all(_fits(joint, values[joint.name], x) for joint in turning) for x in (1.0, math.pi / 180))
-    degrees = in_deg and not in_rad and not ros
-    span = max((float(np.ptp(values[joint.name])) for joint in turning if len(values[joint.name])), default=0.0)
-    in_degrees = (
-        f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
-    )
-    found = {}
-    for joint in joints:
-        known = UNITS[POSITIONS[joint.kind]]
-        unit = match.family.units.get(match.columns[joint.name])
-        unit = unit if unit in known else None
-        question = match.question
-        if unit is None:
-            unit = "deg" if degrees and joint in turning else _si(joint, POSITIONS)
-            doubt = in_degrees if unit == "deg" else _doubt(joint, values[joint.name])
-            question = "; ".join(filter(None, (question, doubt)))
-        elif _geared(joint, UNITS[POSITIONS[joint.kind]][unit] * values[joint.name]):
+    degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
+    return {joint.name: _position(joint, values[joint.name], match, degrees) for joint in joints}
+
+
+def _degrees(turning: Sequence[tuple[JointFacts, Array]]) -> str:
+    """Return the question whether positions are in degrees, where they fit the joints so, and not in rad."""
+    in_rad, in_deg = (all(_fits(joint, q, factor) for joint, q in turning) for factor in (1.0, math.pi / 180))
+    if in_rad or not in_deg:
+        return ""
+    span = max((float(np.ptp(q)) for _, q in turning if len(q)), default=0.0)
+    return f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
+
+
+def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal:
+    """Return the position of a joint; ``degrees`` is the question where turning joints look like that, else empty."""
+    column, known = match.columns[joint.name], UNITS[POSITIONS[joint.kind]]
+    unit, doubt = match.family.units.get(column, ""), ""
+    if unit in known:
+        if _geared(joint, known[unit] * q):
             doubt = "it moves farther than the joint can: of the motor, before the gear (see `transmission`)?"
-            question = "; ".join(filter(None, (question, doubt)))
-        found[joint.name] = Signal(match.columns[joint.name], unit, question)
-    return found
+    elif degrees and joint.kind == "revolute":
+        unit, doubt = "deg", degrees
+    else:
+        unit, doubt = _si(joint, POSITIONS), _doubt(joint, q)
+    return Signal(column, unit, _asked(match.question, doubt))
+
+
+def _asked(*questions: str) -> str:
+    """Return the questions that are none but empty as one."""
+    return "; ".join(filter(None, questions))
 
 
 def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
@@ -196,62 +211,74 @@ def _si(joint: JointFacts, dimensions: Mapping[str, str]) -> str:
 
 
 def _torques(table: Table, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
-    units = {joint.name: _si(joint, TORQUES) for joint in joints}
     if match is None:
-        return {name: Signal(None, unit) for name, unit in units.items()}
+        return {joint.name: _unknown(joint, TORQUES) for joint in joints}
     if match.family.role == "current":
-        per = {name: match.family.units.get(match.columns[name], "A or mA") for name in units}
-        gain = "torque constant times gear ratio"
-        return {
-            name: Signal(match.columns[name], unit, match.question, f"{gain}, {unit} per {per[name]}")
-            for name, unit in units.items()
-        }
-    peaks = {
-        joint.name: float(np.abs(finite(table.columns[match.columns[joint.name]])).max(initial=0.0)) for joint in joints
-    }
-    limits = {joint.name: joint.limits.effort for joint in joints if joint.limits.effort}
-    ratios = {name: peaks[name] / limit for name, limit in limits.items() if limit}
-    found = {}
-    for joint in joints:
-        said = match.family.units.get(match.columns[joint.name], "")
-        named = said in UNITS[TORQUES[joint.kind]]
-        unit = said if named else units[joint.name]
-        doubt = ""
-        if not named and ratios.get(joint.name, 0.0) > _OVER:
-            doubt = (
-                f"the peak {peaks[joint.name]:.3g} exceeds the limit {limits[joint.name]:.3g} {unit} of the "
-                "robot file: is it a current in mA, or another unit?"
-            )
-        elif not named and ratios and max(ratios.values()) < _UNDER:
-            doubt = (
-                f"the peak {peaks[joint.name]:.2g} is small against the limit of the robot file: is it the motor's, "
-                "before the gear, or a current? Then `gain`."
-            )
-        elif not named and not ros and not ratios:
-            doubt = f"neither the names nor the robot file tell the unit: {unit}?"
-        found[joint.name] = Signal(match.columns[joint.name], unit, "; ".join(filter(None, (match.question, doubt))))
-    return found
+        return {joint.name: _current(joint, match) for joint in joints}
+    columns = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
+    peaks = {name: float(np.abs(column).max(initial=0.0)) for name, column in columns.items()}
+    ratios = [peaks[joint.name] / joint.limits.effort for joint in joints if joint.limits.effort]
+    most = max(ratios, default=None)
+    return {joint.name: _torque(joint, match, peaks[joint.name], most, ros) for joint in joints}
+
+
+def _current(joint: JointFacts, match: Match) -> Signal:
+    """Return the torque of a joint by its motor current, with what its gain is."""
+    column, unit = match.columns[joint.name], _si(joint, TORQUES)
+    per = match.family.units.get(column, "A or mA")
+    return Signal(column, unit, match.question, f"torque constant times gear ratio, {unit} per {per}")
+
+
+def _torque(joint: JointFacts, match: Match, peak: float, most: float | None, ros: bool) -> Signal:
+    """Return the torque of a joint; ``most`` is the largest peak of all joints by the limit of the robot file."""
+    column, limit = match.columns[joint.name], joint.limits.effort
+    unit, doubt = match.family.units.get(column, ""), ""
+    if unit in UNITS[TORQUES[joint.kind]]:
+        return Signal(column, unit, match.question)
+    unit = _si(joint, TORQUES)
+    if limit and peak / limit > _OVER:
+        doubt = (
+            f"the peak {peak:.3g} exceeds the limit {limit:.3g} {unit} of the "
+            "robot file: is it a current in mA, or another unit?"
+        )
+    elif most is not None and most < _UNDER:
+        doubt = (
+            f"the peak {peak:.2g} is small against the limit of the robot file: is it the motor's, "
+            "before the gear, or a current? Then `gain`."
+        )
+    elif most is None and not ros:
+        doubt = f"neither the names nor the robot file tell the unit: {unit}?"
+    return Signal(column, unit, _asked(match.question, doubt))
 
 
 def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGuess:
     """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
+    chosen = _stamps(table, found, rows)
+    if rows < 2 or chosen is None:
+        return TimeGuess(None)
+    name, unit, question = chosen
+    column = table.columns[name]
+    unit = unit or ("s" if ros else _epoch(column))
+    if unit is None:
+        return _by_step(name, column, question)
+    return TimeGuess(name, unit, _step(column) * UNITS["time"][unit], question)
+
+
+def _stamps(table: Table, found: Iterable[Family], rows: int) -> tuple[str, str | None, str] | None:
+    """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
     named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
-    stamps.sort(key=lambda stamp: not increases(table.columns[stamp[0]]))
-    alone = _clock(table, rows) if not stamps else None
-    if rows < 2 or not (stamps or alone):
-        return TimeGuess(None)
-    name, unit = alone or stamps[0]
-    column = table.columns[name]
+    if not stamps:
+        alone = _clock(table, rows)
+        return (*alone, "the only column that increases evenly: is it the time?") if alone else None
+    name, unit = min(stamps, key=lambda stamp: not increases(table.columns[stamp[0]]))
+    sound = increases(table.columns[name])
+    return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
+
+
+def _by_step(name: str, column: Array, question: str) -> TimeGuess:
+    """Return stamps whose unit follows from their median step."""
     step = _step(column)
-    question = "" if increases(column) else "the stamps do not increase everywhere: is there a better column?"
-    if alone:
-        question = "the only column that increases evenly: is it the time?"
-    if ros and unit is None:
-        unit = "s"
-    unit = unit or _epoch(column)
-    if unit is not None:
-        return TimeGuess(name, unit, step * UNITS["time"][unit], question)
     if _FASTEST <= step <= _SLOWEST:
         return TimeGuess(name, "s", step, question)
     if step == 1 and float(finite(column)[0]).is_integer():
@@ -259,7 +286,7 @@ def _time(table: Table, found: Iterable[Family], rows: int, ros: bool) -> TimeGu
         return TimeGuess(name, "ms", 1e-3, asked)
     unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
     asked = f"the median step is {step:.4g}: is this {unit}?"
-    return TimeGuess(name, unit, step * UNITS["time"][unit], "; ".join(filter(None, (question, asked))))
+    return TimeGuess(name, unit, step * UNITS["time"][unit], _asked(question, asked))
 
 
 def _clock(table: Table, rows: int) -> tuple[str, str | None] | None:
@@ -314,19 +341,29 @@ def _lock(
     """
     lock: dict[str, tuple[float, str]] = {}
     for joint in joints:
-        unit = "rad" if joint.kind == "revolute" else "m"
         if joint.name in used or (joint.follows and joint.follows not in used):
             continue
         signal = recorded.get(joint.name)
         if joint.follows:
             lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
         elif signal is not None and signal.column is not None:
-            q = finite(table.columns[signal.column]) * UNITS[POSITIONS[joint.kind]][signal.unit]
-            moves = f"it moves by {np.ptp(q):.2g} {unit} in the log" if len(q) and np.ptp(q) > _STILL else ""
-            lock[joint.name] = round(float(np.median(q)), _DECIMALS) + 0.0 if len(q) else 0.0, moves
+            lock[joint.name] = _rest(joint, finite(table.columns[signal.column]), signal.unit)
         else:
-            low = -math.inf if joint.limits.lower is None else joint.limits.lower
-            high = math.inf if joint.limits.upper is None else joint.limits.upper
-            value = min(max(0.0, low), high)
-            lock[joint.name] = value, f"it is not in the log: where does it stand ({unit})?"
+            lock[joint.name] = _unrecorded(joint)
     return lock
+
+
+def _rest(joint: JointFacts, column: Array, unit: str) -> tuple[float, str]:
+    """Return where a recorded joint stands, and what is to be asked where it moves."""
+    q = column * UNITS[POSITIONS[joint.kind]][unit]
+    if not len(q):
+        return 0.0, ""
+    moves = f"it moves by {np.ptp(q):.2g} {_si(joint, POSITIONS)} in the log" if np.ptp(q) > _STILL else ""
+    return round(float(np.median(q)), _DECIMALS) + 0.0, moves
+
+
+def _unrecorded(joint: JointFacts) -> tuple[float, str]:
+    """Return the position nearest to zero within the limits of a joint, and the question where it stands."""
+    low = -math.inf if joint.limits.lower is None else joint.limits.lower
+    high = math.inf if joint.limits.upper is None else joint.limits.upper
+    return min(max(0.0, low), high), f"it is not in the log: where does it stand ({_si(joint, POSITIONS)})?"

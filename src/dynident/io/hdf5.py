@@ -17,6 +17,7 @@ __all__ = ["is_hdf5", "parse_hdf5"]
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512  # bytes that MATLAB puts before the HDF5 file
+_OBJECTS = {b"char": "text", b"cell": "a cell array", b"function_handle": "an object"}
 _RATIO = 1100  # more than this, deflate cannot compress
 
 
@@ -63,16 +64,19 @@ def parse_hdf5(data: bytes, source: str) -> dict[str, NDArray[Any] | str]:
 def _values(item: Any, size: int) -> NDArray[Any] | str:
     """Return the array of a dataset, or words on what it is; ``size`` is that of the file in bytes."""
     kind = item.attrs.get("MATLAB_class")
-    matlab = kind.decode("latin-1") if isinstance(kind, bytes) else ""
-    if matlab in ("char", "cell", "function_handle"):
-        return {"char": "text", "cell": "a cell array"}.get(matlab, "an object")
+    if isinstance(kind, bytes) and kind in _OBJECTS:
+        return _OBJECTS[kind]
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
     if item.dtype.kind not in "biuf":
-        return "complex numbers" if item.dtype.names == ("real", "imag") else f"values of type {item.dtype}"
+        return _content(item)
     if item.external or item.is_virtual:
         return "data of another file"
     if item.size and item.nbytes > _RATIO * size:
         raise ValueError(f"{item.name} claims {item.nbytes} bytes in a file of {size}")
     values = np.asarray(item[()])
     return values.T if kind is not None else values
+
+
+def _content(item: Any) -> str:
+    return "complex numbers" if item.dtype.names == ("real", "imag") else f"values of type {item.dtype}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,16 @@ def read_recording(spec: LogSpec) -> Table:
     if list(tables) == [""]:
         return tables[""]
     return Table(
-        {f"{key}.{name}": column for key, table in tables.items() for name, column in table.columns.items()},
-        {f"{key}.{name}": value for key, table in tables.items() for name, value in table.constants.items()},
+        _keyed({key: table.columns for key, table in tables.items()}),
+        _keyed({key: table.constants for key, table in tables.items()}),
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
-        {f"{key}.{name}": fault for key, table in tables.items() for name, fault in table.faults.items()},
+        _keyed({key: table.faults for key, table in tables.items()}),
         notes=tuple(note for table in tables.values() for note in table.notes),
     )
+
+
+def _keyed(parts: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
+    return {f"{key}.{name}": one for key, part in parts.items() for name, one in part.items()}
 
 
 def _cut(found: Signals, window: Interval, joints: Sequence[Joint], name: str) -> Log:

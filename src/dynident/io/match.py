@@ -60,27 +60,34 @@ def best_pair(table: Table, found: Iterable[Family], joints: Sequence[JointFacts
 
     Commanded quantities are never taken, currents only for want of torques.
     """
-    sound = [assign(one, joints) for one in found if one.rank > -2]
-    positions = [one for one in sound if one.family.role == "position" and one.columns]
-    torques = [one for one in sound if one.family.role in ("torque", "current") and one.columns]
-    best: tuple[Match | None, Match | None] = (None, None)
-    most: tuple[float, ...] = (0,)
-    for pair in product([*positions, None], [*torques, None]):
-        given = [one for one in pair if one]
-        if len({rows_of(table, one) for one in given}) != 1:
-            continue
-        common = set.intersection(*(set(one.columns) for one in given))
-        merit = (
-            len(given) if common else 0,
-            len(common),
-            sum(one.family.rank for one in given),
-            any(one.family.role == "torque" for one in given),
-            -sum(bool(one.question) for one in given),
-            pair[0] is not None,
-        )
-        if merit > most:
-            best, most = pair, merit
-    return _rivals(table, best[0], positions), _rivals(table, best[1], torques)
+    sound = [one for one in (assign(family, joints) for family in found if family.rank > -2) if one.columns]
+    positions, torques = (_of_role(sound, *roles) for roles in (("position",), ("torque", "current")))
+    pairs = (pair for pair in product([*positions, None], [*torques, None]) if _alike(table, pair))
+    position, torque = max(pairs, key=_merit, default=(None, None))
+    return _rivals(table, position, positions), _rivals(table, torque, torques)
+
+
+def _of_role(matches: Iterable[Match], *roles: str) -> list[Match]:
+    return [one for one in matches if one.family.role in roles]
+
+
+def _alike(table: Table, pair: tuple[Match | None, Match | None]) -> bool:
+    """Whether there are columns, and all of one length."""
+    return len({rows_of(table, one) for one in pair if one}) == 1
+
+
+def _merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
+    """Return what is better of positions and torques, the weightiest first."""
+    given = [one for one in pair if one]
+    common = set.intersection(*(set(one.columns) for one in given))
+    return (
+        len(given) if common else 0,
+        len(common),
+        sum(one.family.rank for one in given),
+        any(one.family.role == "torque" for one in given),
+        -sum(bool(one.question) for one in given),
+        pair[0] is not None,
+    )
 
 
 def _rivals(table: Table, chosen: Match | None, others: Iterable[Match]) -> Match | None:
@@ -99,26 +106,35 @@ def _rivals(table: Table, chosen: Match | None, others: Iterable[Match]) -> Matc
 
 def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
     """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
-    named = {key: column for key, column in family.columns.items() if isinstance(key, str)}
-    if named:
-        columns = {joint.name: named[joint.name] for joint in joints if joint.name in named}
+    if any(isinstance(key, str) for key in family.columns):
+        columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
         return Match(family, columns, "the columns carry the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
     numbers = sorted(key for key in family.columns if isinstance(key, int))
-    for chain in _chains(joints):
-        if sorted(chain) == numbers:
-            by_number = {chain[k]: family.columns[k] for k in numbers}
+    return _by_number(family, {key: family.columns[key] for key in numbers}, joints)
+
+
+def _by_number(family: Family, numbered: Mapping[int, str], joints: Sequence[JointFacts]) -> Match:
+    """Match numbered columns to the joints whose names have these numbers, else to as many joints in order."""
+    chains = _chains(joints)
+    for chain in chains:
+        if sorted(chain) == list(numbered):
+            by_number = {chain[k]: column for k, column in numbered.items()}
             return Match(family, by_number, "matched by the number in the joints' names")
-    order = next((list(chain.values()) for chain in _chains(joints) if len(chain) == len(numbers)), None)
-    order = order or [joint.name for joint in joints]
-    columns = dict(zip(order, (family.columns[k] for k in numbers), strict=False))
+    order = next((list(chain.values()) for chain in chains if len(chain) == len(numbered)), None)
+    return _in_order(family, numbered, order or [joint.name for joint in joints])
+
+
+def _in_order(family: Family, columns: Mapping[int, str], order: Sequence[str]) -> Match:
+    """Match numbered columns to joints in this order, with the question whether that is right."""
+    numbers, matched = list(columns), dict(zip(order, columns.values(), strict=False))
     return Match(
         family,
-        columns,
+        matched,
         "matched by order",
         f"the columns are numbered {numbers[0]} to {numbers[-1]} and the joints are called {order[0]} to "
-        f"{order[len(columns) - 1]}: is this order right?",
+        f"{order[len(matched) - 1]}: is this order right?",
     )
 
 

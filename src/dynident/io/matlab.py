@@ -80,12 +80,16 @@ def _variables(content: bytes, order: str, within: str = "") -> Iterator[tuple[s
     if size < 1 or np.frombuffer(dimensions, f"{order}i4").prod() != 1:
         yield path, value
         return
-    fields = [names[k : k + size].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
-    for field in fields:
+    for field in _fields(names, size):
         kind, inner = _next(parts)
         if kind != _MATRIX:
             raise ValueError(f"the field {path}.{field} is a data element of type {kind}")
         yield from _variables(inner, order, f"{path}.{field}") if inner else ()
+
+
+def _fields(names: bytes, size: int) -> list[str]:
+    """Return the names of a struct's fields, each of so many bytes."""
+    return [names[k : k + size].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
 
 
 def _variable(content: bytes, order: str) -> tuple[str, NDArray[Any] | str]:

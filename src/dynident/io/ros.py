@@ -100,12 +100,7 @@ def _groups(path: Path) -> tuple[list[_Group], list[str]]:
     groups: dict[tuple[str, frozenset[str]], _Group] = {}
     torn: dict[str, int] = {}
     with reader:
-        wanted = [one for one in reader.connections if one.msgtype == _TYPE]
-        if not wanted:
-            topics = sorted({f"{one.topic} ({one.msgtype.replace('/msg/', '/')})" for one in reader.connections})
-            raise InputError(
-                f"{path}: has no topic of type sensor_msgs/JointState; its topics: {', '.join(topics) or 'none'}."
-            )
+        wanted = _joint_states(path, reader)
         for connection, received, data in reader.messages(connections=wanted):
             message = decode(data, _TYPE)
             if not _whole(message):
@@ -119,6 +114,17 @@ def _groups(path: Path) -> tuple[list[_Group], list[str]]:
         topics = sorted({one.topic for one in wanted})
         raise InputError(f"{path}: has no joint state in {', '.join(topics)}. {' '.join(notes)}".rstrip())
     return list(groups.values()), notes
+
+
+def _joint_states(path: Path, reader: Any) -> list[Any]:
+    """Return the connections that carry joint states; InputError where there is none."""
+    wanted = [one for one in reader.connections if one.msgtype == _TYPE]
+    if not wanted:
+        topics = sorted({f"{one.topic} ({one.msgtype.replace('/msg/', '/')})" for one in reader.connections})
+        raise InputError(
+            f"{path}: has no topic of type sensor_msgs/JointState; its topics: {', '.join(topics) or 'none'}."
+        )
+    return wanted
 
 
 def _opened(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:

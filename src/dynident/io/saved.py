@@ -13,29 +13,19 @@ from numpy.typing import NDArray
 
 from dynident.calibration import mounted
 from dynident.errors import ConfigError, InputError, ModelError, choices
-from dynident.io.config import load_model, parse_config
-from dynident.io.recipe import build_recipe
-from dynident.io.robot import fingerprint, model_file
+from dynident.identify import Recipe
+from dynident.io.logs import Reading, read_logs
+from dynident.io.project import FILE, HASH, ORIGIN, TEXT, parse_project
+from dynident.io.robot import fingerprint
 from dynident.io.settings import Config, LogSpec
+from dynident.log import Log
 from dynident.model import Model
 from dynident.smoothers import Delayed, Smoother
+from dynident.validation import LogValidation, validate
 
-__all__ = [
-    "FILE",
-    "HASH",
-    "HASH_OF",
-    "ORIGIN",
-    "Saved",
-    "check_targets",
-    "log_hashes",
-    "log_spec",
-    "model_settings",
-    "read_result",
-]
+__all__ = ["Saved", "check_targets", "log_spec", "read_result"]
 
 Array = NDArray[np.float64]
-FILE, HASH, ORIGIN = "model file", "model file SHA-256", "configuration file"
-HASH_OF = "SHA-256 of "
 SMOOTHER, DELAY, LEAN = "smoother used", "delay used", "lean used"
 
 
@@ -52,18 +42,16 @@ class Saved:
     verdict: tuple[str, ...]
     smoother: Smoother
 
+    def read(self, text: str) -> Reading:
+        """Read the recording named on a command line as ``log_spec`` says; its torques may be missing.
 
-def model_settings(config: Config, path: Path) -> dict[str, str]:
-    """Return what a result must say to be read again: the configuration's file, the model's, and its hash."""
-    found = {ORIGIN: str(path.resolve())}
-    file = model_file(config.model, path.parent)
-    return found if file is None else found | {FILE: str(file.resolve()), HASH: fingerprint(file)}
+        Raises the errors of ``log_spec`` and ``read_logs``.
+        """
+        return read_logs(log_spec(text, self.config), self.config, self.model.joints, torque=False)
 
-
-def log_hashes(config: Config) -> dict[str, str]:
-    """Return the SHA-256 of every file of the recordings, by ``SHA-256 of FILE``; each file is read once more."""
-    files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
-    return {f"{HASH_OF}{file}": fingerprint(file) for file in files}
+    def predict(self, log: Log) -> LogValidation:
+        """Return the torque of a log by the model, beside the measured one."""
+        return validate(self.model, self.value, self.smoother(log))
 
 
 def check_targets(folder: Path, names: Iterable[str], settings: Mapping[str, str]) -> None:
@@ -82,24 +70,28 @@ def read_result(path: Path) -> Saved:
     """
     data = _load(path)
     settings = data["settings"]
-    origin = Path(settings[ORIGIN])
-    config = parse_config(settings["configuration"], origin.parent, f"{path}, its configuration")
     _check_hash(settings, path)
-    model = load_model(config.model, origin.parent)
+    project = parse_project(settings[TEXT], Path(settings[ORIGIN]), f"{path}, its configuration")
+    model = project.model
     if LEAN in settings:
         model = mounted(model, *_numbers(settings, LEAN, 2, path))
-    rows = {row["name"]: row for row in data["parameters"]}
+    value, std, verdict = _values(data["parameters"], model, path)
+    smoother = _smoother(project.recipe, settings[SMOOTHER], path)
+    if DELAY in settings:
+        smoother = Delayed(smoother, *_numbers(settings, DELAY, 1, path))
+    return Saved(project.config, model, value, std, verdict, smoother)
+
+
+def _values(parameters: list[dict[str, Any]], model: Model, path: Path) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return values and standard deviations (p) of the model's parameters, and their verdicts where these are known."""
+    rows = {row["name"]: row for row in parameters}
     if list(rows) != list(model.names):
         odd = next(iter(set(rows) ^ set(model.names)), "")
         raise ModelError(f"{path}: its parameters are not those of the model ({odd!r}); identify again.")
     value, std = (np.array([_number(row[key]) for row in rows.values()]) for key in ("value", "std"))
     if not np.isfinite(value).all():
         raise InputError(f"{path}: a parameter has no value; identify again.")
-    verdict = tuple(row["verdict"] for row in rows.values() if "verdict" in row)
-    smoother = _smoother(config, settings[SMOOTHER], path)
-    if DELAY in settings:
-        smoother = Delayed(smoother, *_numbers(settings, DELAY, 1, path))
-    return Saved(config, model, value, std, verdict, smoother)
+    return value, std, tuple(row["verdict"] for row in rows.values() if "verdict" in row)
 
 
 def log_spec(text: str, config: Config) -> LogSpec:
@@ -113,19 +105,25 @@ def log_spec(text: str, config: Config) -> LogSpec:
         if not text.strip():
             raise ConfigError("the name of a recording is empty; give a file.")
         return LogSpec.model_validate({"file": text, "width": model.width})
+    pairs = _pairs(text, keys, _needed(config, keys))
+    width = model.width
+    if isinstance(width, Mapping):
+        width = {key: count for key, count in width.items() if key in pairs}
+    return LogSpec.model_validate({"file": pairs, "width": width})
+
+
+def _pairs(text: str, keys: list[str], needed: list[str]) -> dict[str, str]:
+    """Return the files by key of ``key=file,key=file``; ConfigError where one is unknown or missing."""
     pairs = dict(part.partition("=")[::2] for part in text.split(","))
     for key in pairs:
         if key not in keys:
             raise ConfigError(
                 f"{text}: no file is called {key!r}; {choices(key, keys)} Write such as {_example(keys)}."
             )
-    missing = [key for key in {**dict.fromkeys(_needed(config, keys)), **pairs} if not pairs.get(key, "").strip()]
+    missing = [key for key in {**dict.fromkeys(needed), **pairs} if not pairs.get(key, "").strip()]
     if missing:
         raise ConfigError(f"{text}: the file {missing[0]!r} is missing; write such as {_example(keys)}.")
-    width = model.width
-    if isinstance(width, Mapping):
-        width = {key: count for key, count in width.items() if key in pairs}
-    return LogSpec.model_validate({"file": pairs, "width": width})
+    return pairs
 
 
 def _needed(config: Config, keys: list[str]) -> list[str]:
@@ -146,11 +144,10 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
     except ValueError as error:
         raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
-    settings = data.get("settings") if isinstance(data, dict) else None
-    rows = data.get("parameters") if isinstance(data, dict) else None
-    wanted = ("configuration", ORIGIN, SMOOTHER)
+    settings, rows = (data.get(key) if isinstance(data, dict) else None for key in ("settings", "parameters"))
+    wanted = (TEXT, ORIGIN, SMOOTHER)
     sound = isinstance(settings, dict) and all(isinstance(settings.get(key), str) for key in wanted)
-    if not sound or not isinstance(rows, list) or not all(_is_row(row) for row in rows):
+    if not (sound and isinstance(rows, list) and all(map(_is_row, rows))):
         raise InputError(
             f"{path}: is no result of `dynident identify` that can be used again; it needs `parameters`, and in "
             f"`settings` the {', '.join(wanted)}. Identify again."
@@ -188,9 +185,9 @@ def _check_hash(settings: Mapping[str, str], path: Path) -> None:
             )
 
 
-def _smoother(config: Config, words: str, path: Path) -> Smoother:
+def _smoother(recipe: Recipe, words: str, path: Path) -> Smoother:
     """Return the smoother of that description among those of the configuration."""
-    smoother = build_recipe(config).smoother
+    smoother = recipe.smoother
     for one in smoother if isinstance(smoother, tuple) else (smoother,):
         if repr(one) == words:
             return one

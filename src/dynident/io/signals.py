@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.control import CascadePD
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import unit_factor
-from dynident.io.settings import POSITIONS, TORQUES, CascadeSettings, Channel, Config, LogSpec
+from dynident.io.settings import POSITIONS, TORQUES, CascadeJoint, CascadeSettings, Channel, Config, LogSpec
 from dynident.io.tables import Table
 from dynident.terms.term import Joint
 
@@ -68,14 +68,9 @@ def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequen
     each = [(settings.joints[joint.name], f"simulation.joints.{joint.name}") for joint in joints]
     references = {joint.name: settings.joints[joint.name].reference for joint in joints}
     reference = _matrix(table, references, joints, "simulation.joints", POSITIONS)
-    extra = []
-    for one, where in each:
-        column = one.feedforward.get(spec.label) if isinstance(one.feedforward, Mapping) else one.feedforward
-        extra.append(np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward"))
-    for name, arrays in (("reference", [reference.ravel()]), ("feedforward", extra)):
-        size = rows * len(joints) if name == "reference" else rows
-        if any(len(array) != size or len(bad_values(array)) for array in arrays):
-            raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
+    extra = [_feedforward(table, one, where, spec, rows) for one, where in each]
+    _require_valid(table, "reference", [reference.ravel()], rows * len(joints))
+    _require_valid(table, "feedforward", extra, rows)
 
     def gains(name: str) -> Array:
         values = [(getattr(one, name), f"{where}.{name}") for one, where in each]
@@ -86,6 +81,17 @@ def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequen
     if not (saturation > 0).all():
         raise ConfigError(f"simulation.joints: saturation is {saturation.min():g}; give a positive number.")
     return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
+
+
+def _feedforward(table: Table, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
+    """Return what is added to the output of a joint's controller in a recording: a column, or zeros."""
+    column = loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
+    return np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward")
+
+
+def _require_valid(table: Table, name: str, arrays: Sequence[Array], size: int) -> None:
+    if any(len(array) != size or len(bad_values(array)) for array in arrays):
+        raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:

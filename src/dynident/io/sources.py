@@ -17,7 +17,7 @@ from dynident.io.ros import BAGS
 from dynident.io.settings import LogSpec
 from dynident.io.tables import Table, read_columns
 from dynident.terms.bodies import read_robot_file
-from dynident.terms.robot_xml import Coupled
+from dynident.terms.robot_xml import Coupled, RobotFile
 
 __all__ = ["Source", "read_joints", "read_source"]
 
@@ -45,18 +45,24 @@ def read_joints(robot: str) -> list[JointFacts]:
     if path.suffix.lower() not in SUFFIXES:
         return [JointFacts(joint.name, joint.kind) for joint in load_model(robot).joints]
     file = read_robot_file(read_robot(path), path.name)
-    bound = {joint.name: joint.follows[0] for joint in file.joints if joint.follows}
-    for constraint in file.constraints:
-        if isinstance(constraint, Coupled):
-            bound |= {name: _other(name, constraint.joints) for name in constraint.joints if name not in bound}
+    bound = _bound(file)
     joints = [
         JointFacts(joint.name, joint.kind, joint.limits, bound.get(joint.name, ""))
         for joint in file.joints
         if joint.kind != "fixed"
     ]
-    if not any(not joint.follows for joint in joints):
+    if all(joint.follows for joint in joints):
         raise ModelError(f"{robot}: has no joint that turns or slides, so there is nothing to identify.")
     return joints
+
+
+def _bound(file: RobotFile) -> dict[str, str]:
+    """Return the joint that each bound joint follows, by name."""
+    bound = {joint.name: joint.follows[0] for joint in file.joints if joint.follows}
+    for constraint in file.constraints:
+        if isinstance(constraint, Coupled):
+            bound |= {name: _other(name, constraint.joints) for name in constraint.joints if name not in bound}
+    return bound
 
 
 def _other(name: str, joints: Sequence[str]) -> str:
@@ -82,10 +88,14 @@ def read_source(log: str) -> Source:
 
 def _short(stems: Sequence[str]) -> list[str]:
     """Return the stems without the words that all of them share at the beginning and the end."""
-    words = [re.split(r"[\W_]+", stem) for stem in stems]
-    while all(words) and len({stem[0] for stem in words}) == 1:
-        words = [stem[1:] for stem in words]
-    while all(words) and len({stem[-1] for stem in words}) == 1:
-        words = [stem[:-1] for stem in words]
-    short = ["_".join(stem) for stem in words]
+    words = _differing([re.split(r"[\W_]+", stem) for stem in stems])
+    words = _differing([stem[::-1] for stem in words])
+    short = ["_".join(stem[::-1]) for stem in words]
     return short if all(short) and len(set(short)) == len(short) else list(stems)
+
+
+def _differing(words: list[list[str]]) -> list[list[str]]:
+    """Return the words without the first ones that all lists share."""
+    while all(words) and len({one[0] for one in words}) == 1:
+        words = [one[1:] for one in words]
+    return words

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -192,21 +192,29 @@ def _read_hdf5(data: bytes, source: str) -> Table:
 def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
     arrays = {name: (value, np.asarray(value)) for name, value in items}
     lengths = {array.size for _, array in arrays.values() if max(array.shape, default=0) == array.size > 1}
-    columns, constants, faults = {}, {}, {}
+    columns: dict[str, Array] = {}
+    constants, faults = {}, {}
     for name, (value, array) in arrays.items():
-        if array.ndim == 2 and array.shape[1] in lengths and array.shape[0] not in lengths:
-            array = array.T  # time runs along the rows, as the length of other columns tells
         if array.dtype.kind not in "biuf" or array.size == 0:
             faults[name] = f"holds {_content(value, array)}, not an array of numbers."
         elif array.size == 1:
             constants[name] = float(array.item())
-        elif max(array.shape) == array.size:
-            columns[name] = _float(array.reshape(-1))
-        elif array.ndim == 2 and array.shape[0] >= array.shape[1]:
-            columns |= {f"{name}[{k}]": _float(array[:, k]) for k in range(array.shape[1])}
+        elif found := _columns(name, array, lengths):
+            columns |= found
         else:
             faults[name] = f"has the shape {array.shape}; time must run down the rows of a 2-D array: transpose it."
     return Table(columns, constants, source, faults)
+
+
+def _columns(name: str, array: NDArray[Any], lengths: Set[int]) -> dict[str, Array]:
+    """Return the columns of an array in which time runs down the rows, or along them, as ``lengths`` of others tell."""
+    if array.ndim == 2 and array.shape[1] in lengths and array.shape[0] not in lengths:
+        array = array.T
+    if max(array.shape) == array.size:
+        return {name: _float(array.reshape(-1))}
+    if array.ndim == 2 and array.shape[0] >= array.shape[1]:
+        return {f"{name}[{k}]": _float(array[:, k]) for k in range(array.shape[1])}
+    return {}
 
 
 def _float(array: NDArray[Any]) -> Array:

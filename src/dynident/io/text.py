@@ -31,18 +31,10 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
     start with # or % are comments. Raises InputError for rows cut off and for ambiguous numbers.
     """
-    lines = [(k, line) for k, line in enumerate(_decoded(data, source).splitlines(), 1) if line.strip()]
-    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"]
-    if not body:
-        raise InputError(f"{source}: holds no numbers, only comments.")
+    lines, body = _lines(data, source)
     separator = _separator(body[min(1, len(body) - 1)][1])
-    first = _fields(body[0][1], separator)
-    names = [str(k) for k in range(len(first))]
-    comments = [line for k, line in lines if k < body[0][0]]
-    if not all(_is_number(cell) for cell in first):
-        names, body = first, body[1:]
-    elif comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
-        names = said
+    names, header = _header(body[0][1], [line for k, line in lines if k < body[0][0]], separator)
+    body = body[header:]
     if not body:
         raise InputError(f"{source}: holds a header, but no row of numbers.")
     names, rows = _trimmed(names, [line.replace('"', "") for _, line in body], separator)
@@ -51,6 +43,25 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     cells = _split(rows, separator, len(names))
     columns, faults = _parsed(cells, _distinct(names, source), numbers, source)
     return columns, faults, numbers
+
+
+def _lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Return the lines that are not empty with their numbers, and those of them that are no comments."""
+    lines = [(k, line) for k, line in enumerate(_decoded(data, source).splitlines(), 1) if line.strip()]
+    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"]
+    if not body:
+        raise InputError(f"{source}: holds no numbers, only comments.")
+    return lines, body
+
+
+def _header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
+    """Return the names of the columns, and whether the first line has them; else the last comment may, or nothing."""
+    first = _fields(line, separator)
+    if not all(_is_number(cell) for cell in first):
+        return first, True
+    if comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
+        return said, False
+    return [str(k) for k in range(len(first))], False
 
 
 def _decoded(data: bytes, source: str) -> str:

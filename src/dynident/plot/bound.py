@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.plot.canvas import AMBER, BLUE, GREEN, INK, RED, panels, plain
+from dynident.plot.canvas import AMBER, BLUE, GREEN, INK, RED, Array, panels, plain
 from dynident.plot.study import colours_of, method_name, scientific
 
 if TYPE_CHECKING:
@@ -65,48 +66,49 @@ def bound_figure(found: Reach, labels: Sequence[str]) -> go.Figure:
 
 def efficiency_figure(reproduction: Reproduction) -> go.Figure:
     """Draw the rms error of each parameter in % of its true value by method, over the bound; one panel per level."""
-    import plotly.graph_objects as go
-
     levels = sorted(reproduction.bounds)
     names, true = [plain(name) for name in reproduction.names], np.abs(reproduction.true)
     headings = [f"σ<sub>q</sub>² = {scientific(level)} rad²" for level in levels]
     figure = panels(["rms error, %"] * len(levels), 90 + 260 * len(levels), headings)
     methods = list(dict.fromkeys(case.method for case in reproduction.cases))
     colours = colours_of(methods)
+    cases = {(case.sigma_q2, case.method): case for case in reproduction.cases if len(case.estimates)}
     for row, level in enumerate(levels, start=1):
-        figure.add_trace(
-            go.Bar(
-                x=names,
-                y=100 * np.sqrt(reproduction.bounds[level]) / true,
-                name="Cramér-Rao bound",
-                legendgroup="bound",
-                showlegend=row == 1,
-                marker={"color": BLUE, "opacity": 0.35},
-                hovertemplate="%{x}: bound %{y:.3g} %<extra></extra>",
-            ),
-            row=row,
-            col=1,
-        )
-        for k, method in enumerate(methods):
-            case = next((x for x in reproduction.cases if (x.sigma_q2, x.method) == (level, method)), None)
-            if case is None or not len(case.estimates):
-                continue
-            error = 100 * np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0)) / true
-            figure.add_trace(
-                go.Scatter(
-                    x=names,
-                    y=error,
-                    mode="markers",
-                    name=plain(method_name(method)),
-                    legendgroup=method,
-                    showlegend=row == 1,
-                    marker={"color": colours[method], "size": 9, "symbol": MARKS[k % len(MARKS)]},
-                    hovertemplate="%{x}: %{y:.3g} %",
-                    meta="ink" if colours[method] == INK else None,
-                ),
-                row=row,
-                col=1,
-            )
+        least = _least(names, 100 * np.sqrt(reproduction.bounds[level]) / true)
+        figure.add_trace(least.update(showlegend=row == 1), row=row, col=1)
+        for method, symbol in zip(methods, cycle(MARKS)):
+            if case := cases.get((level, method)):
+                error = 100 * np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0)) / true
+                reached = _reached(names, error, method, colours[method], symbol)
+                figure.add_trace(reached.update(showlegend=row == 1), row=row, col=1)
     figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     figure.update_xaxes(type="category", showticklabels=True, showgrid=False)
     return figure.update_layout(hovermode="closest")
+
+
+def _least(names: list[str], percent: Array) -> go.Bar:
+    import plotly.graph_objects as go
+
+    return go.Bar(
+        x=names,
+        y=percent,
+        name="Cramér-Rao bound",
+        legendgroup="bound",
+        marker={"color": BLUE, "opacity": 0.35},
+        hovertemplate="%{x}: bound %{y:.3g} %<extra></extra>",
+    )
+
+
+def _reached(names: list[str], percent: Array, method: str, colour: str, symbol: str) -> go.Scatter:
+    import plotly.graph_objects as go
+
+    return go.Scatter(
+        x=names,
+        y=percent,
+        mode="markers",
+        name=plain(method_name(method)),
+        legendgroup=method,
+        marker={"color": colour, "size": 9, "symbol": symbol},
+        hovertemplate="%{x}: %{y:.3g} %",
+        meta="ink" if colour == INK else None,
+    )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.plot.canvas import BLUE, GRID, INK, RED, Array, panels, plain
 from dynident.splines import NORMAL_95
@@ -32,47 +33,57 @@ def interval_figure(
     determine (infinite standard error, or a value of zero) are hollow and have no bar; a blue cross is the distance
     of the true value ``known``, where there is one, in % of the estimate.
     """
-    import plotly.graph_objects as go
-
     rows = list(range(len(names)))
     value, std = np.asarray(value, dtype=float), np.asarray(std, dtype=float)
     relative = relative_std(value, std)
     sure = np.isfinite(relative)
     half = np.where(sure, np.minimum(NORMAL_95 * relative, 1e6), 0.0)
     signs = zip(names, value, std, units, strict=True)
+    words = [f"{plain(name)}: {v:.4g} ± {NORMAL_95 * s:.2g} {plain(unit)}" for name, v, s, unit in signs]
     figure = panels([""], 105 + 20 * len(names), shared=False)
-    figure.add_trace(
-        go.Scatter(
-            x=np.zeros(len(names)),
-            y=rows,
-            error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
-            mode="markers",
-            name="estimate with its 95 % interval" + ("" if sure.all() else " (hollow: not determined, or zero)"),
-            marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in sure]},
-            text=[f"{plain(name)}: {v:.4g} ± {NORMAL_95 * s:.2g} {plain(unit)}" for name, v, s, unit in signs],
-            hovertemplate="%{text} (95 % interval)<extra></extra>",
-        )
-    )
+    figure.add_trace(_intervals(words, half, sure))
     marked = [k for k, true in enumerate(known) if true is not None and sure[k]]
     if marked:
         true = np.array([known[k] for k in marked], dtype=float)
-        figure.add_trace(
-            go.Scatter(
-                x=100 * (true - value[marked]) / np.abs(value[marked]),
-                y=marked,
-                mode="markers",
-                name="true value",
-                marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
-                customdata=true,
-                text=[plain(names[k]) for k in marked],
-                hovertemplate="%{text}: true value %{customdata:.4g}<extra></extra>",
-            )
-        )
+        away = 100 * (true - value[marked]) / np.abs(value[marked])
+        figure.add_trace(_crosses([plain(names[k]) for k in marked], true, away, marked))
     reach = float(np.clip(1.2 * half.max(initial=0.0), 0.01, WIDEST))
     shown = [plain(name if len(name) <= LONGEST else f"{name[:LONGEST]}…") for name in names]
     figure.update_yaxes(tickvals=rows, ticktext=shown, range=[len(names) - 0.5, -0.5])
     figure.update_xaxes(range=[-reach, reach], title="95 % interval, % of the value", zeroline=True, zerolinecolor=GRID)
     return figure.update_layout(hovermode="closest", showlegend=True)
+
+
+def _intervals(words: Sequence[str], half: Array, sure: NDArray[np.bool_]) -> go.Scatter:
+    """Return a mark per parameter (k) with its interval to both sides (%), hollow where it is not ``sure``."""
+    import plotly.graph_objects as go
+
+    return go.Scatter(
+        x=np.zeros(len(words)),
+        y=list(range(len(words))),
+        error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
+        mode="markers",
+        name="estimate with its 95 % interval" + ("" if sure.all() else " (hollow: not determined, or zero)"),
+        marker={"color": RED, "size": 8, "symbol": ["circle" if ok else "circle-open" for ok in sure]},
+        text=words,
+        hovertemplate="%{text} (95 % interval)<extra></extra>",
+    )
+
+
+def _crosses(names: Sequence[str], true: Array, away: Array, rows: Sequence[int]) -> go.Scatter:
+    """Return a cross per known parameter, ``away`` (%) from its estimate."""
+    import plotly.graph_objects as go
+
+    return go.Scatter(
+        x=away,
+        y=rows,
+        mode="markers",
+        name="true value",
+        marker={"color": BLUE, "size": 11, "symbol": "x-thin", "line": {"color": BLUE, "width": 2}},
+        customdata=true,
+        text=names,
+        hovertemplate="%{text}: true value %{customdata:.4g}<extra></extra>",
+    )
 
 
 def relative_std(value: Array, std: Array) -> Array:

@@ -25,6 +25,7 @@ NAMES = {
     "spline-early": "early-cut splines", "ml": "maximum likelihood",
 }  # fmt: skip
 DRAWN_FIRST = ("raw", "simulated", "spline", "filtered")  # later curves lie above
+TITLES = {"dq": "velocity, rad/s", "ddq": "acceleration, rad/s²"}
 MOST_RUNS = 153  # more estimates are drawn by as many of their quantiles; 4 k + 1 of them hold the quartiles
 
 
@@ -46,27 +47,31 @@ def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) 
     filtered dashed green; "raw" waits in the legend, because its noise hides the rest. The vertical range is that of
     the samples which every method may use. Raises InputError for another quantity or joint.
     """
-    titles = {"dq": "velocity, rad/s", "ddq": "acceleration, rad/s²"}
-    if quantity not in titles:
-        raise InputError(f"Unknown quantity {quantity!r}; {choices(quantity, titles)}")
+    if quantity not in TITLES:
+        raise InputError(f"Unknown quantity {quantity!r}; {choices(quantity, TITLES)}")
     for method, motion in traces.items():
         if not 0 <= joint_index < len(motion.joints):
             raise InputError(f"{method}: no joint number {joint_index}; {choices('', motion.joints)}")
     colours = colours_of(traces)
-    figure = panels([titles[quantity]], 380)
+    figure = panels([TITLES[quantity]], 380)
     order = [*DRAWN_FIRST, *sorted(set(traces) - set(DRAWN_FIRST))]
     for method in (name for name in order if name in traces):
-        motion = traces[method]
-        values = getattr(motion, quantity)[:, joint_index]
-        line = {"color": colours[method], "width": 2.5 if method == "simulated" else 1.4}
-        line |= {"dash": "dash"} if method == "filtered" else {}
-        name = plain(method_name(method))
-        drawn = curve(motion.t, only(values, motion.mask), name, line)
-        figure.add_trace(drawn.update(visible="legendonly" if method == "raw" else True))
-        if method == "filtered" and not motion.mask.all():
-            figure.add_trace(curve(motion.t, only(values, ~motion.mask), f"{name}, clipped", line | {"color": GREEN}))
+        values = getattr(traces[method], quantity)[:, joint_index]
+        figure.add_traces(_curves(method, traces[method], values, colours[method]))
     figure.update_yaxes(range=_common_range(traces, joint_index, quantity))
     return figure
+
+
+def _curves(method: str, motion: Motion, values: Array, colour: str) -> list[go.Scatter]:
+    """Return the curve of a method, and what of the filtered one is clipped."""
+    line = {"color": colour, "width": 2.5 if method == "simulated" else 1.4}
+    line |= {"dash": "dash"} if method == "filtered" else {}
+    name = plain(method_name(method))
+    drawn = curve(motion.t, only(values, motion.mask), name, line)
+    drawn.update(visible="legendonly" if method == "raw" else True)
+    if method != "filtered" or motion.mask.all():
+        return [drawn]
+    return [drawn, curve(motion.t, only(values, ~motion.mask), f"{name}, clipped", line | {"color": GREEN})]
 
 
 def spread_figure(reproduction: Reproduction) -> go.Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -169,20 +169,7 @@ def smoothing_section(identification: Identification) -> Section:
 def _smoothing(identification: Identification) -> Iterator[Block]:
     """Yield one table of what the smoothers say in one number per joint, and their words below it."""
     motions = [(log.name, log.motion) for log in identification.logs]
-    keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
-    if keys:
-        rows = [
-            (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
-            for name, motion in motions
-            for j, joint in enumerate(motion.joints)
-        ]
-        words = (Column("log", numeric=False), Column("joint", numeric=False))
-        table = Table(
-            (*words, *(Column(_HEADS.get(key, key)) for key in keys)), tuple(rows), "Smoothing per log and joint"
-        )
-        yield (
-            table if len(rows) < MANY else Fold(f"Smoothing of {count(len(motions), 'log')}, joint by joint", (table,))
-        )
+    yield from _smoothing_table(motions)
     said = {
         name: ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))
         for name, motion in motions
@@ -191,6 +178,21 @@ def _smoothing(identification: Identification) -> Iterator[Block]:
         yield from filter(None, (f"{words[:1].upper()}{words[1:]}." for words in set(said.values()) if words))
     else:
         yield tuple(f"{name}: {words}" for name, words in said.items())
+
+
+def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[Block]:
+    keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
+    rows = [
+        (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
+        for name, motion in motions
+        for j, joint in enumerate(motion.joints)
+    ]
+    if keys:
+        words = (Column("log", numeric=False), Column("joint", numeric=False))
+        columns = (*words, *(Column(_HEADS.get(key, key)) for key in keys))
+        table = Table(columns, tuple(rows), "Smoothing per log and joint")
+        title = f"Smoothing of {count(len(motions), 'log')}, joint by joint"
+        yield table if len(rows) < MANY else Fold(title, (table,))
 
 
 def _per_joint(motion: Motion, key: str) -> bool:

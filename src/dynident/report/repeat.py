@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.io.saved import FILE, HASH, HASH_OF, ORIGIN
+from dynident.io.project import FILE, HASH, HASH_OF, ORIGIN
 from dynident.report.page import Block, Code, Fold, Section, pairs
 
 if TYPE_CHECKING:

@@ -56,17 +56,18 @@ def smoothed_columns(
     names = tuple(columns) or tuple(name for name in table.columns if name != time)
     if not names:
         raise InputError(f"{table.source}: holds no column besides {time!r} to smooth.")
-    derived = [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names]
-    clash = [name for name in derived if name in (*names, time)]
-    if clash:
-        raise ConfigError(
-            f"{table.source}: {clash[0]!r} would name both a column and a derivative; choose with --column."
-        )
+    _check_names(table.source, (*names, time), [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names])
     wrong = [name for name in names if len(table.column(name)) != len(t)]
     if wrong:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
     return Smoothed(time, names, measured, smooth(t, measured, rule, sigma=sigma))
+
+
+def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]) -> None:
+    clash = [name for name in derivatives if name in columns]
+    if clash:
+        raise ConfigError(f"{source}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
 
 
 def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> Table:

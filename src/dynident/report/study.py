@@ -205,22 +205,26 @@ def _table(reproduction: Reproduction, level: float, variance: bool) -> Table:
     cells: list[Sequence[str]] = [reproduction.names]
     if not variance:
         columns.append(Column("true"))
-        cells.append([number(value) for value in reproduction.true])
+        cells.append(_numbers(reproduction.true))
     for case in _at(reproduction, level):
         printed = case.printed_variance if variance else case.printed_mean
         columns.append(Column("own", case.method))
-        cells.append([number(float(value)) for value in (case.variance if variance else case.mean)])
+        cells.append(_numbers(case.variance if variance else case.mean))
         if printed is not None:
             columns.append(Column("printed", case.method, muted=True))
             cells.append([_as_printed(value, variance) for value in printed])
     if variance and level in reproduction.bounds:
         columns.append(Column("least", "bound"))
-        cells.append([number(float(value)) for value in reproduction.bounds[level]])
+        cells.append(_numbers(reproduction.bounds[level]))
     what = "variance" if variance else "mean"
     numbers = TABLES.get(level)
     label = f"Table {numbers[variance]}: sample" if numbers else "Sample"
     caption = f"{label} {what} of {reproduction.runs} estimates, sigma_q^2 = {plot.scientific(level)} rad^2"
     return Table(tuple(columns), tuple(zip(*cells, strict=True)), caption)
+
+
+def _numbers(values: plot.Array) -> list[str]:
+    return [number(float(value)) for value in values]
 
 
 def _as_printed(value: float | None, variance: bool) -> str:

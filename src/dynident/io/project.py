@@ -1,0 +1,141 @@
+"""A configuration and what it names: the model, the recipe, the recordings; and the runs that are made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dynident.diagnostics import Finding
+from dynident.examination import Examination, examine
+from dynident.identify import Identification, Recipe, identify
+from dynident.io.config import config_warnings, load_model, parse_config, read_config
+from dynident.io.logs import read_found, read_roles, turning_joints
+from dynident.io.recipe import build_recipe
+from dynident.io.robot import fingerprint, model_file
+from dynident.io.settings import Config
+from dynident.log import Log
+from dynident.model import Model
+from dynident.reach import Reach, TorqueNoise, reach
+
+__all__ = ["FILE", "HASH", "HASH_OF", "ORIGIN", "Project", "log_hashes", "parse_project", "read_project", "run"]
+
+TEXT, FILE, HASH, ORIGIN = "configuration", "model file", "model file SHA-256", "configuration file"
+HASH_OF = "SHA-256 of "
+
+Progress = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    """Show no progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """What a configuration names: ``config`` as written in the file ``path``, and the model and recipe made of it.
+
+    ``warnings`` are on the configuration itself; ``provenance`` holds its text and file, and the file and SHA-256 of
+    the model. Recordings are read by the methods, each time that one is called.
+    """
+
+    path: Path
+    config: Config
+    model: Model
+    recipe: Recipe
+    warnings: tuple[str, ...]
+    provenance: Mapping[str, str]
+
+    def logs(self, progress: Progress = _silent) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
+        """Read all recordings: their logs by role ("train", "validation") and name, and warnings.
+
+        Raises ConfigError and InputError as ``read_roles`` does.
+        """
+        return read_roles(self.config, self.model.joints, progress)
+
+    def identify(self, progress: Progress = _silent) -> Identification:
+        """Identify the parameters from the recordings, with all warnings, and the hashes of all files that were read.
+
+        Raises the errors of reading and of ``dynident.identify.identify``.
+        """
+        logs, remarks = self.logs(progress)
+        hashes = log_hashes(self.config)
+        found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
+        notes = tuple(note for term in self.model.terms for note in getattr(term, "notes", ()))
+        return self._signed(found, (*notes, *remarks), hashes)
+
+    def bound(
+        self,
+        sigma_q: Mapping[str, float] | float | None = None,
+        sigma_tau: Mapping[str, float] | float | None = None,
+        torque: TorqueNoise = "residual",
+        progress: Progress = _silent,
+    ) -> Reach:
+        """Return the accuracy that any method could reach with the training logs; arguments as in ``reach``."""
+        logs, remarks = self.logs(progress)
+        found = reach(
+            self.model,
+            logs["train"],
+            self.recipe,
+            sigma_q=sigma_q,
+            sigma_tau=sigma_tau,
+            torque=torque,
+            progress=progress,
+        )
+        return replace(found, identification=self._signed(found.identification, remarks))
+
+    def examine(self, progress: Progress = _silent) -> Examination:
+        """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
+        logs, found = read_found(self.config, self.model.joints, progress)
+        own = tuple(Finding("warning", None, words, source=self.path.name) for words in self.warnings)
+        turning = turning_joints(self.config)
+        return examine(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
+
+    def _signed(
+        self, found: Identification, remarks: Sequence[str], hashes: Mapping[str, str] | None = None
+    ) -> Identification:
+        """Return an identification that says what it was made from, and all that is to be warned of."""
+        warnings = (*self.warnings, *remarks, *found.warnings)
+        return replace(found, warnings=warnings, settings={**self.provenance, **(hashes or {}), **found.settings})
+
+
+def read_project(path: str | Path, progress: Progress = _silent) -> Project:
+    """Read a configuration (YAML) and build its model and recipe; relative file names start at its folder.
+
+    Raises ConfigError where it is wrong, ModelError where its model cannot be built.
+    """
+    path = Path(path)
+    config = read_config(path)
+    return _built(config, path, path.read_text(encoding="utf-8-sig"), progress)
+
+
+def parse_project(text: str, path: Path, source: str | None = None) -> Project:
+    """Return the project of a YAML text that belongs at ``path``; ``source`` is its name in messages.
+
+    Raises the errors of ``read_project``.
+    """
+    return _built(parse_config(text, path.parent, source or str(path)), path, text, _silent)
+
+
+def _built(config: Config, path: Path, text: str, progress: Progress) -> Project:
+    progress("building the model")
+    model = load_model(config.model, path.parent)
+    provenance = {TEXT: text, ORIGIN: str(path.resolve())}
+    file = model_file(config.model, path.parent)
+    if file is not None:
+        provenance |= {FILE: str(file.resolve()), HASH: fingerprint(file)}
+    return Project(path, config, model, build_recipe(config), config_warnings(config), provenance)
+
+
+def run(path: str | Path, *, progress: Progress | None = None) -> Identification:
+    """Identify what a configuration describes, as the command ``dynident identify`` does.
+
+    ``progress`` is called with a few words before each step. Raises ConfigError, ModelError, InputError.
+    """
+    progress = progress or _silent
+    return read_project(path, progress).identify(progress)
+
+
+def log_hashes(config: Config) -> dict[str, str]:
+    """Return the SHA-256 of every file of the recordings, by ``SHA-256 of FILE``; each file is read once more."""
+    files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
+    return {f"{HASH_OF}{file}": fingerprint(file) for file in files}

@@ -1,0 +1,61 @@
+"""A configuration as one noun, and the run that the command line and Python share."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dynident.errors import ConfigError, InputError
+from dynident.gallery import slider
+from dynident.io.project import HASH_OF, parse_project, read_project, run
+from tests.test_cli import configure, settings, write_log
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("project")
+    write_log(folder)
+    return configure(folder, validation=[{"file": "log.csv", "window": [2, 4]}])
+
+
+def test_a_project_reads_no_recording_before_it_is_asked(tmp_path: Path) -> None:
+    project = parse_project(yaml.safe_dump(settings()), tmp_path / "slider.yaml")
+    assert project.model.names == slider().names
+    with pytest.raises(InputError, match=r"log\.csv"):
+        project.logs()
+
+
+def test_logs_are_by_role(config: Path) -> None:
+    logs, remarks = read_project(config).logs()
+    assert {role: list(map(len, named.values())) for role, named in logs.items()} == {
+        "train": [1501], "validation": [1000],
+    }  # fmt: skip
+    assert remarks == ()
+
+
+def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> None:
+    steps: list[str] = []
+    found = run(str(config), progress=steps.append)
+    assert steps[0] == "building the model"
+    assert "validating" in steps
+    np.testing.assert_allclose(found.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
+    assert found.settings["configuration"] == config.read_text()
+    digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
+    assert found.settings[f"{HASH_OF}{config.parent.resolve() / 'log.csv'}"] == digest
+    assert any("overlaps in time" in text for text in found.warnings)
+
+
+def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
+    project = read_project(config)
+    (doubt,) = project.warnings
+    assert doubt in project.bound().identification.warnings
+    assert doubt in [finding.message for finding in project.examine().findings]
+
+
+def test_a_configuration_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"gone\.yaml: cannot be read"):
+        run(tmp_path / "gone.yaml")

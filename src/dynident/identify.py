@@ -20,7 +20,7 @@ from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import Parallel, Regression, one_thread
-from dynident.smoothers import Delayed, Smoother, Spline
+from dynident.smoothers import Smoother, Spline, undelayed
 from dynident.uncertainty import robust_covariance
 from dynident.validation import SEED, LogValidation, check_mass, validate
 
@@ -127,13 +127,13 @@ def _identify(
     trained = tuple(roles["train"].values())
     smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
     settings |= told
-    settings |= _used(smoother)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
             motions[role][name] = smoother(log)
     fitted = tuple(motions["train"].values())
+    settings |= _used(smoother, fitted[0].delay)
     if recipe.lean:
         progress("finding how the base leans")
         lean = find_lean(model, fitted, recipe.estimator, slow)
@@ -143,8 +143,10 @@ def _identify(
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
     progress("estimating")
-    late = smoother.delay if isinstance(smoother, Delayed) else 0.0
+    late = fitted[0].delay
     estimate = recipe.estimator(Problem(model, fitted, regression, trained, late))
+    if estimate.sample_weights:
+        regression = replace(regression, weights=estimate.sample_weights)
     progress("validating")
     judged = tuple(
         validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)
@@ -161,7 +163,7 @@ def _identify(
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
         runs=_runs(model, estimate, judged, roles, recipe, smoother, progress),
         recorded=tuple(roles[log.role][log.name] for log in judged),
-        delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
+        delay=late,
     )
     return _with_errors(found, regression, fitted, progress)
 
@@ -207,8 +209,8 @@ def _runs(
         if log.controller is not None or recipe.restart is not None:
             progress(f"simulating {one.name}")
             # a controller sees the positions when they were stamped
-            stamped = log.controller is not None and isinstance(smoother, Delayed)
-            motion = smoother.smoother(log) if stamped else one.motion  # type: ignore[attr-defined]
+            stamped = log.controller is not None and one.motion.delay
+            motion = undelayed(smoother)(log) if stamped else one.motion
             runs.append(free_run(model, estimate.value, motion, log.controller, recipe.restart, name=one.name))
     return tuple(runs)
 
@@ -238,11 +240,10 @@ def _of_determined(basis: Basis, std: Array) -> Array:
     return found
 
 
-def _used(smoother: Smoother) -> dict[str, str]:
+def _used(smoother: Smoother, delay: float) -> dict[str, str]:
     """Return what a saved result must say of the smoother to be used again."""
-    if isinstance(smoother, Delayed):
-        return {"smoother used": repr(smoother.smoother), "delay used": repr(smoother.delay)}
-    return {"smoother used": repr(smoother)}
+    used = {"smoother used": repr(undelayed(smoother))}
+    return used | {"delay used": repr(delay)} if delay else used
 
 
 def versions() -> dict[str, str]:

@@ -28,7 +28,8 @@ def robust_covariance(
 
     ``theta`` (p) is the estimate, ``weights`` (n) what each joint's rows were multiplied with in the fit (one where
     None). ``columns`` (r) are those of the regressor to invert, the leaders of base parameters say (then (r, r)); they
-    must be independent. A = sum w_j^2 Y_j' Y_j, and with Bartlett's weights of bandwidth L
+    must be independent. The regression's own weights of samples count in A and S. A = sum w_j^2 Y_j' Y_j, and with
+    Bartlett's weights of bandwidth L
 
         S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' = (1/L) sum_t b_t b_t',  b_t = u_t + ... + u_(t+L-1).
 
@@ -124,12 +125,13 @@ def _stretches(regression: Regression) -> list[Regression]:
     """
     share = min(1.0, MOST / max(_samples(regression), 1))
     found = []
-    for motion in regression.motions:
+    for k, motion in enumerate(regression.motions):
+        weights = regression.weights[k : k + 1]
         for part in stretches(motion.mask):
             for piece in _pieces(part, share):
                 mask = np.zeros(len(motion), dtype=bool)
                 mask[piece] = True
-                found.append(replace(regression, motions=(replace(motion, mask=mask),)))
+                found.append(replace(regression, motions=(replace(motion, mask=mask),), weights=weights))
     return found
 
 

@@ -84,7 +84,7 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     say("building the model")
     model = load_model(config.model, path.parent)
     recipe = build_recipe(config)
-    warnings = [*config_warnings(config), *(note for term in model.terms for note in getattr(term, "notes", ()))]
+    warnings = [*config_warnings(config), *model.notes]
     logs, remarks = read_roles(config, model.joints, say)
     read = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **log_hashes(config)}
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)

@@ -18,6 +18,7 @@ from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression, one_thread
 from dynident.terms import Bodies
+from dynident.terms.term import HasGravity
 
 __all__ = ["Examination", "examine"]
 
@@ -123,13 +124,12 @@ def _moving(
     if "delay" in told:
         findings.append(Finding("info", None, f"delay: {told['delay']}.", "delay"))
     findings += _leaning(model, motions, recipe, slow)
-    limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += (downward := list(gravity_findings(model, motions)))
     for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
         findings += [
-            *limit_findings(moved, limits.get(joint.name), joint.effort),
+            *limit_findings(moved, model.limits.get(joint.name), joint.effort),
             *(() if downward else agreement_findings(torque, joint.effort)),  # of the file under the wrong gravity
         ]
     seen = rank(model, Regression(model, motions, recipe.parallel, slow))
@@ -141,7 +141,7 @@ def _leaning(
     model: Model, motions: tuple[Motion, ...], recipe: Recipe, slow: tuple[float, ...] | None
 ) -> Iterator[Finding]:
     """Say where a base that does not stand level would explain much of the error."""
-    if recipe.lean or not any(isinstance(term, Bodies) for term in model.terms):
+    if recipe.lean or not any(isinstance(term, HasGravity) for term in model.terms):
         return
     try:
         found = find_lean(model, motions, PLAIN, slow)

@@ -225,7 +225,8 @@ def _robust_std(regression: Regression, estimate: Estimate, own: Array, basis: B
     """Return standard errors that allow for correlated residuals, at least ``own`` where these count the motion's."""
     columns = None if basis is None else basis.independent
     try:
-        robust = np.sqrt(np.diag(robust_covariance(regression, estimate.value, estimate.weights, columns)))
+        covariance = robust_covariance(regression, estimate.value, estimate.weights, columns, estimate.slopes)
+        robust = np.sqrt(np.diag(covariance))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     return robust if estimate.information is None else np.maximum(robust, own)

@@ -52,13 +52,14 @@ class Family:
     """Interchangeable parts: ``table`` maps each kind to its "module:name", imported where it is asked for.
 
     ``members`` are the attributes that a part must have, ``given`` those of its fields that are no settings, as the
-    caller knows them. Entry points of the group ``group`` add kinds.
+    caller knows them. Entry points of the group ``group`` add kinds. Where ``functions``, its parts are functions.
     """
 
     name: str
     table: Mapping[str, str]
     members: tuple[str, ...] = ("__call__",)
     given: tuple[str, ...] = ()
+    functions: bool = False
 
     @property
     def group(self) -> str:
@@ -86,6 +87,10 @@ class Family:
 
     def check(self, part: Any, where: str) -> None:
         """Raise ConfigError, led by ``where``, unless ``part`` is a frozen dataclass with what this family needs."""
+        if self.functions:
+            if not callable(part):
+                raise ConfigError(f"{where} is no function.")
+            return
         if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         known = {name for base in part.__mro__[:-1] for name in vars(base)} | {field.name for field in fields(part)}
@@ -199,14 +204,15 @@ READERS = Family(
         **dict.fromkeys((".h5", ".hdf5"), "dynident.io.tables:read_hdf5"),
         **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.io.tables:read_bag"),
     },
+    functions=True,
 )
 EXPORTERS = Family(
     "exporter",
     {
-        "urdf": "dynident.export.formats:URDF",
-        "mjcf": "dynident.export.formats:MJCF",
-        "numpy": "dynident.export.formats:NUMPY",
-        "yaml": "dynident.export.formats:YAML",
+        "urdf": "dynident.export.formats:Urdf",
+        "mjcf": "dynident.export.formats:Mjcf",
+        "numpy": "dynident.export.formats:Numpy",
+        "yaml": "dynident.export.formats:Yaml",
     },
-    members=("file", "write", "torque"),
+    members=("readers", "file", "write", "torque"),
 )

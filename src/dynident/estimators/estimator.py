@@ -49,8 +49,8 @@ class Estimate:
     (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
     empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
     were multiplied with, None where all count the same; ``sample_weights`` holds for each motion of the regression what
-    its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative of
-    w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
+    its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
+    of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
     where the errors of the motion count, too.
     """
 

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.export import FORMATS
+from dynident.export.formats import Yaml
 from dynident.terms import Bodies
 from tests.laws.test_new_user import CONSTANT, RATIO, folder, identify
 from tests.test_cli import configure, run, write_log
@@ -70,8 +70,8 @@ class TestIdentify:
         assert (arm / "model.py").exists()
 
     def test_a_failed_proof_leaves_no_file(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        make = FORMATS["yaml"]
-        monkeypatch.setitem(FORMATS, "yaml", lambda one: replace(make(one), text="parameters: []"))
+        make = Yaml.write
+        monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
         (folder / "out" / "parameters.yaml").unlink(missing_ok=True)
         result = identify(folder)
         (failed,) = (one for one in result["exports"] if one["format"] == "yaml")

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.estimators import Estimator, Problem, quick
 from dynident.log import Log, Motion, subsample
 from dynident.model import Model
 from dynident.regression import Regression, compress
 from dynident.selection import choose_smoother, excerpts
 from dynident.smoothers import Delayed, Smoother
+from dynident.terms.term import HasGravity
 
 __all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
 
@@ -81,13 +82,13 @@ def mounted(model: Model, x: float, y: float) -> Model:
     from scipy.spatial.transform import Rotation
 
     back = Rotation.from_rotvec((-x, -y, 0.0))
-    terms: list[Any] = []
-    for term in model.terms:
-        gravity = getattr(term, "gravity", None)
-        terms.append(term if gravity is None else replace(term, gravity=tuple(back.apply(gravity).tolist())))  # type: ignore[type-var]
+    terms = tuple(
+        term.under(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
+        for term in model.terms
+    )
     if all(new is old for new, old in zip(terms, model.terms, strict=True)):
         raise ConfigError(f"{model.name}: no term has a gravity that could be turned; only robot files have one.")
-    return replace(model, terms=tuple(terms))
+    return replace(model, terms=terms)
 
 
 def pair(
@@ -136,10 +137,10 @@ def find_delay(
     rows = subsample(motions, _samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return Delay(0.0, np.nan, np.nan)
-    quick = _quick(estimator)
+    fast = quick(estimator)
 
     def error(delay: float) -> float:
-        return _error(Regression(model, _shifted(motions, rows, delay), slow=slow), quick)
+        return _error(Regression(model, _shifted(motions, rows, delay), slow=slow), fast)
 
     grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
     errors = [error(delay) for delay in grid]
@@ -162,14 +163,14 @@ def find_lean(
     from scipy.optimize import least_squares
 
     thin = _shifted(motions, subsample(motions, _samples(model)), 0.0)
-    quick = _quick(estimator)
+    fast = quick(estimator)
 
     def residual(lean: Array) -> Array:
         turned = mounted(model, *lean)
         regression = Regression(turned, thin, slow=slow)
         blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual
         regression.__dict__["compressed"] = compress(iter(blocks), len(model.joints), len(model.parameters))
-        value = quick(Problem(turned, thin, regression)).value
+        value = fast(Problem(turned, thin, regression)).value
         parts = [(one.tau - one.Y @ value) * (1.0 if one.keep is None else one.keep) for one in blocks]
         return np.concatenate(parts).ravel()
 
@@ -186,13 +187,6 @@ def find_lean(
         )
     before, after = (100.0 * float(np.linalg.norm(r)) / torque for r in (level, residual(np.array([x, y]))))
     return Lean(x, y, (float(spread[0]), float(spread[1])), before, after)
-
-
-def _quick(estimator: Estimator) -> Estimator:
-    """Return what stands for the estimator at the trial values: least squares, under its constraints if it has any."""
-    if isinstance(estimator, Consistent):
-        return replace(estimator, costs=False)
-    return estimator if isinstance(estimator, LeastSquares) else LeastSquares(tolerance=1e-8)
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], delay: float) -> tuple[Motion, ...]:

@@ -20,7 +20,7 @@ from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import Parallel, Regression, one_thread
-from dynident.smoothers import Delayed, Smoother, Spline
+from dynident.smoothers import Smoother, Spline, undelayed
 from dynident.uncertainty import robust_covariance
 from dynident.validation import SEED, LogValidation, check_mass, validate
 
@@ -122,13 +122,15 @@ def _identify(
     smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
     motions = _smoothed(roles, smoother, progress)
     fitted = tuple(motions["train"].values())
+    late = fitted[0].delay
     model, leaning = _mounted(model, fitted, recipe, slow, progress)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
     progress("estimating")
-    late = smoother.delay if isinstance(smoother, Delayed) else 0.0
     estimate = recipe.estimator(Problem(model, fitted, regression, trained, late))
+    if estimate.sample_weights:
+        regression = replace(regression, weights=estimate.sample_weights)
     progress("validating")
     judged = tuple(
         validate(model, estimate.value, motion, name=name, role=role, parallel=recipe.parallel, slow=slow)
@@ -140,7 +142,7 @@ def _identify(
         estimate,
         judged,
         () if estimate.status == "ok" else (estimate.status,),
-        {**_settings(recipe), **told, **_used(smoother), **leaning},
+        {**_settings(recipe), **told, **_used(smoother, late), **leaning},
         versions(),
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
         recorded=tuple(roles[log.role][log.name] for log in judged),
@@ -221,8 +223,8 @@ def _runs(
         if log.controller is not None or recipe.restart is not None:
             progress(f"simulating {one.name}")
             # a controller sees the positions when they were stamped
-            stamped = log.controller is not None and isinstance(smoother, Delayed)
-            motion = smoother.smoother(log) if stamped else one.motion  # type: ignore[attr-defined]
+            stamped = log.controller is not None and one.motion.delay
+            motion = undelayed(smoother)(log) if stamped else one.motion
             made = free_run(found.model, found.estimate.value, motion, log.controller, recipe.restart, name=one.name)
             runs.append(made)
     return tuple(runs)
@@ -238,7 +240,8 @@ def _robust_std(regression: Regression, estimate: Estimate, own: Array, basis: B
     """Return standard errors that allow for correlated residuals, at least ``own`` where these count the motion's."""
     columns = None if basis is None else basis.independent
     try:
-        robust = np.sqrt(np.diag(robust_covariance(regression, estimate.value, estimate.weights, columns)))
+        covariance = robust_covariance(regression, estimate.value, estimate.weights, columns, estimate.slopes)
+        robust = np.sqrt(np.diag(covariance))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     return robust if estimate.information is None else np.maximum(robust, own)
@@ -259,11 +262,10 @@ def _settings(recipe: Recipe) -> dict[str, str]:
     return {**found, "seed of the random poses": str(SEED)}
 
 
-def _used(smoother: Smoother) -> dict[str, str]:
+def _used(smoother: Smoother, delay: float) -> dict[str, str]:
     """Return what a saved result must say of the smoother to be used again."""
-    if isinstance(smoother, Delayed):
-        return {"smoother used": repr(smoother.smoother), "delay used": repr(smoother.delay)}
-    return {"smoother used": repr(smoother)}
+    used = {"smoother used": repr(undelayed(smoother))}
+    return used | {"delay used": repr(delay)} if delay else used
 
 
 def versions() -> dict[str, str]:

@@ -149,7 +149,8 @@ class Motion:
     """A log's motion with its derivatives: what a smoother makes of a ``Log``, or the truth of a simulation.
 
     ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
-    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report).
+    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report); ``delay`` (s) is how
+    much later than the stamps of the torque the motion was recorded.
     """
 
     t: Array
@@ -161,6 +162,7 @@ class Motion:
     mask: NDArray[np.bool_]
     source: str = "log"
     smoothing: Mapping[str, Any] = field(default_factory=dict)
+    delay: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", _times(self.t, self.source))
@@ -198,7 +200,8 @@ class Motion:
         dq = self.dq[k] + (start + slope * s / 2) * s
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
-        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=self.tau[rows], mask=mask)
+        late, tau = self.delay + delay, self.tau[rows]
+        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, delay=late)
 
 
 def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError
 from dynident.terms.robot_xml import Limits
-from dynident.terms.term import Joint, Parameter, Partials, Recursive, Term
+from dynident.terms.term import HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -95,7 +95,12 @@ class Model:
     @property
     def limits(self) -> Mapping[str, Limits]:
         """Limits of the joints, by name, as far as a term knows them from a robot file."""
-        return {name: limit for term in self.terms for name, limit in getattr(term, "limits", {}).items()}
+        return {name: limit for term in self.terms for name, limit in _limits(term).items()}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the terms say of the files they were made from."""
+        return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""
@@ -261,6 +266,10 @@ class Model:
 def _times(Y: Array, theta: Array) -> Array:
     """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
     return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
+
+
+def _limits(term: Term) -> Mapping[str, Limits]:
+    return term.limits if isinstance(term, HasLimits) else {}
 
 
 def _name(term: Term) -> str:

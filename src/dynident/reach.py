@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from dynident.basis import Basis, basis_of
 from dynident.diagnostics import channels
 from dynident.errors import ConfigError, InputError, choices
-from dynident.estimators import LeastSquares, MaximumLikelihood
+from dynident.estimators import quick
 from dynident.identify import Identification, Recipe, identify
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.normal_matrix import NormalMatrix, normal_matrices
 from dynident.regression import Regression
-from dynident.smoothers import Spline
+from dynident.smoothers.smoother import KnowsNoise
 from dynident.splines import noise_sigma, steady_noise
 
 __all__ = ["CHANGES", "Noise", "Reach", "TorqueNoise", "noise_of", "reach"]
@@ -108,15 +108,14 @@ def reach(
 ) -> Reach:
     """Return the bound for a model and its training logs; the smoothed motion stands in for the true one.
 
-    ``recipe`` smooths the logs and fits the parameters about which the bound is taken; least squares do where it asks
-    for maximum likelihood. The deviations are those of ``noise_of``, but for joints named in ``sigma_q`` (rad, m; by
+    ``recipe`` smooths the logs and fits the parameters about which the bound is taken; where its estimator has a quick
+    stand-in, that does. The deviations are those of ``noise_of``, but for joints named in ``sigma_q`` (rad, m; by
     default what the spline is told) and ``sigma_tau`` (N m, N), or one number for all. Noise is taken as white, every
     usable sample counts, and nothing is known of the start. Raises the errors of ``identify``, and ConfigError for a
     deviation that is not positive or for an unknown joint.
     """
     recipe = recipe or Recipe()
-    if isinstance(recipe.estimator, MaximumLikelihood):
-        recipe = replace(recipe, estimator=LeastSquares())
+    recipe = replace(recipe, estimator=quick(recipe.estimator))
     named = logs if isinstance(logs, Mapping) else {log.source: log for log in logs}
     plain = {name: replace(log, controller=None) for name, log in named.items()}
     found = identify(model, plain, (), replace(recipe, restart=None), progress=progress)
@@ -133,7 +132,7 @@ def reach(
 def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
     """Return the position noise that the smoothing spline is told, None where it estimates it."""
     first = recipe.smoother[0] if isinstance(recipe.smoother, tuple) else recipe.smoother
-    return first.sigma if isinstance(first, Spline) else None
+    return first.sigma if isinstance(first, KnowsNoise) else None
 
 
 def _reached(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,10 @@ class Block:
     tau: Array
     keep: NDArray[np.bool_] | None = None
 
+    def times(self, weight: Array) -> Block:
+        """Return the block with each row multiplied by its weight (B, n)."""
+        return Block(self.Y * weight[:, :, None], self.tau * weight, self.keep)
+
 
 @dataclass(frozen=True, eq=False)
 class Compressed:
@@ -118,13 +122,15 @@ class Regression:
 
     The matrix is never formed: ``blocks`` makes it again, a few thousand samples at a time, as often as it is asked;
     ``compressed`` keeps its triangular factors. ``slow`` (n), in rad/s or m/s, leaves out of each joint's equation the
-    samples at which that joint is slower, where friction is not what the model says; None leaves none out.
+    samples at which that joint is slower, where friction is not what the model says; None leaves none out. ``weights``
+    multiply the rows of each motion, one (N, n) for each, after any filter; empty: all rows count the same.
     """
 
     model: Model
     motions: tuple[Motion, ...]
     parallel: Parallel | None = None
     slow: tuple[float, ...] | None = None
+    weights: tuple[Array, ...] = ()
 
     def __post_init__(self) -> None:
         names = tuple(joint.name for joint in self.model.joints)
@@ -134,14 +140,17 @@ class Regression:
         if self.slow is not None and (len(self.slow) != len(names) or not all(v >= 0 for v in self.slow)):
             raise ConfigError(f"slow = {self.slow}: give a speed >= 0 for each of the joints {', '.join(names)}.")
 
+        shapes = [motion.q.shape for motion in self.motions]
+        if self.weights and [weight.shape for weight in self.weights] != shapes:
+            raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
+
     def blocks(self) -> Iterator[Block]:
-        """Yield the rows block by block, filtered and decimated where ``parallel`` says so."""
-        for motion in self.motions:
+        """Yield the rows block by block, filtered and decimated where ``parallel`` says so, and weighted."""
+        for k, motion in enumerate(self.motions):
             for part in stretches(motion.mask):
-                if self.parallel is None:
-                    yield from self._plain(motion, part)
-                else:
-                    yield from self._filtered(motion, part, self.parallel)
+                rows = self._plain if self.parallel is None else partial(self._filtered, parallel=self.parallel)
+                for kept, block in rows(motion, part):
+                    yield block.times(self.weights[k][kept]) if self.weights else block
 
     @cached_property
     def compressed(self) -> Compressed:
@@ -157,11 +166,12 @@ class Regression:
             )
         return found
 
-    def _plain(self, motion: Motion, part: slice) -> Iterator[Block]:
+    def _plain(self, motion: Motion, part: slice) -> Iterator[tuple[slice, Block]]:
         for start in range(part.start, part.stop, BLOCK):
-            yield self._rows(motion, slice(start, min(start + BLOCK, part.stop)))
+            rows = slice(start, min(start + BLOCK, part.stop))
+            yield rows, self._rows(motion, rows)
 
-    def _filtered(self, motion: Motion, part: slice, parallel: Parallel) -> Iterator[Block]:
+    def _filtered(self, motion: Motion, part: slice, parallel: Parallel) -> Iterator[tuple[slice, Block]]:
         """Filter pieces that overlap by the filter's memory, so that the pieces fit together."""
         sections, step = parallel.sections(motion), parallel.decimate
         pad = parallel.pad(sections)
@@ -174,7 +184,7 @@ class Regression:
             rows = self._rows(motion, slice(first, last))
             kept = slice(start - first, stop - first, step)
             Y, tau = (parallel.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
-            yield Block(Y, tau, None if rows.keep is None else rows.keep[kept])
+            yield slice(start, stop, step), Block(Y, tau, None if rows.keep is None else rows.keep[kept])
 
     def _rows(self, motion: Motion, rows: slice) -> Block:
         q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]

@@ -23,13 +23,19 @@ MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at,
 
 
 def robust_covariance(
-    regression: Regression, theta: ArrayLike, weights: ArrayLike | None = None, columns: Sequence[int] | None = None
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+    slopes: Sequence[Array] = (),
 ) -> Array:
     """Return the covariance of a least-squares fit, robust to correlated residuals: A^-1 S A^-1 (p, p), SI units.
 
     ``theta`` (p) is the estimate, ``weights`` (n) what each joint's rows were multiplied with in the fit (one where
     None). ``columns`` (r) are those of the regressor to invert, the leaders of base parameters say (then (r, r)); they
-    must be independent. A = sum w_j^2 Y_j' Y_j, and with Bartlett's weights of bandwidth L
+    must be independent. The regression's own weights of samples count in A and S; ``slopes``, for each motion (N, n),
+    stand for their squares in A where the weights depend on the residual (Huber's psi'). A = sum w_j^2 Y_j' Y_j, and
+    with Bartlett's weights of bandwidth L
 
         S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' = (1/L) sum_t b_t b_t',  b_t = u_t + ... + u_(t+L-1).
 
@@ -43,7 +49,8 @@ def robust_covariance(
     kept = list(range(p)) if columns is None else list(columns)
     if value.shape != (p,) or w.shape != (n,):
         raise ModelError(f"theta has shape {value.shape} and weights {w.shape}, expected ({p},) and ({n},).")
-    scale, inverse = _bread(regression, w, kept)
+    curved = replace(regression, weights=tuple(np.sqrt(np.maximum(one, 0.0)) for one in slopes))
+    scale, inverse = _bread(curved if slopes else regression, w, kept)
 
     def scores(part: Regression) -> Iterator[Array]:
         return (_scores(block, value, w, kept, scale) for block in part.blocks())
@@ -126,12 +133,13 @@ def _stretches(regression: Regression) -> list[Regression]:
     """
     share = min(1.0, MOST / max(_samples(regression), 1))
     found = []
-    for motion in regression.motions:
+    for k, motion in enumerate(regression.motions):
+        weights = regression.weights[k : k + 1]
         for part in stretches(motion.mask):
             for piece in _pieces(part, share):
                 mask = np.zeros(len(motion), dtype=bool)
                 mask[piece] = True
-                found.append(replace(regression, motions=(replace(motion, mask=mask),)))
+                found.append(replace(regression, motions=(replace(motion, mask=mask),), weights=weights))
     return found
 
 

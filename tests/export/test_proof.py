@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.export import FORMATS, export, identified_urdf, prove, random_states, spread
+from dynident.export import export, identified_urdf, prove, random_states, spread
+from dynident.export.formats import Urdf
 from dynident.export.parameters import identified_yaml
 from dynident.log import Motion
+from dynident.parts import EXPORTERS
 from tests.export.test_robot_files import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
@@ -26,7 +28,7 @@ WRONG = {
 @pytest.mark.parametrize("kind", TEXTS)
 def test_a_wrong_digit_is_noticed(kind):
     one = arm(TEXTS[kind])
-    written = FORMATS[kind](one)
+    written = EXPORTERS.get(kind)().write(one)
     assert prove(written, one, STATES).agreement < 1e-8
     old, new = WRONG[kind]
     assert old in written.text
@@ -38,7 +40,7 @@ def test_a_wrong_digit_is_noticed(kind):
 @pytest.mark.parametrize("kind", TEXTS)
 def test_a_text_that_cannot_be_read_is_not_proven(kind):
     one = arm(TEXTS[kind])
-    written = FORMATS[kind](one)
+    written = EXPORTERS.get(kind)().write(one)
     proof = prove(replace(written, text=written.text[: len(written.text) // 2]), one, STATES)
     assert not proof.proven
     told = [words for words in proof.skipped if "installed" not in words]
@@ -47,7 +49,7 @@ def test_a_text_that_cannot_be_read_is_not_proven(kind):
 
 
 def test_a_failed_proof_is_a_refusal(monkeypatch):
-    monkeypatch.setitem(FORMATS, "urdf", lambda one: replace(identified_urdf(one), text=ARM))
+    monkeypatch.setattr(Urdf, "write", lambda _, one: replace(identified_urdf(one), text=ARM))
     made = export(arm(), "urdf", STATES)
     assert not made.ready
     assert "does not give the identified torque" in made.refusal

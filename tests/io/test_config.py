@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from dynident.errors import ConfigError, DynidentError, ModelError
+from dynident.estimators import LeastSquares
 from dynident.io.config import load_model, parse_config, read_config
 from dynident.io.fields import unit_factor
 from dynident.io.settings import check_joints
+from dynident.smoothers import Spline
 from dynident.terms.term import Joint
 
 FULL = """
@@ -81,8 +83,8 @@ def test_settings_can_be_recorded_as_json():
 def test_defaults():
     config = parse_config(changed(gaps=..., smoother=..., estimator=..., parallel=..., validation=...))
     assert (config.gaps, config.parallel, config.validation) == ("error", None, ())
-    assert (config.smoother.kind, config.smoother.rule, config.smoother.ends) == ("spline", "torque", 6.0)
-    assert config.estimator.kind == "least_squares"
+    assert config.smoother == Spline.Settings(rule="torque")
+    assert config.estimator == LeastSquares()
 
 
 def test_settings_are_frozen():
@@ -166,7 +168,10 @@ MISTAKES = {
     "fixed": (changed(smoother={"kind": "spline", "rule": "fixed"}), ("smoother: `rule: fixed` needs either",)),
     "idle p": (changed(smoother={"kind": "spline", "p": 1}), ("smoother: `p` is only used by `rule: fixed`",)),
     "idle S": (changed(smoother={"kind": "spline", "rule": "gcv", "S": 1}), ("smoother: `S` is only used",)),
-    "sigma": (changed(smoother={"kind": "spline", "sigma": {"slider": -1}}), ("smoother.sigma: a number greater",)),
+    "sigma": (
+        changed(smoother={"kind": "spline", "sigma": {"slider": -1}}),
+        ("smoother.sigma.slider: should be greater than 0", "got -1"),
+    ),
     "orders": (changed(smoother={"kind": "butterworth", "orders": [3, 3]}), ("smoother.orders[2]: is missing",)),
     "order": (changed(smoother={"kind": "butterworth", "orders": [3, 0, 4]}), ("smoother.orders[1]", "got 0")),
     "tolerance": (

@@ -1,6 +1,5 @@
 """What every term and model obeys: conformance, Euler-Lagrange equations, energy, derivatives."""
 
-import pickle
 from functools import cache
 
 import numpy as np
@@ -15,6 +14,8 @@ from dynident.gallery import two_link_arm
 from dynident.model import Model
 from dynident.simulation import simulate
 from dynident.terms import Bodies, Coulomb, Coupling, Joint, Lagrangian, Offset, RotorInertia, Unknown, Viscous
+from dynident.testing import TERM_CHECKS, check_term
+from dynident.testing.term import states
 from tests.robots import ARM, ARM_MJCF
 
 GRAVITY = sp.Symbol("g")
@@ -90,106 +91,26 @@ every_term = pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
 every_arm = pytest.mark.parametrize("arm", LAGRANGIANS.values(), ids=LAGRANGIANS)
 
 
-def states(n, seed=0, samples=6):
-    """Positions within 0.2 and 1.2, where the crane's carriage is off its axis; velocities off the jumps."""
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(0.2, 1.2, (samples, n))
-    return q, rng.choice([-1, 1], (samples, n)) * rng.uniform(0.4, 2.0, (samples, n)), rng.normal(size=(samples, n))
-
-
 def values(term):
     return np.array([p.value for p in term.parameters])
 
 
+@pytest.mark.parametrize("check", TERM_CHECKS, ids=lambda check: check.__name__)
 @every_term
-def test_term_describes_its_parameters(term):
-    term = term()
-    names = [p.name for p in term.parameters]
-    assert len(set(names)) == len(names) > 0
-    assert all(p.name and p.unit and p.expression for p in term.parameters)
+def test_every_term(term, check):
+    check(term())
 
 
-@every_term
-def test_term_returns_finite_arrays_of_the_right_shape(term):
-    term = term()
-    n, p = len(term.joints), len(term.parameters)
-    for samples in (0, 1, 5):
-        s = states(n, samples=samples)
-        Y, slopes = term.regressor(*s), term.partials(*s, np.ones(p))
-        assert Y.shape == (samples, n, p)
-        assert {slopes.q.shape, slopes.dq.shape, slopes.ddq.shape} == {(samples, n, n)}
-        assert all(np.isfinite(a).all() and a.dtype == float for a in (Y, slopes.q, slopes.dq, slopes.ddq))
+class Steep(Viscous):
+    """A term with a wrong derivative."""
+
+    def slope(self, dq):
+        return 2 * np.ones_like(dq)
 
 
-@every_term
-def test_a_torque_of_its_own_is_that_of_the_regressor(term):
-    term = term()
-    s, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
-    whole, model = term.regressor(*s) @ theta, Model((term,))
-    np.testing.assert_allclose(model.torque(*s, theta), whole, rtol=1e-11, atol=1e-11 * np.abs(whole).max())
-    many = np.tile(theta, (len(whole), 1))
-    np.testing.assert_allclose(model.torque(*s, many), whole, rtol=1e-11, atol=1e-11 * np.abs(whole).max())
-
-
-@every_term
-def test_term_works_row_by_row(term):
-    term = term()
-    s, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
-    rows = [tuple(x[k : k + 1] for x in s) for k in range(6)]
-    np.testing.assert_allclose(term.regressor(*s), np.concatenate([term.regressor(*r) for r in rows]), rtol=1e-13)
-    for name in ("q", "dq", "ddq"):
-        whole = getattr(term.partials(*s, theta), name)
-        single = [getattr(term.partials(*r, theta), name) for r in rows]
-        np.testing.assert_allclose(whole, np.concatenate(single), rtol=1e-12, atol=1e-14)
-
-
-@every_term
-def test_term_does_not_change_its_arguments(term):
-    term = term()
-    s = states(len(term.joints))
-    for x in s:
-        x.flags.writeable = False
-    term.partials(*s, np.ones(len(term.parameters)))
-    np.testing.assert_array_equal(term.regressor(*s), term.regressor(*s))
-
-
-@every_term
-def test_term_survives_pickling(term):
-    term = term()
-    s, theta = states(len(term.joints)), np.ones(len(term.parameters))
-    Y, slope = term.regressor(*s), term.partials(*s, theta).dq
-    copy = pickle.loads(pickle.dumps(term))
-    assert (copy.joints, copy.parameters) == (term.joints, term.parameters)
-    np.testing.assert_array_equal(copy.regressor(*s), Y)
-    np.testing.assert_array_equal(copy.partials(*s, theta).dq, slope)
-
-
-@every_term
-def test_partials_are_linear_in_theta(term):
-    term = term()
-    s, (a, b) = states(len(term.joints)), np.random.default_rng(1).normal(size=(2, len(term.parameters)))
-    for name in ("q", "dq", "ddq"):
-        one, two, both = (getattr(term.partials(*s, x), name) for x in (a, b, 2 * a - b))
-        np.testing.assert_allclose(both, 2 * one - two, rtol=1e-10, atol=1e-12)
-
-
-@every_term
-def test_partials_are_the_slopes_of_the_torque(term):
-    """Central differences of fourth order; the velocities keep off the jumps of the hard signs."""
-    term = term()
-    s, h = states(len(term.joints)), 1e-3
-    theta = np.random.default_rng(2).uniform(0.5, 1.5, len(term.parameters))
-    slopes = term.partials(*s, theta)
-    for which, name in enumerate(("q", "dq", "ddq")):
-        for k in range(len(term.joints)):
-
-            def torque(step, which=which, k=k):
-                moved = [x.copy() for x in s]
-                moved[which][:, k] += step
-                return term.regressor(*moved) @ theta
-
-            slope = (8 * (torque(h) - torque(-h)) - torque(2 * h) + torque(-2 * h)) / (12 * h)
-            np.testing.assert_allclose(getattr(slopes, name)[:, :, k], slope, rtol=1e-7, atol=1e-8)
+def test_a_term_that_breaks_a_promise_is_found():
+    with pytest.raises(AssertionError):
+        check_term(Steep(JOINTS))
 
 
 @every_arm

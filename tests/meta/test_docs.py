@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import click
@@ -24,6 +25,8 @@ from dynident.cli import main
 from dynident.io import settings
 from dynident.io.config import parse_config
 from dynident.io.fields import UNITS, Section
+from dynident.io.parts import built, section
+from dynident.parts import ESTIMATORS, SMOOTHERS
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "dynident"
@@ -37,12 +40,13 @@ SECTIONS: dict[str, type[Section]] = {
     "Position": settings.PositionChannel,
     "Torque": settings.Channel,
     "Logs": settings.LogSpec,
-    "Smoother spline": settings.SplineSettings,
-    "Smoother difference": settings.DifferenceSettings,
-    "Smoother butterworth": settings.ButterworthSettings,
-    "Estimator": settings.LeastSquaresSettings,
-    "Estimator consistent": settings.ConsistentSettings,
-    "Estimator maximum likelihood": settings.MaximumLikelihoodSettings,
+    "Smoother spline": section(SMOOTHERS, SMOOTHERS.get("spline")),
+    "Smoother difference": section(SMOOTHERS, SMOOTHERS.get("difference")),
+    "Smoother butterworth": section(SMOOTHERS, SMOOTHERS.get("butterworth")),
+    "Smoother delayed": section(SMOOTHERS, SMOOTHERS.get("delayed")),
+    "Estimator": section(ESTIMATORS, ESTIMATORS.get("least_squares")),
+    "Estimator consistent": section(ESTIMATORS, ESTIMATORS.get("consistent")),
+    "Estimator maximum likelihood": section(ESTIMATORS, ESTIMATORS.get("maximum_likelihood")),
     "Robot": settings.RobotSettings,
     "Coupling": settings.CouplingSettings,
     "Parallel": settings.ParallelSettings,
@@ -50,6 +54,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Drive": settings.CascadeJoint,
     "Simulation from torque": settings.TorqueInputSettings,
 }
+FAMILIES = {"smoother": SMOOTHERS, "estimator": ESTIMATORS}
+MAPPINGS = {SECTIONS["Estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
 
 
 def title(page: Path) -> str:
@@ -91,7 +97,9 @@ def test_python_blocks_run_and_print_what_is_shown(
     code: str, shown: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "documentation", "exec"), {"__name__": "documentation"})
+    module = ModuleType("documentation")  # a real one: classes are pickled by its name
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(code, "documentation", "exec"), vars(module))
     printed = capsys.readouterr().out
     assert printed
     if shown is not None:
@@ -207,9 +215,11 @@ def rows(heading: str) -> list[list[str]]:
 def default(section: type[Section], key: str) -> Any:
     """The default of a setting, as YAML would give it."""
     field = section.model_fields[key]
-    value = "required" if field.is_required() else field.get_default()
-    if isinstance(value, Section):
-        return {"kind": value.model_dump()["kind"]}
+    value = "required" if field.is_required() else field.get_default(call_default_factory=True)
+    if section is settings.Config and key in FAMILIES:
+        return {"kind": FAMILIES[key].kind_of(built(value)[0] if key == "smoother" else built(value))}
+    if section in MAPPINGS and key in MAPPINGS[section]:
+        value = dict(value)
     return list(value) if isinstance(value, tuple) else value
 
 
@@ -228,7 +238,8 @@ def test_configuration_has_every_section_and_unit() -> None:
         for value in vars(settings).values()
         if isinstance(value, type) and issubclass(value, Section) and value is not Section
     }
-    assert set(SECTIONS.values()) == sections
+    parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
+    assert set(SECTIONS.values()) == sections | parts
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)

@@ -7,13 +7,14 @@ from pathlib import Path
 import click
 
 from dynident.cli.terminal import FILE, console, tell
+from dynident.parts import EXPORTERS
 
 __all__ = ["export"]
 
 
 @click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
 @click.argument("result", type=FILE)
-@click.option("--format", "kind", type=click.Choice(["urdf", "mjcf", "numpy", "yaml"]), required=True, help="Format.")
+@click.option("--format", "kind", type=click.Choice(EXPORTERS.kinds()), required=True, help="Format.")
 @click.option("--out", type=FILE, required=True, help="File to write.")
 def export(result: Path, kind: str, out: Path) -> None:
     """Write the model in RESULT (the result.json of identify), proven on random states before it is written."""
@@ -29,7 +30,7 @@ def export(result: Path, kind: str, out: Path) -> None:
     probe_folder(out.parent)
     saved = read_result(result)
     states = random_states(len(saved.model.joints), np.random.default_rng(0))
-    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), kind, states)  # type: ignore[arg-type]
+    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), kind, states)
     if not made.ready or made.written is None or made.proof is None:
         raise ModelError(f"{out}: not written: {made.refusal}")
     screen = console()

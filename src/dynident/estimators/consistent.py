@@ -7,10 +7,11 @@ Settings become constraints and a prior here. Two convex programs, small whateve
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
 from dynident.constraints import (
@@ -65,15 +66,15 @@ class Consistent:
     viscous: bool = True
     coulomb: bool = True
     rotor: bool = True
-    total_mass: float | Interval | None = None
+    total_mass: Annotated[float, Gt(0)] | Interval | None = None
     bounds: Mapping[str, Interval] | tuple[tuple[str, Interval], ...] = ()
     centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
-    prior: str | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
+    prior: Literal["nominal", "none"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
-    threshold: float = 1e-6
-    margin: float = 1e-5
+    threshold: Annotated[float, Gt(0), Lt(1)] = 1e-6
+    margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
     weights: Weights = "per_joint"
-    iterations: int = 3
+    iterations: Annotated[int, Ge(1)] = 3
     costs: bool = True
 
     def __post_init__(self) -> None:
@@ -132,6 +133,10 @@ class Consistent:
             costs=costs,
             weights=None if self.weights == "equal" else weights,
         )
+
+    def quick(self) -> Consistent:
+        """Return the same fit without the cost of each constraint."""
+        return replace(self, costs=False)
 
     def _intervals(self) -> dict[str, Interval]:
         mass = self.total_mass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
-__all__ = ["Estimate", "Estimator", "Problem", "Verdict"]
+__all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Verdict", "quick"]
 
 Array = NDArray[np.float64]
 Verdict = Literal["data", "prior", "bound", "unidentifiable"]
@@ -48,8 +48,10 @@ class Estimate:
     is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
     (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
     empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
-    were multiplied with, None where all count the same; ``information`` (p, p) is Fisher's of all, where the errors
-    of the motion count, too.
+    were multiplied with, None where all count the same; ``sample_weights`` holds for each motion of the regression what
+    its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
+    of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
+    where the errors of the motion count, too.
     """
 
     value: Array
@@ -67,6 +69,8 @@ class Estimate:
     costs: Mapping[str, float] = field(default_factory=dict)
     interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
     weights: Array | None = None
+    sample_weights: tuple[Array, ...] = ()
+    slopes: tuple[Array, ...] = ()
     information: Array | None = None
 
     @property
@@ -80,3 +84,16 @@ class Estimator(Protocol):
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate the parameters of the problem's model."""
+
+
+@runtime_checkable
+class HasQuick(Protocol):
+    """An estimator with a stand-in for searches that try many values, such as that of the delay."""
+
+    def quick(self) -> Estimator:
+        """Return an estimator of the same kind of error, as fast as least squares."""
+
+
+def quick(estimator: Estimator) -> Estimator:
+    """Return the stand-in of an estimator for searches: its own, or itself where it has none."""
+    return estimator.quick() if isinstance(estimator, HasQuick) else estimator

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
+from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, choices
@@ -114,9 +115,9 @@ class LeastSquares:
     of equal variance and an exactly known regressor; correlated residuals make it too small.
     """
 
-    tolerance: float = 1e-12
+    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-12
     weights: Weights = "equal"
-    iterations: int = 3
+    iterations: Annotated[int, Ge(1)] = 3
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 import numpy as np
+from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
 from dynident.constraints import Barrier, bodies_of
@@ -22,6 +23,7 @@ from dynident.splines import NORMAL_95
 __all__ = ["MaximumLikelihood"]
 
 Array = NDArray[np.float64]
+Positive = Annotated[float, Gt(0)]
 Start = Literal["free", "rest", "test"]
 DEEP = 0.8  # room to the boundary that a second start is given, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
@@ -50,15 +52,15 @@ class MaximumLikelihood:
     """
 
     start: Start = "free"
-    spacing: float | None = None
+    spacing: Positive | None = None
     steps: bool | None = None
-    huber: float | None = None
-    rounds: int = 2
-    profile: float | None = 0.4
-    weight: float = 1e-3
-    tolerance: float = 1e-3
-    iterations: int = 60
-    rate: float | None = 1100.0
+    huber: Positive | None = None
+    rounds: Annotated[int, Ge(1)] = 2
+    profile: Positive | None = 0.4
+    weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
+    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-3
+    iterations: Annotated[int, Ge(1)] = 60
+    rate: Positive | None = 1100.0
 
     def __post_init__(self) -> None:
         if self.start not in get_args(Start):
@@ -86,6 +88,10 @@ class MaximumLikelihood:
         except (ModelError, InputError, np.linalg.LinAlgError) as error:
             words = f"maximum likelihood failed, this is the least-squares start: {error}"
             return replace(fallback, status=words, remarks=(words,))
+
+    def quick(self) -> LeastSquares:
+        """Return least squares: the search for the trajectory takes too long to be repeated."""
+        return LeastSquares(tolerance=1e-8)
 
 
 @dataclass(eq=False)

@@ -18,6 +18,7 @@ from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression, one_thread
 from dynident.terms import Bodies
+from dynident.terms.term import HasGravity
 
 __all__ = ["Examination", "examine"]
 
@@ -146,11 +147,10 @@ def _of_motion(
     model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
 ) -> Iterator[Finding]:
     """Yield what is said of gravity, and of each joint by its limits and its torque."""
-    limits = {name: limit for term in model.terms if isinstance(term, Bodies) for name, limit in term.limits.items()}
     downward = list(gravity_findings(model, motions))
     yield from downward
     for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
-        yield from limit_findings(moved, limits.get(joint.name), joint.effort)
+        yield from limit_findings(moved, model.limits.get(joint.name), joint.effort)
         if not downward:  # the file's torques are meant under its own gravity
             yield from agreement_findings(torque, joint.effort)
 
@@ -159,7 +159,7 @@ def _leaning(
     model: Model, motions: tuple[Motion, ...], recipe: Recipe, slow: tuple[float, ...] | None
 ) -> Iterator[Finding]:
     """Say where a base that does not stand level would explain much of the error."""
-    if recipe.lean or not any(isinstance(term, Bodies) for term in model.terms):
+    if recipe.lean or not any(isinstance(term, HasGravity) for term in model.terms):
         return
     try:
         found = find_lean(model, motions, PLAIN, slow)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from dynident.diagnostics import Finding
 from dynident.examination.torque import nominal, nuisance, thinned
 from dynident.log import Motion
 from dynident.model import Model
-from dynident.terms import Bodies
+from dynident.terms.term import HasGravity
 
 __all__ = ["gravity_findings"]
 
@@ -32,7 +31,7 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     Fitted are one factor of the inertial torque and the three components of gravity, over all joints, each scaled by
     its torque, beside friction, rotor and offset of each joint. Nothing is said where they do not tell.
     """
-    terms = [term for term in model.terms if isinstance(term, Bodies)]
+    terms = [term for term in model.terms if isinstance(term, HasGravity)]
     assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
     size = float(np.linalg.norm(assumed))
     X, y = _rows(model, motions, size)
@@ -96,8 +95,8 @@ def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
-    terms: list[Any] = [replace(term, gravity=gravity) if isinstance(term, Bodies) else term for term in model.terms]
-    return replace(model, terms=tuple(terms))
+    terms = tuple(term.under(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
+    return replace(model, terms=terms)
 
 
 def _without(series: Array, others: Array) -> Array:

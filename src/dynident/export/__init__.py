@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import PurePath
-
 from dynident.errors import ModelError, choices
+from dynident.export.exporter import Exporter, States
 from dynident.export.identified import Identified
 from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
-from dynident.export.proof import States, prove, random_states, spread
+from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
-from dynident.export.written import Export, Format, Proof, Written
+from dynident.export.written import Export, Proof, Written
 from dynident.identify import Identification
+from dynident.parts import EXPORTERS
 from dynident.terms import Bodies
 
 __all__ = [
-    "FORMATS",
     "Export",
+    "Exporter",
     "Identified",
     "Proof",
     "Written",
@@ -33,13 +32,7 @@ __all__ = [
     "spread",
 ]
 
-ALWAYS: tuple[Format, ...] = ("yaml", "numpy")
-FORMATS: dict[Format, Callable[[Identified], Written]] = {
-    "urdf": identified_urdf,
-    "mjcf": identified_mjcf,
-    "numpy": identified_module,
-    "yaml": identified_yaml,
-}
+ALWAYS = ("yaml", "numpy")
 
 
 def exports(found: Identification) -> tuple[Export, ...]:
@@ -50,20 +43,21 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.verdict))
     states = spread(tuple(log.motion for log in found.logs))
-    formats: list[Format] = [term.format for term in found.model.terms if isinstance(term, Bodies)]
+    formats = [term.format for term in found.model.terms if isinstance(term, Bodies)]
     return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))
 
 
-def export(identified: Identified, format: Format, states: States) -> Export:  # noqa: A002
+def export(identified: Identified, format: str, states: States) -> Export:  # noqa: A002
     """Return one format with its proof on the states q, dq, ddq (N, n); ModelError for an unknown format."""
-    if format not in FORMATS:
-        raise ModelError(f"no export format {format!r}; {choices(format, FORMATS)}")
-    file = _file(identified, format)
+    if format not in EXPORTERS.table and format not in EXPORTERS.kinds():
+        raise ModelError(f"no export format {format!r}; {choices(format, EXPORTERS.kinds())}")
+    exporter: Exporter = EXPORTERS.get(format)()
+    file = exporter.file(identified)
     try:
-        written = FORMATS[format](identified)
+        written = exporter.write(identified)
     except ModelError as error:
         return Export(format, file, refusal=str(error))
-    proof = prove(written, identified, states)
+    proof = prove(written, identified, states, exporter)
     if proof.proven:
         return Export(format, file, written, proof)
     words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
@@ -72,10 +66,3 @@ def export(identified: Identified, format: Format, states: States) -> Export:  #
         f"{proof.limit:g}. {' '.join(proof.skipped)}"
     )
     return Export(format, file, written, proof, reason.strip())
-
-
-def _file(identified: Identified, format: Format) -> str:  # noqa: A002
-    if format in ("yaml", "numpy"):
-        return "parameters.yaml" if format == "yaml" else "model.py"
-    source = next((term.source for term in identified.model.terms if isinstance(term, Bodies)), identified.model.name)
-    return f"{PurePath(source).stem}.identified.{'urdf' if format == 'urdf' else 'xml'}"

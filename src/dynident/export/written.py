@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-__all__ = ["Export", "Format", "Proof", "Written"]
-
-Format = Literal["urdf", "mjcf", "numpy", "yaml"]
+__all__ = ["Export", "Proof", "Written"]
 
 
 @dataclass(frozen=True)
 class Written:
     """The text of a model in one format; ``left_out`` says in words what the format cannot hold, ``notes`` the rest."""
 
-    format: Format
+    format: str
     text: str
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -49,7 +46,7 @@ class Proof:
 class Export:
     """A file to be written, or, in ``refusal``, why it is not: the model cannot be put so, or the proof failed."""
 
-    format: Format
+    format: str
     file: str
     written: Written | None = None
     proof: Proof | None = None

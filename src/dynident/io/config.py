@@ -2,39 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import math
-import re
-import sys
-import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations, product
 from pathlib import Path
-from reprlib import repr as short
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import yaml
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.io.fields import Interval, interval_words
+from dynident.io.python_file import from_file, guarded
 from dynident.io.settings import Channel, Config, RobotSettings
+from dynident.io.wording import worded
 
 if TYPE_CHECKING:
     from dynident.model import Model
 
 __all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
-
-_KINDS = {
-    "smoother": ("spline", "difference", "butterworth"),
-    "estimator": ("least_squares", "consistent"),
-    "simulation": ("cascade", "measured_torque"),
-}
-_TAGS = {"[key]", "RobotSettings", *(kind for kinds in _KINDS.values() for kind in kinds)}
 
 
 def read_config(path: str | Path) -> Config:
@@ -58,11 +45,7 @@ def parse_config(text: str, folder: str | Path = ".", source: str = "configurati
     try:
         return _named(Config.model_validate(data, context={"folder": folder}), source)
     except ValidationError as error:
-        lines: dict[str, list[str]] = {}
-        for details in _causes(error.errors()):
-            lines.setdefault(_path(details["loc"], data), []).append(_words(details))
-        words = [f"{path}: {' or '.join(parts)}" if path else " or ".join(parts) for path, parts in lines.items()]
-        raise ConfigError(f"{source}: " + "\n  ".join(words)) from None
+        raise ConfigError(worded(error, data, source)) from None
 
 
 def config_warnings(config: Config) -> tuple[str, ...]:
@@ -110,19 +93,6 @@ def _overlap(one: Interval, other: Interval) -> bool:
     return start < min(math.inf if window[1] is None else window[1] for window in (one, other))
 
 
-def _causes(found: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out the lists that are too short only because an item of theirs is wrong."""
-    places = [details["loc"] for details in found]
-
-    def follows(details: ErrorDetails) -> bool:
-        depth = len(details["loc"])
-        return details["type"] == "too_short" and any(
-            len(place) > depth and place[:depth] == details["loc"] for place in places
-        )
-
-    return [details for details in found if not follows(details)]
-
-
 def _neighbours(path: Path) -> str:
     if not path.parent.is_dir():
         return f"The folder {path.parent} does not exist."
@@ -160,46 +130,6 @@ def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]
                 yield from _doubled_keys(part, seen)
 
 
-def _path(loc: Sequence[int | str], data: Any) -> str:
-    """Word the place of an error as ``train[0].window``, without the tags that pydantic adds."""
-    words = ""
-    for part in loc:
-        keys = {str(key): key for key in data} if isinstance(data, dict) else {}
-        if isinstance(data, list) and isinstance(part, int):
-            words, data = f"{words}[{part}]", data[part] if part < len(data) else None
-        elif str(part) in keys:
-            words, data = f"{words}.{part}", data[keys[str(part)]]
-        elif part not in _TAGS and not str(part).startswith("function-"):
-            words, data = f"{words}.{part}", None
-    return words.removeprefix(".")
-
-
-def _words(details: ErrorDetails) -> str:
-    """Word one finding of pydantic."""
-    kind, context = details["type"], details.get("ctx", {})
-    got = f"; got {short(details['input'])}"
-    if kind == "missing":
-        return "is missing"
-    if kind == "unknown_key":
-        return details["msg"]
-    if kind == "value_error":
-        return f"{context['error']}{got}"
-    if kind in ("literal_error", "union_tag_invalid"):
-        known = re.findall(r"'([^']*)'", context.get("expected") or context["expected_tags"])
-        wrong = str(context.get("tag", details["input"]))
-        return f"{wrong!r} is not a choice; {choices(wrong, known)}"
-    if kind == "union_tag_not_found":
-        return f"needs a `kind`: {', '.join(_KINDS.get(str(details['loc'][-1]), ()))}"
-    if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
-        empty = ", as where all lines are comments: complete them, and delete the # before them"
-        return f"a mapping (`key: value` lines) is expected{got}{empty if details['input'] is None else ''}"
-    if kind == "too_short":
-        return f"needs at least {context['min_length']} entry{got}"
-    if kind == "tuple_type":
-        return f"a list is expected{got}"
-    return details["msg"].replace("Input should", "should") + got
-
-
 def _named(config: Config, source: str) -> Config:
     """Fill in the names of the logs: the file's stem, with the window where a file serves more than once."""
     specs = (*config.train, *config.validation)
@@ -235,8 +165,8 @@ def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
             f"model: {spec!r} is neither a robot file (.urdf, .xml) nor `gallery:NAME` nor `path/to/file.py:function`."
         )
     path = (Path(folder) / place).resolve()
-    build = _from_gallery(name) if place == "gallery" else _from_file(path, name)
-    model = _guarded(build, spec, path)
+    found = _from_gallery(name) if place == "gallery" else from_file(path, name, "function", "model", ModelError)
+    model = guarded(found, spec, path, "model", ModelError)
     if not isinstance(model, Model):
         raise ModelError(f"model: {spec} returned a {type(model).__name__}; it must return a dynident Model.")
     return model
@@ -248,43 +178,3 @@ def _from_gallery(name: str) -> Callable[[], object]:
     if name not in MODELS:
         raise ModelError(f"model: the gallery has no {name!r}; {choices(name, MODELS)}")
     return MODELS[name]
-
-
-def _from_file(path: Path, name: str) -> Callable[[], object]:
-    if not path.is_file():
-        known = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
-        raise ModelError(f"model: there is no file {path}; {choices(path.name, known)}")
-    module = _import(path)
-    functions = {key: value for key, value in vars(module).items() if callable(value) and not key.startswith("_")}
-    if name not in functions:
-        own = (key for key, value in functions.items() if getattr(value, "__module__", None) == module.__name__)
-        raise ModelError(f"model: {path} has no function {name!r}; {choices(name, own)}")
-    build: Callable[[], object] = functions[name]
-    return build
-
-
-def _import(path: Path) -> ModuleType:
-    """Import a file under a private name, known to ``sys.modules`` as dataclasses and pickle need it there."""
-    private = f"_dynident_model_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
-    spec = importlib.util.spec_from_file_location(private, path)
-    if spec is None or (loader := spec.loader) is None:
-        raise ModelError(f"model: {path} is not a Python file; its name must end in .py.")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[private] = module
-    try:
-        _guarded(lambda: loader.exec_module(module), str(path), path)
-    except ModelError:
-        del sys.modules[private]
-        raise
-    return module
-
-
-def _guarded(call: Callable[[], object], what: str, file: Path) -> object:
-    """Call foreign code; what it raises becomes a ModelError that names the line of the user's file."""
-    try:
-        return call()
-    except (Exception, SystemExit) as error:
-        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
-        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
-        place = f" at {file}:{line}" if line is not None else ""
-        raise ModelError(f"model: {what} failed{place}: {type(error).__name__}: {error}") from error

@@ -30,6 +30,7 @@ __all__ = [
     "PositiveOrEach",
     "Section",
     "Windows",
+    "by_kind",
     "interval_words",
     "unit_factor",
 ]
@@ -202,3 +203,21 @@ class Section(BaseModel):
                 words = f"unknown key {str(key)!r}; {choices(str(key), cls.model_fields)}"
                 raise PydanticCustomError("unknown_key", "{words}", {"words": words})
         return data
+
+
+def by_kind(sections: Mapping[str, type[Section]]) -> Callable[[Any, Any, ValidationInfo], Any]:
+    """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place."""
+
+    def read(value: Any, _: Any, info: ValidationInfo) -> Any:
+        if value is None or isinstance(value, tuple(sections.values())):
+            return value
+        if not isinstance(value, Mapping):
+            raise PydanticCustomError("mapping_type", "a mapping")
+        kind: Any = value.get("kind")
+        if not isinstance(kind, str) or kind not in sections:
+            words = f"{kind!r} is not a choice; {choices(str(kind), sections)}"
+            words = words if "kind" in value else f"needs a `kind`: {', '.join(sections)}"
+            raise PydanticCustomError("words", "{words}", {"words": words})
+        return sections[kind].model_validate(value, context=info.context)
+
+    return read

@@ -60,8 +60,7 @@ class Project:
         logs, remarks = self.logs(progress)
         hashes = log_hashes(self.config)
         found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
-        notes = tuple(note for term in self.model.terms for note in getattr(term, "notes", ()))
-        return self._signed(found, (*notes, *remarks), hashes)
+        return self._signed(found, (*self.model.notes, *remarks), hashes)
 
     def bound(
         self,

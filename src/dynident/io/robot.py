@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from dynident.errors import ModelError
+from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.model import Model
-from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
-from dynident.terms.term import Term
+from dynident.parts import TERMS
+from dynident.terms import Bodies, Coulomb, Coupling
+from dynident.terms.term import Joint, Term
 
 __all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
 
@@ -64,13 +67,7 @@ def load_robot(settings: RobotSettings) -> Model:
     (path,) = settings.file.values()
     bodies = Bodies(read_robot(path), settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
-    makers: dict[str, Callable[[], Term]] = {
-        "rotor": lambda: RotorInertia(joints),
-        "viscous": lambda: Viscous(joints),
-        "coulomb": lambda: Coulomb(joints, width=width),
-        "offset": lambda: Offset(joints),
-    }
-    terms: list[Term] = [bodies, *(makers[name]() for name in settings.terms)]
+    terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
     for name, coupling in settings.couplings.items():
         terms.append(
             Coupling(
@@ -85,3 +82,11 @@ def load_robot(settings: RobotSettings) -> Model:
             )
         )
     return Model(tuple(terms), name=path.stem)
+
+
+def _term(named: str | Callable[..., Term], joints: tuple[Joint, ...], width: float) -> Term:
+    """Return a term for all joints, by its kind alone or with settings of its own."""
+    if not isinstance(named, str):
+        return named(joints=joints)
+    term: Term = build(TERMS, {"kind": named}, "model.terms", joints=joints)
+    return replace(term, width=width) if isinstance(term, Coulomb) else term

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
 from dynident.io.fields import (
@@ -21,26 +21,23 @@ from dynident.io.fields import (
     PositiveOrEach,
     Section,
     Windows,
+    by_kind,
     unit_factor,
 )
+from dynident.io.parts import by_joint, part_reader
+from dynident.parts import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.terms.term import Joint
 
 __all__ = [
-    "ButterworthSettings",
     "CascadeJoint",
     "CascadeSettings",
     "Channel",
     "Config",
-    "ConsistentSettings",
     "CouplingSettings",
-    "DifferenceSettings",
-    "LeastSquaresSettings",
     "LogSpec",
-    "MaximumLikelihoodSettings",
     "ParallelSettings",
     "PositionChannel",
     "RobotSettings",
-    "SplineSettings",
     "Time",
     "TorqueInputSettings",
     "check_joints",
@@ -137,91 +134,9 @@ class RobotSettings(Section):
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
     lean: Literal["none", "estimate"] = "none"
-    terms: tuple[Literal["rotor", "viscous", "coulomb", "offset"], ...] = ("rotor", "viscous", "coulomb", "offset")
+    terms: tuple[Annotated[Any, part_reader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
-
-
-class SplineSettings(Section):
-    """Smoothing spline: the rule that chooses how smooth, and what the rule needs.
-
-    ``S`` null is the number of samples; ``sigma`` null is estimated from the data, else in SI, for all joints or
-    by joint; ``ends`` is the number of bandwidths masked at each end.
-    """
-
-    kind: Literal["spline"] = "spline"
-    rule: Literal["constraint", "torque", "gcv", "reml", "interpolate", "fixed"] = "constraint"
-    S: NonNegative | None = None
-    p: Positive | None = None
-    lam: Positive | None = None
-    sigma: PositiveOrEach = None
-    ends: NonNegative = 6.0
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        given = [name for name in ("p", "lam") if getattr(self, name) is not None]
-        if self.rule == "fixed" and len(given) != 1:
-            raise ValueError("`rule: fixed` needs either `p` or `lam`")
-        if self.rule != "fixed" and given:
-            raise ValueError(f"`{given[0]}` is only used by `rule: fixed`, not by `rule: {self.rule}`")
-        if self.rule != "constraint" and self.S is not None:
-            raise ValueError(f"`S` is only used by `rule: constraint`, not by `rule: {self.rule}`")
-        return self
-
-
-class DifferenceSettings(Section):
-    """Finite differences, without smoothing."""
-
-    kind: Literal["difference"] = "difference"
-    scheme: Literal["forward", "central"] = "forward"
-
-
-class ButterworthSettings(Section):
-    """Zero-phase low-pass of q, dq and ddq: ``orders``, ``cutoffs`` (Hz), and the ``settle`` (s) masked at the ends.
-
-    The defaults are the article's (eq. 53).
-    """
-
-    kind: Literal["butterworth"] = "butterworth"
-    orders: tuple[Count, Count, Count] = (3, 3, 4)
-    cutoffs: tuple[Positive, Positive, Positive] = (10.0, 3.0, 2.0)
-    settle: tuple[NonNegative, NonNegative] | None = None
-
-
-class LeastSquaresSettings(Section):
-    """Ordinary least squares; singular values below ``tolerance`` times the largest count as zero."""
-
-    kind: Literal["least_squares"] = "least_squares"
-    tolerance: Annotated[Positive, Field(lt=1)] = 1e-12
-    weights: Literal["equal", "per_joint"] = "equal"
-
-
-class ConsistentSettings(Section):
-    """Least squares over what physics allows; the keys are those of ``dynident.estimators.Consistent``."""
-
-    kind: Literal["consistent"]
-    inertia: StrictBool = True
-    viscous: StrictBool = True
-    coulomb: StrictBool = True
-    rotor: StrictBool = True
-    total_mass: Positive | tuple[Positive | None, Positive | None] | None = None
-    bounds: Mapping[Name, tuple[Number | None, Number | None]] = {}
-    centre_of_mass: Mapping[Name, tuple[tuple[Number, Number, Number], tuple[Number, Number, Number]]] = {}
-    prior: Literal["nominal", "none"] | Mapping[Name, Number] = "nominal"
-    distance: Literal["entropic", "euclidean"] = "entropic"
-    threshold: Annotated[Positive, Field(lt=1)] = 1e-6
-    weights: Literal["equal", "per_joint"] = "per_joint"
-
-
-class MaximumLikelihoodSettings(Section):
-    """Errors in positions and torques alike; the keys are those of ``dynident.estimators.MaximumLikelihood``."""
-
-    kind: Literal["maximum_likelihood"]
-    start: Literal["free", "rest", "test"] = "free"
-    spacing: Positive | None = None
-    steps: StrictBool | None = None
-    huber: Positive | None = None
-    profile: Positive | None = 0.4
 
 
 class ParallelSettings(Section):
@@ -260,11 +175,28 @@ class TorqueInputSettings(Section):
     restart: Positive = 0.5
 
 
-Estimator = Annotated[
-    LeastSquaresSettings | ConsistentSettings | MaximumLikelihoodSettings, Field(discriminator="kind")
+Simulation = Annotated[
+    CascadeSettings | TorqueInputSettings,
+    WrapValidator(by_kind({"cascade": CascadeSettings, "measured_torque": TorqueInputSettings})),
 ]
-Smoother = Annotated[SplineSettings | DifferenceSettings | ButterworthSettings, Field(discriminator="kind")]
-Simulation = Annotated[CascadeSettings | TorqueInputSettings, Field(discriminator="kind")]
+
+
+def _spline() -> Any:
+    from dynident.smoothers import Spline
+
+    return Spline.Settings(rule="torque")
+
+
+def _least_squares() -> Any:
+    from dynident.estimators import LeastSquares
+
+    return LeastSquares()
+
+
+def _model(value: object, _: Any, info: ValidationInfo) -> str | RobotSettings:
+    if isinstance(value, Mapping):
+        return RobotSettings.model_validate(value, context=info.context)
+    return value if isinstance(value, RobotSettings) else TypeAdapter(Name).validate_python(value)
 
 
 class Config(Section):
@@ -274,7 +206,7 @@ class Config(Section):
     coefficients of the joints in its position (gear ratios and couplings). ``zero`` (rad, m) is added to positions.
     """
 
-    model: Name | RobotSettings
+    model: Annotated[str | RobotSettings, WrapValidator(_model)]
     time: Time
     position: Mapping[Name, PositionChannel]
     torque: Mapping[Name, Channel]
@@ -283,8 +215,8 @@ class Config(Section):
     train: tuple[LogSpec, ...] = Field(min_length=1)
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
-    smoother: Smoother = SplineSettings(rule="torque")
-    estimator: Estimator = LeastSquaresSettings()
+    smoother: Annotated[Any, part_reader(SMOOTHERS)] = Field(default_factory=_spline)
+    estimator: Annotated[Any, part_reader(ESTIMATORS)] = Field(default_factory=_least_squares)
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None
     delay: Number | Literal["estimate"] = "estimate"
@@ -305,8 +237,8 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
             unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")
     if config.time.column is not None:
         unit_factor(config.time.unit, "time", "time.unit")
-    if isinstance(config.smoother, SplineSettings) and isinstance(config.smoother.sigma, Mapping):
-        _same_names("smoother.sigma", config.smoother.sigma, joints)
+    for name, given in by_joint(config.smoother):
+        _same_names(f"smoother.{name}", given, joints)
     _known_names("zero", config.zero, joints)
     if isinstance(config.slow, Mapping):
         _known_names("slow", config.slow, joints)

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, choices
 from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
-from dynident.io.ros import BAGS, parse_bag
+from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, unpanicked
+from dynident.parts import READERS
 
-__all__ = ["Table", "read_columns"]
+__all__ = ["Table", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 
 Array = NDArray[np.float64]
 
@@ -91,8 +92,9 @@ def read_columns(path: str | Path, width: int | None = None) -> Table:
     """
     path = Path(path)
     kind = path.suffix.lower()
+    reader = _reader(path, kind)
     try:
-        table = _read_bag(path) if path.is_dir() or kind in BAGS else _read_file(path, kind)
+        table = reader(path)
     except InputError:
         raise
     except Exception as error:  # the readers of damaged files raise nearly anything
@@ -102,23 +104,27 @@ def read_columns(path: str | Path, width: int | None = None) -> Table:
     return table if width is None else _reshaped(table, width)
 
 
-def _read_file(path: Path, kind: str) -> Table:
-    data = _bytes(path)
-    if kind not in _READERS:
-        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, _KINDS)}")
-    if not data.strip():
-        raise InputError(f"{path}: the file is empty.")
-    return _READERS[kind](data, str(path))
-
-
-def _read_bag(path: Path) -> Table:
+def read_bag(path: Path) -> Table:
+    """Read the joint states of a ROS bag, a file or a folder."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
-        inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in _KINDS))
+        inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds()))
         raise InputError(f"{path}: is a folder without metadata.yaml, so no ROS 2 bag; name a file in it. {inside}")
     if not path.exists():
         _bytes(path)  # words the error
     columns, faults, notes = parse_bag(path)
     return Table(columns, {}, str(path), faults, notes=notes)
+
+
+def _reader(path: Path, kind: str) -> Callable[[Path], Table]:
+    """Return the reader of the family for a file; InputError where there is none, or no such file."""
+    if path.is_dir():
+        return read_bag
+    if kind not in READERS.table and not path.exists():
+        _bytes(path)  # words the error
+    if kind not in READERS.table and kind not in READERS.kinds():
+        raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
+    found: Callable[[Path], Table] = READERS.get(kind)
+    return found
 
 
 def _bytes(path: Path) -> bytes:
@@ -127,10 +133,18 @@ def _bytes(path: Path) -> bytes:
     except FileNotFoundError as error:
         if not path.parent.is_dir():
             raise InputError(f"{path}: the folder {path.parent} does not exist.") from error
-        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in _KINDS)
+        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in READERS.kinds())
         raise InputError(f"{path}: there is no such file; {choices(path.name, near)}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from error
+
+
+def _content_of(path: Path) -> tuple[bytes, str]:
+    """Return what a file holds, and its name for messages; InputError where it is empty."""
+    data = _bytes(path)
+    if not data.strip():
+        raise InputError(f"{path}: the file is empty.")
+    return data, str(path)
 
 
 def _reshaped(table: Table, width: int) -> Table:
@@ -151,12 +165,16 @@ def _reshaped(table: Table, width: int) -> Table:
     return replace(table, columns=columns, lines=None if table.lines is None else table.lines[::width])
 
 
-def _read_text(data: bytes, source: str) -> Table:
+def read_text(path: Path) -> Table:
+    """Read a table of text."""
+    data, source = _content_of(path)
     columns, faults, lines = parse_text(data, source)
     return Table(columns, {}, source, faults, lines)
 
 
-def _read_parquet(data: bytes, source: str) -> Table:
+def read_parquet(path: Path) -> Table:
+    """Read a Parquet file."""
+    data, source = _content_of(path)
     import polars as pl
 
     frame = unpanicked(lambda: pl.read_parquet(BytesIO(data)))
@@ -170,7 +188,9 @@ def _read_parquet(data: bytes, source: str) -> Table:
     return Table(columns, {}, source, faults)
 
 
-def _read_npz(data: bytes, source: str) -> Table:
+def read_npz(path: Path) -> Table:
+    """Read a NumPy archive."""
+    data, source = _content_of(path)
     with np.load(BytesIO(data), allow_pickle=False) as archive:
         items: dict[str, Any] = {}
         for name in archive.files:
@@ -181,11 +201,15 @@ def _read_npz(data: bytes, source: str) -> Table:
     return _from_arrays(items.items(), source)
 
 
-def _read_mat(data: bytes, source: str) -> Table:
+def read_mat(path: Path) -> Table:
+    """Read a MATLAB file."""
+    data, source = _content_of(path)
     return _from_arrays((parse_hdf5(data, source) if is_hdf5(data) else parse_mat(data)).items(), source)
 
 
-def _read_hdf5(data: bytes, source: str) -> Table:
+def read_hdf5(path: Path) -> Table:
+    """Read an HDF5 file."""
+    data, source = _content_of(path)
     return _from_arrays(parse_hdf5(data, source).items(), source)
 
 
@@ -224,14 +248,3 @@ def _float(array: NDArray[Any]) -> Array:
 
 def _content(value: Any, array: NDArray[Any]) -> str:
     return value if isinstance(value, str) else f"{array.dtype} values of shape {array.shape}"
-
-
-_READERS: Mapping[str, Callable[[bytes, str], Table]] = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _read_text),
-    ".parquet": _read_parquet,
-    ".npz": _read_npz,
-    ".mat": _read_mat,
-    ".h5": _read_hdf5,
-    ".hdf5": _read_hdf5,
-}
-_KINDS = (*_READERS, *BAGS)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.model import Model
-from dynident.terms import Coulomb, Coupling
-from dynident.terms.term import Term
+from dynident.terms.term import HasSign, Term
 
 __all__ = ["has_sign", "softened"]
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 def has_sign(model: Model) -> bool:
     """Return whether a term of the model takes the sign of a velocity."""
-    return any(_sharp(term) for term in model.terms)
+    return any(map(_sharp, model.terms))
 
 
 def softened(model: Model, width: Array) -> Model:
@@ -29,27 +29,9 @@ def softened(model: Model, width: Array) -> Model:
     """
     terms: list[Term] = []
     for term in model.terms:
-        if isinstance(term, Coulomb) and _sharp(term):
-            terms += _by_joint(term, width)
-        elif isinstance(term, Coupling) and _sharp(term):
-            factors = np.array([dict(term.coefficients).get(joint.name, 0.0) for joint in term.joints])
-            terms.append(replace(term, width=float(np.linalg.norm(factors * width))))
-        else:
-            terms.append(term)
+        terms += term.softened(width) if _sharp(term) else (term,)
     return replace(model, terms=tuple(terms))
 
 
-def _sharp(term: object) -> bool:
-    sign = isinstance(term, Coulomb) or (isinstance(term, Coupling) and term.coulomb)
-    return sign and not (term.width or term.dead_band)  # type: ignore[attr-defined]
-
-
-def _by_joint(term: Coulomb, width: Array) -> list[Coulomb]:
-    """Return a Coulomb friction as one for each joint, because each has its own width."""
-    known = [joint.name for joint in term.joints]
-    out = []
-    for k, (name, parameter) in enumerate(zip(term.on or known, term.parameters, strict=True)):
-        value = None if term.values is None else (term.values[k],)
-        one = replace(term, on=(name,), names=(parameter.name,), expressions=None, values=value)
-        out.append(replace(one, width=float(width[known.index(name)])))
-    return out
+def _sharp(term: object) -> TypeGuard[HasSign]:
+    return isinstance(term, HasSign) and term.sharp

@@ -129,7 +129,7 @@ class Search:
         """Return the knots of a spacing, after a fit to the positions alone."""
         segments = self._planned(size, rest=rest)
         left = [one.offset(self._fitted(one)) for one in segments]
-        power = sum(((x**2).sum(axis=0) for x in left), np.zeros(len(self.sigma_q))) / sum(map(len, left))
+        power = sum(((x**2).sum(axis=0) for x in left), np.zeros(len(self.sigma.q))) / sum(map(len, left))
         exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
         return _Knots(segments, power, self._white(left, segments) or bool((power < exact**2).all()))
 

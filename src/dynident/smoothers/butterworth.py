@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt
 
 from dynident.errors import ConfigError, InputError
 from dynident.log import Log, Motion
@@ -14,6 +16,9 @@ from dynident.smoothers.smoother import ends_mask
 __all__ = ["Butterworth"]
 
 JITTER = 0.05
+Order = Annotated[int, Ge(1)]
+Cutoff = Annotated[float, Gt(0)]
+Seconds = Annotated[float, Ge(0)]
 
 
 @dataclass(frozen=True)
@@ -27,9 +32,9 @@ class Butterworth:
     the sampling must be uniform within 5 %.
     """
 
-    orders: tuple[int, int, int] = (3, 3, 4)
-    cutoffs: tuple[float, float, float] = (10.0, 3.0, 2.0)
-    settle: tuple[float, float] | None = None
+    orders: tuple[Order, Order, Order] = (3, 3, 4)
+    cutoffs: tuple[Cutoff, Cutoff, Cutoff] = (10.0, 3.0, 2.0)
+    settle: tuple[Seconds, Seconds] | None = None
 
     def __post_init__(self) -> None:
         if len(self.orders) != 3 or not set(self.orders) <= set(range(1, 13)):

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from dynident.errors import ConfigError
 from dynident.log import Log, Motion
+from dynident.parts import SMOOTHERS
 from dynident.smoothers.smoother import Smoother
 
-__all__ = ["Delayed"]
+__all__ = ["Delayed", "undelayed"]
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Delayed:
     touched: a shifted noisy signal is a filtered one.
     """
 
-    smoother: Smoother
+    smoother: Annotated[Smoother, SMOOTHERS]
     delay: float
 
     def __post_init__(self) -> None:
@@ -33,3 +35,8 @@ class Delayed:
         motion = self.smoother(log)
         told = {**motion.smoothing, "delay": f"{1e3 * self.delay:.3g} ms"}
         return replace(motion.delayed(self.delay), smoothing=told)
+
+
+def undelayed(smoother: Smoother) -> Smoother:
+    """Return the smoother whose motion belongs to the stamps of the positions."""
+    return undelayed(smoother.smoother) if isinstance(smoother, Delayed) else smoother

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.log import Log, Motion
 
-__all__ = ["Smoother", "ends_mask"]
+__all__ = ["KnowsNoise", "Smoother", "ends_mask"]
 
 
 class Smoother(Protocol):
@@ -22,6 +23,15 @@ class Smoother(Protocol):
 
     def __call__(self, log: Log) -> Motion:
         """Return q, dq, ddq (N, n) at the samples of the log."""
+
+
+@runtime_checkable
+class KnowsNoise(Protocol):
+    """A smoother that may be given the noise of the positions."""
+
+    @property
+    def sigma(self) -> float | Mapping[str, float] | None:
+        """Standard deviation of the position noise (rad, m): one, or by joint; None where it is estimated."""
 
 
 def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:

@@ -5,20 +5,78 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
+from dynident.parts import BY_JOINT
 from dynident.smoothers.smoother import ends_mask
-from dynident.splines import Constraint, Rule, noise_sigma, smooth
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, noise_sigma, smooth
 
-__all__ = ["Spline"]
+__all__ = ["Spline", "SplineSettings"]
 
 Array = NDArray[np.float64]
 
 
+FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)  # times the noise estimate, to choose from
+Named = Literal["constraint", "gcv", "reml", "interpolate", "fixed"]
+Each = Annotated[float, Ge(0)] | tuple[Annotated[float, Ge(0)], ...]  # for all joints alike, or in their order
+
+
+@dataclass(frozen=True)
+class SplineSettings:
+    """The settings of a ``Spline``, by the name of its rule.
+
+    ``S`` belongs to "constraint", ``p`` or ``lam`` to "fixed". "torque" stands for several splines to choose from, with
+    growing multiples of the noise.
+    """
+
+    rule: Literal[Named, "torque"] = "constraint"
+    S: Each | None = None
+    p: Each | None = None
+    lam: Each | None = None
+    sigma: Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]] | None, BY_JOINT] = None
+    ends: Annotated[float, Ge(0)] = 6.0
+    factor: Annotated[float, Gt(0)] = 1.0
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("p", "lam") if getattr(self, name) is not None]
+        if self.rule == "fixed" and len(given) != 1:
+            raise ConfigError("`rule: fixed` needs either `p` or `lam`")
+        if self.rule != "fixed" and given:
+            raise ConfigError(f"`{given[0]}` is only used by `rule: fixed`, not by `rule: {self.rule}`")
+        if self.rule != "constraint" and self.S is not None:
+            raise ConfigError(f"`S` is only used by `rule: constraint`, not by `rule: {self.rule}`")
+
+    @classmethod
+    def of(cls, part: Spline) -> SplineSettings:
+        """Return the settings that build ``part``; ConfigError for a rule of another package."""
+        name = next((name for name, rule in RULES.items() if type(part.rule) is rule), None)
+        if name is None:
+            raise ConfigError(f"the rule {part.rule!r} has no name in a configuration.")
+        own: dict[str, Any] = dict(vars(part.rule))
+        own = {key: value if value is None or np.isscalar(value) else tuple(value) for key, value in own.items()}
+        return cls(name, **own, sigma=part.sigma, ends=part.ends, factor=part.factor)
+
+    def build(self) -> Spline | tuple[Spline, ...]:
+        """Return the spline, or those that ``rule`` "torque" chooses from."""
+        if self.rule == "torque":
+            return tuple(Spline(Constraint(), self.sigma, self.ends, self.factor * one) for one in FACTORS)
+        own: dict[str, Any] = {"constraint": {"S": self.S}, "fixed": {"p": self.p, "lam": self.lam}}.get(self.rule, {})
+        return Spline(RULES[self.rule](**own), self.sigma, self.ends, self.factor)
+
+
+RULES: Mapping[Named, type[Rule]] = {
+    "constraint": Constraint,
+    "gcv": GCV,
+    "reml": REML,
+    "interpolate": Interpolation,
+    "fixed": Fixed,
+}
 STILL = 3.0  # times the noise: a joint that moves less in the whole log stands still, and its speed is noise
 
 
@@ -36,6 +94,7 @@ class Spline:
     sigma: float | Mapping[str, float] | None = None
     ends: float = 6.0
     factor: float = 1.0
+    Settings: ClassVar[type[SplineSettings]]
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.ends) and self.ends >= 0):
@@ -83,3 +142,6 @@ def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
     count = np.where(steps > 0, steps, np.inf).min(axis=0)
     flicker = np.ptp(q, axis=0) <= np.where(np.isfinite(count), 2.001 * count, 0.0)
     return np.asarray((np.ptp(smoothed, axis=0) <= STILL * noise) | flicker)
+
+
+Spline.Settings = SplineSettings

@@ -1,7 +1,7 @@
 """The terms a model is summed from: rigid bodies from files or symbolic energies, friction, offsets, and motors."""
 
 from dynident.terms.bodies import Bodies
-from dynident.terms.friction import Coulomb, Offset, Viscous
+from dynident.terms.friction import Coulomb, Offset, PerJoint, Viscous
 from dynident.terms.lagrangian import Lagrangian, Unknown
 from dynident.terms.motor import Coupling, RotorInertia
 from dynident.terms.term import Joint, Parameter, Partials, Term
@@ -15,6 +15,7 @@ __all__ = [
     "Offset",
     "Parameter",
     "Partials",
+    "PerJoint",
     "RotorInertia",
     "Term",
     "Unknown",

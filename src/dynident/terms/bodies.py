@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -185,6 +185,11 @@ class Bodies:
         if surplus.any():
             tau -= self._recursion(q, dq, ddq, surplus)
         return tau[:, np.argsort(self._arm.order)]
+
+    def under(self, gravity: tuple[float, ...]) -> Bodies:
+        """Return the bodies under another gravity (3), m/s^2."""
+        x, y, z = gravity
+        return replace(self, gravity=(x, y, z))
 
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
         """Return bodies (n, 10), in Pinocchio's order, of enough mass to divide by, and the surplus of their mass."""

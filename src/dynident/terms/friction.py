@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
@@ -20,11 +21,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PerJoint(ABC):
-    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j."""
+    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j.
 
-    _symbol: ClassVar[str]
-    _role: ClassVar[str] = ""
-    _of: ClassVar[Literal["dq", "ddq"]] = "dq"
+    A class of it says in ``shape``, ``slope`` and ``meaning`` what it is; ``symbol`` begins the parameters' names,
+    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on. Further fields are settings.
+    """
+
+    symbol: ClassVar[str]
+    role: ClassVar[str] = ""
+    of: ClassVar[Literal["dq", "ddq"]] = "dq"
     joints: tuple[Joint, ...]
     on: tuple[str, ...] | None = None
     names: tuple[str, ...] | None = None
@@ -57,41 +62,42 @@ class PerJoint(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """One parameter per joint in ``on``, in that order."""
         joints = [self.joints[j] for j in self._columns]
-        names = self.names or tuple(f"{self._symbol}_{joint.name}" for joint in joints)
-        expressions = self.expressions or (self._meaning(),) * len(joints)
+        names = self.names or tuple(f"{self.symbol}_{joint.name}" for joint in joints)
+        expressions = self.expressions or (self.meaning(),) * len(joints)
         values = self.values or (None,) * len(joints)
-        units = [self._unit(joint) for joint in joints]
-        return tuple(map(Parameter, names, units, expressions, values, (self._role,) * len(joints)))
+        units = [self.unit(joint) for joint in joints]
+        return tuple(map(Parameter, names, units, expressions, values, (self.role,) * len(joints)))
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:  # noqa: ARG002
         """Return Y, shape (N, n, p), for dq and ddq (N, n) in rad or m and seconds; q has no effect."""
         joints = self._columns
-        rate = dq if self._of == "dq" else ddq
+        rate = dq if self.of == "dq" else ddq
         out = np.zeros((*rate.shape, len(joints)))
-        out[:, joints, range(len(joints))] = self._shape(rate[:, joints])
+        out[:, joints, range(len(joints))] = self.shape(rate[:, joints])
         return out
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only one of the last two is not zero."""
         joints, zero = self._columns, np.zeros((*dq.shape, dq.shape[1]))
-        rate, slope = dq if self._of == "dq" else ddq, zero.copy()
-        slope[:, joints, joints] = self._slope(rate[:, joints]) * theta
-        return Partials(zero, slope, zero) if self._of == "dq" else Partials(zero, zero, slope)
+        rate, slope = dq if self.of == "dq" else ddq, zero.copy()
+        slope[:, joints, joints] = self.slope(rate[:, joints]) * theta
+        return Partials(zero, slope, zero) if self.of == "dq" else Partials(zero, zero, slope)
 
-    def _unit(self, joint: Joint) -> str:
+    def unit(self, joint: Joint) -> str:
+        """Return the unit of a joint's parameter."""
         return joint.effort
 
     @abstractmethod
-    def _meaning(self) -> str:
+    def meaning(self) -> str:
         """Say what the parameter multiplies."""
 
     @abstractmethod
-    def _shape(self, dq: Array, /) -> Array:
+    def shape(self, dq: Array, /) -> Array:
         """Return the torque per unit of the parameter."""
 
     @abstractmethod
-    def _slope(self, dq: Array, /) -> Array:
-        """Return the derivative of ``_shape``."""
+    def slope(self, dq: Array, /) -> Array:
+        """Return the derivative of ``shape``."""
 
 
 @dataclass(frozen=True)
@@ -103,19 +109,23 @@ class Viscous(PerJoint):
     Raises ModelError for an unknown joint, or where the numbers of entries differ.
     """
 
-    _symbol = "Fv"
-    _role = "viscous"
+    symbol = "Fv"
+    role = "viscous"
 
-    def _meaning(self) -> str:
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
         return "viscous friction: torque per dq"
 
-    def _unit(self, joint: Joint) -> str:
+    def unit(self, joint: Joint) -> str:
+        """Return the unit of a joint's parameter."""
         return "N m s/rad" if joint.kind == "revolute" else "N s/m"
 
-    def _shape(self, dq: Array) -> Array:
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
         return dq
 
-    def _slope(self, dq: Array) -> Array:
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
         return np.ones_like(dq)
 
 
@@ -129,10 +139,10 @@ class Coulomb(PerJoint):
     Raises ModelError where both are given or one is negative or not finite, and as ``Viscous`` does.
     """
 
-    width: float = 0.0
-    dead_band: float = 0.0
-    _symbol = "Fc"
-    _role = "coulomb"
+    width: Annotated[float, Ge(0)] = 0.0
+    dead_band: Annotated[float, Ge(0)] = 0.0
+    symbol = "Fc"
+    role = "coulomb"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -145,18 +155,36 @@ class Coulomb(PerJoint):
                 f"Coulomb: width {self.width} and dead_band {self.dead_band} exclude each other; set one to 0."
             )
 
-    def _meaning(self) -> str:
+    @property
+    def sharp(self) -> bool:
+        """Whether the torque jumps with the sign of the velocity: there is neither a width nor a dead band."""
+        return not (self.width or self.dead_band)
+
+    def softened(self, width: Array) -> tuple[Coulomb, ...]:
+        """Return one friction for each joint, because each has its own width (n)."""
+        known = [joint.name for joint in self.joints]
+        found = []
+        for k, (name, parameter) in enumerate(zip(self.on or known, self.parameters, strict=True)):
+            value = None if self.values is None else (self.values[k],)
+            one = replace(self, on=(name,), names=(parameter.name,), expressions=None, values=value)
+            found.append(replace(one, width=float(width[known.index(name)])))
+        return tuple(found)
+
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
         if self.width:
             return f"Coulomb friction: torque per tanh(dq/{self.width:g})"
         band = f", 0 within abs(dq) <= {self.dead_band:g}" if self.dead_band else ""
         return f"Coulomb friction: torque per sign(dq){band}"
 
-    def _shape(self, dq: Array) -> Array:
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
         if self.width:
             return np.tanh(dq / self.width)
         return np.where(np.abs(dq) > self.dead_band, np.sign(dq), 0.0)
 
-    def _slope(self, dq: Array) -> Array:
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
         if not self.width:
             return np.zeros_like(dq)
         slope: Array = (1 - np.tanh(dq / self.width) ** 2) / self.width
@@ -167,13 +195,16 @@ class Coulomb(PerJoint):
 class Offset(PerJoint):
     """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``."""
 
-    _symbol = "offset"
+    symbol = "offset"
 
-    def _meaning(self) -> str:
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
         return "constant torque"
 
-    def _shape(self, dq: Array) -> Array:
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
         return np.ones_like(dq)
 
-    def _slope(self, dq: Array) -> Array:
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
         return np.zeros_like(dq)

@@ -26,20 +26,24 @@ class RotorInertia(PerJoint):
     2009, "Robotics", sec. 7.3).
     """
 
-    _symbol = "Ia"
-    _role = "rotor"
-    _of = "ddq"
+    symbol = "Ia"
+    role = "rotor"
+    of = "ddq"
 
-    def _meaning(self) -> str:
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
         return "rotor inertia: torque per ddq"
 
-    def _unit(self, joint: Joint) -> str:
+    def unit(self, joint: Joint) -> str:
+        """Return the unit of a joint's parameter."""
         return "kg m^2" if joint.kind == "revolute" else "kg"
 
-    def _shape(self, ddq: Array, /) -> Array:
+    def shape(self, ddq: Array, /) -> Array:
+        """Return the torque per unit of the parameter."""
         return ddq
 
-    def _slope(self, ddq: Array, /) -> Array:
+    def slope(self, ddq: Array, /) -> Array:
+        """Return the derivative of ``shape``."""
         return np.ones_like(ddq)
 
 
@@ -120,6 +124,15 @@ class Coupling:
         motor, outer = self._motor(q, dq, ddq), np.outer(self._vector, self._vector)
         slopes = [part.partials(*motor, x) for part, x in zip(self._parts, theta[:, None], strict=True)]
         return Partials(*(outer * sum(getattr(slope, wrt) for slope in slopes) for wrt in ("q", "dq", "ddq")))
+
+    @property
+    def sharp(self) -> bool:
+        """Whether the torque jumps with the sign of the motor's velocity."""
+        return self.coulomb and not (self.width or self.dead_band)
+
+    def softened(self, width: Array) -> tuple[Coupling]:
+        """Return the motor with a sign as wide as the velocity of its joints (n) lets that of the motor be known."""
+        return (replace(self, width=float(np.linalg.norm(self._vector * width))),)
 
     @property
     def _pairs(self) -> tuple[tuple[str, float], ...]:

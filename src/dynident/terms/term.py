@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INERTIAL", "Joint", "Parameter", "Partials", "Recursive", "Term"]
+if TYPE_CHECKING:
+    from dynident.terms.robot_xml import Limits
+
+__all__ = [
+    "INERTIAL",
+    "HasGravity",
+    "HasLimits",
+    "HasNotes",
+    "HasSign",
+    "Joint",
+    "Parameter",
+    "Partials",
+    "Recursive",
+    "Term",
+]
 
 Array = NDArray[np.float64]
 
@@ -88,3 +103,45 @@ class Recursive(Protocol):
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for one theta (p)."""
+
+
+@runtime_checkable
+class HasGravity(Protocol):
+    """A term in which gravity acts."""
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Gravity (3) in the frame of the root link, m/s^2."""
+
+    def under(self, gravity: tuple[float, ...], /) -> Term:
+        """Return the term under another gravity."""
+
+
+@runtime_checkable
+class HasSign(Protocol):
+    """A term whose torque may jump with the sign of a velocity."""
+
+    @property
+    def sharp(self) -> bool:
+        """Whether it jumps, as it is configured."""
+
+    def softened(self, width: Array, /) -> tuple[Term, ...]:
+        """Return terms with the same parameters in which sign(dq) is tanh(dq / width), ``width`` (n) by joint."""
+
+
+@runtime_checkable
+class HasLimits(Protocol):
+    """A term that knows limits of joints."""
+
+    @property
+    def limits(self) -> Mapping[str, Limits]:
+        """Limits by joint name."""
+
+
+@runtime_checkable
+class HasNotes(Protocol):
+    """A term with something to say of what it was made from."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user."""

@@ -1,0 +1,35 @@
+"""The protocol of an exporter: a model with the values found -> a text for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.export.identified import Identified
+from dynident.export.written import Written
+
+__all__ = ["Exporter", "Reader", "States"]
+
+Array = NDArray[np.float64]
+States = tuple[Array, Array, Array]
+Reader = Callable[[str, Identified, States], Array]
+
+
+class Exporter(Protocol):
+    """One format: a frozen dataclass without settings."""
+
+    @property
+    def readers(self) -> Mapping[str, Reader]:
+        """What loads a text again, by name: each returns the torque (N, n) of a text at states q, dq, ddq (N, n)."""
+
+    def file(self, identified: Identified) -> str:
+        """Return the usual name of the file."""
+
+    def write(self, identified: Identified) -> Written:
+        """Return the text; ModelError where the format cannot hold the model."""
+
+    def torque(self, identified: Identified, states: States) -> Array:
+        """Return the torque (N, n) of what the format can hold."""

@@ -1,0 +1,128 @@
+"""Readers of written models, independent of this library where there are any: text in, torque out."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dynident.errors import DynidentError
+from dynident.export.edit import Text
+from dynident.export.exporter import States
+from dynident.export.identified import Identified
+from dynident.terms import Bodies
+
+__all__ = ["by_dynident", "by_mujoco", "by_numpy", "by_pinocchio", "by_yaml"]
+
+Array = NDArray[np.float64]
+SHAPES = (
+    "actuator", "asset", "camera", "contact", "custom", "deformable", "equality", "extension", "geom", "keyframe",
+    "light", "sensor", "site", "skin", "tendon", "visual",
+)  # fmt: skip
+
+
+def by_numpy(source: str, _: Identified, states: States) -> Array:
+    """Run a module and ask its inverse dynamics."""
+    namespace: dict[str, Any] = {"__name__": "model"}
+    exec(compile(source, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
+    return np.asarray(namespace["inverse_dynamics"](*states))
+
+
+def by_yaml(text: str, identified: Identified, states: States) -> Array:
+    """Read all parameters, which must be the same to the last digit."""
+    values = {row["name"]: row["value"] for row in yaml.safe_load(text)["parameters"]}
+    given = np.array([values[name] for name in identified.model.names])
+    if (given != identified.value).any():  # of some, the torque says nothing
+        raise DynidentError("a value is another one")
+    return identified.model.torque(*states, given)
+
+
+def by_dynident(text: str, identified: Identified, states: States) -> Array:
+    """Read the text as an identification would."""
+    bodies, _ = identified.bodies
+    names = tuple(joint.name for joint in bodies.joints)
+    again = Bodies(text, names, bodies.locked, bodies.gravity, bodies.source)
+    values = [parameter.value for parameter in again.parameters]
+    if None in values:
+        raise DynidentError("a body has no inertia of its own")
+    held = [np.array([given.get(name, 0.0) for name in names]) for given in (again.damping, again.friction)]
+    rotor = np.array([again.armature.get(name, 0.0) for name in names])
+    _, dq, ddq = states
+    torque = again.regressor(*states) @ np.array(values, dtype=float)
+    return np.asarray(torque + held[0] * dq + held[1] * np.sign(dq) + rotor * ddq)
+
+
+def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
+    """Read a URDF by Pinocchio's own reader; the joints that stand still do so in its full model."""
+    import pinocchio as pin
+
+    bodies, _ = identified.bodies
+    model = pin.buildModelFromXML(_declared(text, bodies.file.root))
+    data, names = model.createData(), [joint.name for joint in bodies.joints]
+    model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
+    columns = [model.joints[model.getJointId(name)].idx_v for name in names]
+    standing = {name: x for name, x in bodies.arm.standing.items() if model.existJointName(name)}
+
+    def position(q: Array) -> Array:
+        out: Array = pin.neutral(model)
+        for name, x in {**standing, **dict(zip(names, q, strict=True))}.items():
+            joint = model.joints[model.getJointId(name)]
+            if joint.nv == 1:
+                out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+        return out
+
+    out = np.empty(states[0].shape)
+    for row, q, dq, ddq in zip(out, *states, strict=True):
+        full = np.zeros((2, model.nv))
+        full[:, columns] = dq, ddq
+        row[:] = pin.rnea(model, data, position(q), *full)[columns]
+    damping, friction = (np.asarray(x)[columns] for x in (model.damping, model.friction))
+    return np.asarray(out + damping * states[1] + friction * np.sign(states[1]))
+
+
+def _declared(text: str, root: str) -> str:
+    """Return a URDF whose root link is declared: exporters leave out the world that the base is welded to."""
+    edited = Text(text)
+    if all(node.attributes.get("name") != root for node in edited.root.children if node.tag == "link"):
+        edited.insert(edited.root, f"<link name={quoteattr(root)}/>")
+    return str(edited)
+
+
+def by_mujoco(text: str, identified: Identified, states: States) -> Array:
+    """Read an MJCF, without its shapes, by MuJoCo; friction is taken from its model, as its own yields at rest."""
+    import mujoco
+
+    bodies, _ = identified.bodies
+    model = mujoco.MjModel.from_xml_string(_bare(text))
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION
+    model.body_gravcomp[:] = 0.0
+    model.opt.density = model.opt.viscosity = 0.0
+    data, joints = mujoco.MjData(model), [model.joint(joint.name) for joint in bodies.joints]
+    columns = [int(joint.dofadr[0]) for joint in joints]
+    places = [int(joint.qposadr[0]) for joint in joints]
+    data.qpos[:] = model.qpos0
+    for name, position in bodies.arm.standing.items():
+        data.qpos[model.joint(name).qposadr[0]] = position
+    out = np.empty(states[0].shape)
+    for row, q, dq, ddq in zip(out, *states, strict=True):
+        data.qpos[places], data.qvel[columns], data.qacc[columns] = q, dq, ddq
+        mujoco.mj_inverse(model, data)
+        row[:] = data.qfrc_inverse[columns]
+    return np.asarray(out + model.dof_frictionloss[columns] * np.sign(states[1]))
+
+
+def _bare(text: str) -> str:
+    """Return an MJCF without shapes and what refers to them: their files need not be there."""
+    edited = Text(text)
+    todo = list(edited.root.children)
+    while todo:
+        node = todo.pop()
+        if node.tag in SHAPES:
+            edited.delete(node)
+        elif node.tag != "default":
+            todo += node.children
+    return str(edited)

@@ -1,0 +1,232 @@
+"""Settings of parts from YAML or JSON: the sections of a configuration, derived from the parts' own dataclasses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, fields
+from functools import cache, partial
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    WrapValidator,
+    create_model,
+)
+from pydantic_core import PydanticCustomError
+
+from dynident.errors import ConfigError, DynidentError, choices
+from dynident.io.fields import Name, Section
+from dynident.io.python_file import from_file
+from dynident.io.wording import worded
+from dynident.parts import BY_JOINT, Family, Settings, settings_type
+
+__all__ = ["build", "built", "by_joint", "part_reader", "schemas", "section"]
+
+
+def part_reader(family: Family, *, plain: bool = False) -> BeforeValidator:
+    """Return the validator of a setting that holds the settings of one part of the family.
+
+    With ``plain`` a kind may stand alone where the part needs no settings; it is then kept as it is.
+    """
+
+    def read(value: object, info: ValidationInfo) -> Any:
+        if not plain or isinstance(value, Mapping):
+            return _read(family, value, info)
+        _read(family, {"kind": value}, info)
+        return value
+
+    return BeforeValidator(read)
+
+
+def built(settings: Any) -> Any:
+    """Return the part that was read by a ``part_reader``, or the candidates to choose it from."""
+    return settings.build() if isinstance(settings, Settings) else settings
+
+
+def build(family: Family, settings: Mapping[str, Any], where: str, folder: Path | None = None, **given: Any) -> Any:
+    """Return the part of a ``kind`` with its settings: the inverse of ``Family.describe``.
+
+    A kind that names a file is refused unless a ``folder`` is given, where relative names start: it runs the file.
+    ``given`` are the fields that are no settings. Raises ConfigError, led by ``where``.
+    """
+    try:
+        read = TypeAdapter(Annotated[Any, part_reader(family)]).validate_python(settings, context={"folder": folder})
+    except ValidationError as error:
+        raise ConfigError(worded(error, settings, where)) from None
+    return read(**given) if family.given else built(read)
+
+
+def by_joint(settings: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the settings that are mappings by the names of joints, with their names."""
+    for name, hint in get_type_hints(type(settings), include_extras=True).items():
+        if BY_JOINT in getattr(hint, "__metadata__", ()) and isinstance(value := getattr(settings, name), Mapping):
+            yield name, value
+
+
+def schemas(family: Family) -> dict[str, Any]:
+    """Return the JSON schema of the settings of every kind."""
+    return {kind: section(family, family.get(kind)).model_json_schema() for kind in family.kinds()}
+
+
+@cache
+def section(family: Family, part: type) -> type[Section]:
+    """Return the settings of a part as a section of the configuration: ``kind``, and the fields of its dataclass.
+
+    Raises ConfigError for a field of a type that no setting can have.
+    """
+    holder = settings_type(part)
+    hints = get_type_hints(holder, include_extras=True)
+    keys: dict[str, Any] = {"kind": (str, ...)}
+    for one in fields(holder):
+        if one.init and one.name not in family.given:
+            needed = one.default is MISSING and one.default_factory is MISSING
+            factory = None if one.default_factory is MISSING else one.default_factory
+            default = Field(default_factory=factory) if factory else Field(... if needed else one.default)
+            keys[one.name] = (_setting(hints[one.name], f"{part.__name__}.{one.name}"), default)
+    made: type[Section] = create_model(f"{part.__name__}Settings", __base__=Section, __doc__=part.__doc__, **keys)
+    return made
+
+
+def _read(family: Family, value: object, info: ValidationInfo) -> Any:
+    """Return the settings of a part, or for a family with given fields the part without them."""
+    folder = (info.context or {}).get("folder")
+    if not isinstance(value, Mapping):
+        raise PydanticCustomError("mapping_type", "a mapping")
+    if "kind" not in value:
+        raise _words(f"needs a `kind`: {', '.join(family.kinds())}")
+    kind = value["kind"]
+    try:
+        part = _class(family, kind, folder)
+        read = section(family, part).model_validate(value, context=info.context)
+        given = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
+        return partial(part, **given) if family.given else _made(settings_type(part), given)
+    except ConfigError as error:
+        raise _words(str(error).removeprefix("kind: ")) from error
+
+
+def _made(holder: Any, given: Mapping[str, Any]) -> Any:
+    """Return the settings, once it is known that a part can be built with them."""
+    try:
+        settings = holder(**given)
+        built(settings)
+    except DynidentError as error:
+        raise ValueError(str(error)) from error
+    return settings
+
+
+def _class(family: Family, kind: object, folder: str | Path | None) -> Any:
+    if not isinstance(kind, str):
+        raise ConfigError(f"{kind!r} is not a choice; {choices(str(kind), family.kinds())}")
+    place, colon, name = kind.rpartition(":")
+    if not (colon and place.endswith(".py")):
+        return family.get(kind)
+    if folder is None:
+        raise ConfigError(f"{kind!r} names a file, which only a configuration may do.")
+    path = (Path(folder) / place).resolve()
+    part = from_file(path, name, "class", family.name, ConfigError)
+    family.check(part, f"{path}: {name}")
+    return part
+
+
+def _words(text: str) -> PydanticCustomError:
+    return PydanticCustomError("words", "{words}", {"words": text})
+
+
+def _setting(hint: Any, where: str) -> Any:
+    """Return the annotation that reads a value of the type of a part's field as YAML gives it."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        base, *marks = inside
+        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
+            return Annotated[Any, BeforeValidator(lambda value, info: built(_read(family, value, info)))]
+        kept = [mark for mark in marks if not isinstance(mark, str)]
+        return Annotated[(_setting(base, where), *kept)] if kept else _setting(base, where)
+    if origin in (Union, UnionType):
+        return _either([(one, _setting(one, where)) for one in inside])
+    if origin is tuple:
+        return tuple[tuple(one if one is Ellipsis else _setting(one, where) for one in inside)]  # type: ignore[misc]
+    if origin is not None and origin is not Literal and issubclass(origin, Mapping):
+        return Mapping[Name, _setting(inside[1], where)]  # type: ignore[misc]
+    if origin is Literal:
+        return hint
+    if hint in SCALARS:
+        return SCALARS[hint]
+    if isinstance(hint, type) and issubclass(hint, Path):
+        return hint
+    raise ConfigError(f"{where} has the type {hint}; a setting is a number, a text, or a list or mapping of them.")
+
+
+def _number(value: object) -> float:
+    """Read a number, which may be infinite; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+        if not math.isnan(number):
+            return number
+    raise ValueError("a number is expected")
+
+
+def _whole(value: object) -> int:
+    number = _number(value)
+    if math.isinf(number) or number != int(number):
+        raise ValueError("a whole number is expected")
+    return int(number)
+
+
+SCALARS: Mapping[Any, Any] = {
+    float: Annotated[float, Field(allow_inf_nan=True), BeforeValidator(_number)],
+    int: Annotated[int, BeforeValidator(_whole)],
+    bool: StrictBool,
+    str: Name,
+    NoneType: NoneType,
+}
+
+
+def _either(options: list[tuple[Any, Any]]) -> Any:
+    """Return the union of types as one that looks at the shape of a value only, so that errors have its place."""
+    annotations = [annotation for _, annotation in options]
+
+    @cache
+    def adapter(k: int) -> TypeAdapter[Any]:
+        return TypeAdapter(annotations[k])
+
+    def read(value: object, _: Callable[[Any], Any], info: ValidationInfo) -> Any:
+        fitting = [k for k, (hint, _) in enumerate(options) if _fits(hint, value)]
+        main = next(k for k, (hint, _) in enumerate(options) if hint is not NoneType)
+        return adapter((fitting or [main])[0]).validate_python(value, context=info.context)
+
+    return Annotated[Union[tuple(annotations)], WrapValidator(read)]  # noqa: UP007
+
+
+def _fits(hint: Any, value: object) -> bool:
+    """Whether a value has the shape of a type."""
+    while get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    origin = get_origin(hint)
+    if value is None or isinstance(value, bool):
+        return hint is (NoneType if value is None else bool)
+    if isinstance(value, Mapping):
+        return origin is not None and origin is not Literal and issubclass(origin, Mapping)
+    if isinstance(value, list | tuple):
+        return origin is tuple
+    if isinstance(value, str):
+        return origin is Literal or hint is str or (hint in (int, float) and _reads(value))
+    return hint in (int, float)
+
+
+def _reads(text: str) -> bool:
+    try:
+        _number(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,62 @@
+"""Functions and classes of Python files that the user names; what fails in them is worded with the line."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from dynident.errors import DynidentError, choices
+
+__all__ = ["from_file", "guarded"]
+
+
+def from_file(path: Path, name: str, what: str, where: str, error: type[DynidentError]) -> Any:
+    """Import a file and return its public function or class ``name``.
+
+    ``what`` is the word for it, "function" or "class". Raises ``error``, led by ``where``, where there is no such
+    file or name, and where the file fails.
+    """
+    if not path.is_file():
+        known = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
+        raise error(f"{where}: there is no file {path}; {choices(path.name, known)}")
+    module = _import(path, where, error)
+    found = {key: value for key, value in vars(module).items() if callable(value) and not key.startswith("_")}
+    if name not in found:
+        own = (key for key, value in found.items() if getattr(value, "__module__", None) == module.__name__)
+        raise error(f"{where}: {path} has no {what} {name!r}; {choices(name, own)}")
+    return found[name]
+
+
+def guarded(call: Callable[[], object], what: str, file: Path, where: str, error: type[DynidentError]) -> object:
+    """Call foreign code; what it raises becomes an ``error`` that names the line of the user's file."""
+    try:
+        return call()
+    except (Exception, SystemExit) as wrong:
+        frames = [frame for frame in traceback.extract_tb(wrong.__traceback__) if frame.filename == str(file)]
+        line = wrong.lineno if isinstance(wrong, SyntaxError) else frames[-1].lineno if frames else None
+        place = f" at {file}:{line}" if line is not None else ""
+        raise error(f"{where}: {what} failed{place}: {type(wrong).__name__}: {wrong}") from wrong
+
+
+def _import(path: Path, where: str, error: type[DynidentError]) -> ModuleType:
+    """Import a file under a private name, known to ``sys.modules`` as dataclasses and pickle need it there."""
+    private = f"_dynident_file_{hashlib.sha256(str(path).encode() + path.read_bytes()).hexdigest()[:16]}"
+    if private in sys.modules:  # the same text: its classes stay the same
+        return sys.modules[private]
+    spec = importlib.util.spec_from_file_location(private, path)
+    if spec is None or (loader := spec.loader) is None:
+        raise error(f"{where}: {path} is not a Python file; its name must end in .py.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[private] = module
+    try:
+        guarded(lambda: loader.exec_module(module), str(path), path, where, error)
+    except error:
+        del sys.modules[private]
+        raise
+    return module

@@ -1,0 +1,218 @@
+"""The parts that can be exchanged: one table for each family, which packages and files of the user may add to.
+
+A part is a frozen dataclass: its fields are its settings. A new one is a file, and a line in a table below; a package
+adds one by an entry point, a configuration by ``kind: path/to/file.py:Class``.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from importlib import import_module
+from typing import Annotated, Any, Protocol, Self, get_args, get_origin, get_type_hints, runtime_checkable
+
+from dynident.errors import ConfigError, choices
+
+__all__ = [
+    "BY_JOINT",
+    "ESTIMATORS",
+    "EXPORTERS",
+    "READERS",
+    "SMOOTHERS",
+    "TERMS",
+    "Family",
+    "Settings",
+    "settings_type",
+]
+
+BY_JOINT = "by joint"
+"""Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
+
+
+@runtime_checkable
+class Settings(Protocol):
+    """Settings of another shape than the fields of their part: a frozen dataclass.
+
+    A part names it in its class variable ``Settings``.
+    """
+
+    @classmethod
+    def of(cls, part: Any, /) -> Self:
+        """Return the settings that build ``part``."""
+
+    def build(self) -> Any:
+        """Return the part, or the candidates (a tuple) to choose it from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Interchangeable parts: ``table`` maps each kind to its "module:name", imported where it is asked for.
+
+    ``members`` are the attributes that a part must have, ``given`` those of its fields that are no settings, as the
+    caller knows them. Entry points of the group ``group`` add kinds. Where ``functions``, its parts are functions.
+    """
+
+    name: str
+    table: Mapping[str, str]
+    members: tuple[str, ...] = ("__call__",)
+    given: tuple[str, ...] = ()
+    functions: bool = False
+
+    @property
+    def group(self) -> str:
+        """The group of entry points that adds to this family."""
+        return f"dynident.{self.name.replace('log ', '')}s"
+
+    def kinds(self) -> tuple[str, ...]:
+        """Return all kinds, those of other packages last; nothing is imported."""
+        return (*self.table, *(kind for kind in _entry_points(self.group) if kind not in self.table))
+
+    def get(self, kind: str, where: str = "kind") -> Any:
+        """Return the part of that kind, usually a class; ConfigError, led by ``where``, if there is none."""
+        if kind in self.table:
+            return _imported(self.table[kind])
+        found = _entry_points(self.group)
+        if kind not in found:
+            raise ConfigError(f"{where}: {kind!r} is not a choice; {choices(kind, self.kinds())}")
+        try:
+            part = found[kind].load()
+        except Exception as error:  # what other packages raise at import is theirs
+            words = f"{self.name} {kind!r} of the entry point {found[kind].value!r} cannot be loaded"
+            raise ConfigError(f"{where}: {words}: {type(error).__name__}: {error}") from error
+        self.check(part, f"{where}: {kind}")
+        return part
+
+    def check(self, part: Any, where: str) -> None:
+        """Raise ConfigError, led by ``where``, unless ``part`` is a frozen dataclass with what this family needs."""
+        if self.functions:
+            if not callable(part):
+                raise ConfigError(f"{where} is no function.")
+            return
+        if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+            raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
+        known = {name for base in part.__mro__[:-1] for name in vars(base)} | {field.name for field in fields(part)}
+        if missing := [name for name in self.members if name not in known]:
+            raise ConfigError(f"{where} is no {self.name}: it lacks {', '.join(missing)}.")
+
+    def kind_of(self, part: object) -> str:
+        """Return the kind of a part; of a class that no table has, its file and name."""
+        cls = type(part)
+        place = f"{cls.__module__}:{cls.__qualname__}"
+        for kind, known in self.table.items():
+            if known == place:
+                return kind
+        for kind, entry in _entry_points(self.group).items():
+            if entry.value.replace(" ", "") == place:
+                return kind
+        file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+        return f"{file}:{cls.__qualname__}" if file else place
+
+    def describe(self, part: object) -> dict[str, Any]:
+        """Return kind and settings of a part as plain values for JSON: what ``dynident.io.parts.build`` takes.
+
+        Infinite numbers become the texts "inf" and "-inf". Raises ConfigError for a value that has no plain form.
+        """
+        holder = settings_type(type(part))
+        held: Any = part if holder is type(part) else holder.of(part)
+        hints = get_type_hints(holder, include_extras=True)
+        names = [field.name for field in fields(held) if field.init and field.name not in self.given]
+        where = f"{type(part).__name__}."
+        return {"kind": self.kind_of(part)} | {
+            name: _plain(getattr(held, name), hints[name], where + name) for name in names
+        }
+
+
+def settings_type(part: type) -> Any:
+    """Return the dataclass that holds the settings of a part's class: most often the class itself."""
+    return getattr(part, "Settings", part)
+
+
+def _imported(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+def _entry_points(group: str) -> dict[str, Any]:
+    from importlib.metadata import entry_points
+
+    return {entry.name: entry for entry in entry_points(group=group)}
+
+
+def _plain(value: Any, hint: Any, where: str) -> Any:
+    """Return a setting as JSON has it; pairs become a mapping where the hint allows one."""
+    if get_origin(hint) is Annotated:
+        hint, *marks = get_args(hint)
+        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
+            return family.describe(value)
+    kinds = {get_origin(one) for one in (hint, *get_args(hint))}
+    pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
+    if isinstance(value, Mapping) or (Mapping in kinds and pairs):
+        return {str(key): _plain(item, None, where) for key, item in dict(value).items()}
+    if isinstance(value, Enum):
+        return value.value
+    if hasattr(value, "tolist"):  # arrays and scalars of NumPy
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item, None, where) for item in value]
+    if isinstance(value, float) and math.isinf(value):
+        return str(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise ConfigError(
+        f"{where} is a {type(value).__name__}; settings are numbers, texts, and lists or mappings of them."
+    )
+
+
+SMOOTHERS = Family(
+    "smoother",
+    {
+        "spline": "dynident.smoothers.spline:Spline",
+        "difference": "dynident.smoothers.difference:Difference",
+        "butterworth": "dynident.smoothers.butterworth:Butterworth",
+        "delayed": "dynident.smoothers.delayed:Delayed",
+    },
+)
+TERMS = Family(
+    "term",
+    {
+        "rotor": "dynident.terms.motor:RotorInertia",
+        "viscous": "dynident.terms.friction:Viscous",
+        "coulomb": "dynident.terms.friction:Coulomb",
+        "offset": "dynident.terms.friction:Offset",
+    },
+    members=("joints", "parameters", "regressor", "partials"),
+    given=("joints",),
+)
+ESTIMATORS = Family(
+    "estimator",
+    {
+        "least_squares": "dynident.estimators.least_squares:LeastSquares",
+        "consistent": "dynident.estimators.consistent:Consistent",
+        "maximum_likelihood": "dynident.estimators.maximum_likelihood:MaximumLikelihood",
+    },
+)
+READERS = Family(
+    "log reader",
+    {
+        **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), "dynident.io.tables:read_text"),
+        ".parquet": "dynident.io.tables:read_parquet",
+        ".npz": "dynident.io.tables:read_npz",
+        ".mat": "dynident.io.tables:read_mat",
+        **dict.fromkeys((".h5", ".hdf5"), "dynident.io.tables:read_hdf5"),
+        **dict.fromkeys((".bag", ".db3", ".mcap"), "dynident.io.tables:read_bag"),
+    },
+    functions=True,
+)
+EXPORTERS = Family(
+    "exporter",
+    {
+        "urdf": "dynident.export.formats:Urdf",
+        "mjcf": "dynident.export.formats:Mjcf",
+        "numpy": "dynident.export.formats:Numpy",
+        "yaml": "dynident.export.formats:Yaml",
+    },
+    members=("readers", "file", "write", "torque"),
+)

@@ -1,0 +1,176 @@
+"""What every estimator promises."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.estimators import Estimator, Problem
+from dynident.gallery import slider, two_link_arm
+from dynident.log import Motion
+from dynident.model import Model
+from dynident.regression import Regression
+
+__all__ = ["ESTIMATOR_CHECKS", "MODELS", "check_estimator", "known_motion", "posed"]
+
+Array = NDArray[np.float64]
+MODELS: Mapping[str, Callable[[], Model]] = {
+    "arm": two_link_arm,
+    "slider": lambda: slider(values=(5.0, 8.0, 3.0, 0.5)),
+    "smooth slider": lambda: slider(width=1e-3, values=(5.0, 8.0, 3.0, 0.5)),
+}
+Check = Callable[[Estimator, Callable[[], Model]], None]
+
+
+def check_estimator(estimator: Estimator) -> None:
+    """Raise AssertionError unless the estimator keeps all promises of its family, on three models of the gallery."""
+    is_frozen_configuration(estimator)
+    for make in MODELS.values():
+        for check in ESTIMATOR_CHECKS:
+            check(estimator, make)
+
+
+def truth(model: Model) -> Array:
+    """Return the true parameters (p) of a model of the gallery."""
+    values = model.values
+    assert values is not None
+    return values
+
+
+def known_motion(model: Model, noise: float = 0.0, seed: int = 0, samples: int = 2000) -> Motion:
+    """Return a multisine per joint with its exact derivatives; the noise is white, on the torque, in N m or N."""
+    rng = np.random.default_rng(seed)
+    t, n = np.linspace(0, 10, samples), len(model.joints)
+    rate = 2 * np.pi * rng.uniform(0.1, 1.0, (5, n))
+    size, phase = rng.uniform(0.2, 0.6, (5, n)), rng.uniform(0, 2 * np.pi, (5, n))
+    angle = t[:, None, None] * rate + phase
+    q = (size * np.sin(angle)).sum(axis=1)
+    dq = (size * rate * np.cos(angle)).sum(axis=1)
+    ddq = -(size * rate**2 * np.sin(angle)).sum(axis=1)
+    tau = model.torque(q, dq, ddq, truth(model)) + noise * rng.standard_normal(q.shape)
+    names = tuple(joint.name for joint in model.joints)
+    return Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool), f"run {seed}")
+
+
+def posed(model: Model, *motions: Motion) -> Problem:
+    """Return the problem of a model and motions."""
+    return Problem(model, motions, Regression(model, motions))
+
+
+def is_frozen_configuration(estimator: Estimator) -> None:
+    """It cannot be changed, and a pickled copy is equal to it."""
+    try:
+        estimator.anything = 1  # type: ignore[attr-defined]
+    except FrozenInstanceError:
+        pass
+    else:
+        raise AssertionError("it is no frozen dataclass")
+    assert len({estimator, pickle.loads(pickle.dumps(estimator))}) == 1
+    problem = posed(two_link_arm(), known_motion(two_link_arm(), noise=0.01))
+    copy = pickle.loads(pickle.dumps(estimator))
+    assert repr(copy) == repr(estimator)
+    np.testing.assert_array_equal(copy(problem).value, estimator(problem).value)
+
+
+def recovers_the_truth_from_exact_data(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Without noise, all digits but the last; the status is "ok"."""
+    model = make()
+    found = estimator(posed(model, known_motion(model)))
+    allowed = np.maximum(1e-6 * np.abs(truth(model)), found.std)
+    assert (np.abs(found.value - truth(model)) <= allowed).all(), found.value
+    assert (found.std < 1e-3 * np.abs(truth(model))).all(), found.std
+    assert found.status == "ok", found.status
+
+
+def recovers_the_truth_from_noisy_data(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Within four standard errors, which must be neither nothing nor everything."""
+    model = make()
+    found = estimator(posed(model, known_motion(model, noise=0.01)))
+    assert (np.abs(found.value - truth(model)) < 4 * found.std).all(), (found.value - truth(model)) / found.std
+    assert (found.std > 0).all()
+    assert (found.std < 0.2 * np.abs(truth(model))).all(), found.std
+    np.testing.assert_allclose(found.sigma, 0.01, rtol=0.1)
+
+
+def describes_what_it_estimates(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Names, units and shapes are those of the model."""
+    model = make()
+    n, p, made = len(model.joints), len(model.parameters), known_motion(model, noise=0.01)
+    found = estimator(posed(model, made))
+    assert found.names == model.names
+    assert found.units == tuple(parameter.unit for parameter in model.parameters)
+    assert (found.value.shape, found.covariance.shape, found.std.shape) == ((p,), (p, p), (p,))
+    assert found.sigma.shape == (n,)
+    assert (found.rank, found.samples) == (p, len(made))
+    assert 1 <= found.condition < 1e4, found.condition
+
+
+def has_a_covariance(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Symmetric, and positive semidefinite as a correlation, where units do not matter."""
+    model = make()
+    found = estimator(posed(model, known_motion(model, noise=0.01)))
+    np.testing.assert_allclose(found.covariance, found.covariance.T, rtol=1e-12)
+    correlation = found.covariance / np.outer(found.std, found.std)
+    assert np.linalg.eigvalsh(correlation).min() > -1e-12
+    np.testing.assert_allclose(found.std**2, np.diag(found.covariance))
+
+
+def is_repeatable(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """The same data give the same numbers."""
+    model = make()
+    problem = posed(model, known_motion(model, noise=0.01))
+    first, again = estimator(problem), estimator(problem)
+    afresh = estimator(posed(model, known_motion(model, noise=0.01)))
+    for other in (again, afresh):
+        np.testing.assert_array_equal(other.value, first.value)
+        np.testing.assert_array_equal(other.covariance, first.covariance)
+        assert other.status == first.status
+
+
+def ignores_the_order_of_logs(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Logs are a set."""
+    model = make()
+    logs = [known_motion(model, noise=0.01, seed=seed, samples=500 + 100 * seed) for seed in range(3)]
+    found, turned = estimator(posed(model, *logs)), estimator(posed(model, *reversed(logs)))
+    np.testing.assert_allclose(turned.value, found.value, rtol=1e-9)
+    np.testing.assert_allclose(turned.std, found.std, rtol=1e-9)
+    assert turned.samples == found.samples == sum(map(len, logs))
+
+
+def halves_the_variance_of_a_log_twice(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Twice the data, the same value."""
+    model = make()
+    log = known_motion(model, noise=0.01)
+    once, twice = estimator(posed(model, log)), estimator(posed(model, log, log))
+    np.testing.assert_allclose(twice.value, once.value, rtol=1e-6)
+    np.testing.assert_allclose(twice.std**2, once.std**2 / 2, rtol=0.02)
+    np.testing.assert_allclose(twice.sigma, once.sigma, rtol=0.02)
+
+
+def uses_only_the_mask(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """Half of a log is spoilt, and masked out."""
+    model = make()
+    clean, other = known_motion(model, noise=0.01), known_motion(model, noise=100.0)
+    half = clean.between(stop=5.0)
+    tau = np.where(half.mask[:, None], clean.tau, other.tau)
+    joints, how = half.joints, {"method": "spoilt"}
+    spoilt = Motion(clean.t, clean.q, clean.dq, clean.ddq, tau, joints, half.mask, "spoilt", how)
+    found, expected = estimator(posed(model, spoilt)), estimator(posed(model, half))
+    np.testing.assert_array_equal(found.value, expected.value)
+    assert found.samples == int(half.mask.sum()) < len(clean)
+
+
+ESTIMATOR_CHECKS: tuple[Check, ...] = (
+    recovers_the_truth_from_exact_data,
+    recovers_the_truth_from_noisy_data,
+    describes_what_it_estimates,
+    has_a_covariance,
+    is_repeatable,
+    ignores_the_order_of_logs,
+    halves_the_variance_of_a_log_twice,
+    uses_only_the_mask,
+)

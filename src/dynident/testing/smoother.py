@@ -1,0 +1,134 @@
+"""What every smoother promises."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError
+from dynident.log import Log
+from dynident.smoothers import Smoother
+
+__all__ = ["SMOOTHER_CHECKS", "check_smoother", "known_motion", "recorded"]
+
+Array = NDArray[np.float64]
+
+
+def check_smoother(smoother: Smoother) -> None:
+    """Raise AssertionError unless the smoother keeps all promises of its family, on two joints sampled at 400 Hz.
+
+    Their motion holds frequencies up to 0.32 Hz. Without noise q, dq and ddq must be right within 0.1, 1 and 3 % of
+    their largest value, wherever the mask is True.
+    """
+    for check in SMOOTHER_CHECKS:
+        check(smoother)
+
+
+def known_motion(t: Array) -> tuple[Array, Array, Array]:
+    """Return q, dq, ddq (N, 2) of two joints that move slowly enough for the article's 2 Hz filter."""
+    q = np.column_stack((np.sin(1.5 * t), 0.5 * np.cos(2 * t) + 0.1 * t))
+    dq = np.column_stack((1.5 * np.cos(1.5 * t), -np.sin(2 * t) + 0.1))
+    ddq = np.column_stack((-2.25 * np.sin(1.5 * t), -2 * np.cos(2 * t)))
+    return q, dq, ddq
+
+
+def recorded(noise: float = 0.0, n: int = 4000, h: float = 2.5e-3, jitter: float = 0.0, start: float = 0.0) -> Log:
+    """Return a log of n samples of ``known_motion``, with white position noise (rad) and jitter (share of the step)."""
+    rng = np.random.default_rng(7)
+    t = start + np.arange(n) * h + jitter * h * rng.uniform(-0.5, 0.5, n)
+    q = known_motion(t)[0]
+    tau = rng.standard_normal(q.shape)
+    return Log(t, q + noise * rng.standard_normal(q.shape), tau, ("a", "b"), "made")
+
+
+def keeps_what_is_not_its_own(smoother: Smoother) -> None:
+    """Times, torques, joints and source are those of the log."""
+    log = recorded(1e-4)
+    made = smoother(log)
+    np.testing.assert_array_equal(made.t, log.t)
+    np.testing.assert_array_equal(made.tau, log.tau)
+    assert (made.joints, made.source) == (log.joints, log.source), "joints and source are the log's"
+    assert made.q.shape == made.dq.shape == made.ddq.shape == log.q.shape
+    assert "method" in made.smoothing, "`smoothing` says the `method`"
+
+
+def recovers_a_smooth_motion(smoother: Smoother) -> None:
+    """Without noise, the motion and its derivatives are right where the mask is True."""
+    made = smoother(recorded(0.0))
+    for name, true, within in zip(("q", "dq", "ddq"), known_motion(made.t), (1e-3, 1e-2, 3e-2), strict=True):
+        error = np.abs(getattr(made, name) - true)[made.mask].max() / np.abs(true).max()
+        assert error < within, f"{name} is wrong by {error:.2g} of its largest value, {within} is allowed"
+
+
+def ignores_the_zero_of_the_encoder(smoother: Smoother) -> None:
+    """Another zero of the encoder changes q by it and nothing else."""
+    log = recorded(1e-4)
+    moved = smoother(Log(log.t, log.q + 2.0, log.tau, log.joints))
+    made = smoother(log)
+    np.testing.assert_allclose(moved.q, made.q + 2.0, atol=1e-8)
+    np.testing.assert_allclose(moved.dq, made.dq, atol=1e-7 * np.abs(made.dq).max())
+    np.testing.assert_allclose(moved.ddq, made.ddq, atol=1e-5 * np.abs(made.ddq).max())
+
+
+def takes_time_from_anywhere(smoother: Smoother) -> None:
+    """Only differences of times count."""
+    log = recorded(1e-4)
+    later = smoother(Log(log.t + 1024.0, log.q, log.tau, log.joints))
+    np.testing.assert_allclose(later.ddq, smoother(log).ddq, atol=2e-4 * np.abs(later.ddq).max())
+
+
+def does_not_mix_joints(smoother: Smoother) -> None:
+    """A joint is smoothed the same alone."""
+    log = recorded(1e-4)
+    alone = smoother(log.select(("b",)))
+    np.testing.assert_allclose(alone.ddq[:, 0], smoother(log).ddq[:, 1], atol=1e-6 * np.abs(alone.ddq).max())
+
+
+def masks_the_ends(smoother: Smoother) -> None:
+    """The middle may be used, the last sample not: nothing is known of what comes after it."""
+    made = smoother(recorded(1e-4))
+    used = np.flatnonzero(made.mask)
+    assert (np.diff(used) == 1).all(), "the mask is one piece"
+    assert len(used) > len(made) // 2, "more than half of the samples may be used"
+    assert not made.mask[-1], "the last sample is masked"
+
+
+def is_frozen_and_repeatable(smoother: Smoother) -> None:
+    """The same log gives the same motion, also from a pickled copy; neither part nor motion can be changed."""
+    log = recorded(1e-4)
+    np.testing.assert_array_equal(smoother(log).ddq, smoother(log).ddq)
+    assert pickle.loads(pickle.dumps(smoother)) == smoother
+    try:
+        smoother.anything = 1  # type: ignore[attr-defined]
+    except FrozenInstanceError:
+        pass
+    else:
+        raise AssertionError("it is no frozen dataclass")
+    assert not smoother(log).ddq.flags.writeable, "the arrays of a Motion are read-only"
+
+
+def refuses_too_few_samples(smoother: Smoother) -> None:
+    """Three samples: an InputError, or finite numbers, never a crash or a NaN."""
+    try:
+        made = smoother(recorded(n=3))
+    except InputError as error:
+        words = str(error)
+    else:
+        words = "samples" if np.isfinite(made.ddq).all() else "not finite"
+    assert "samples" in words or "made" in words, f"the error names neither log nor samples: {words}"
+
+
+SMOOTHER_CHECKS: tuple[Callable[[Smoother], None], ...] = (
+    keeps_what_is_not_its_own,
+    recovers_a_smooth_motion,
+    ignores_the_zero_of_the_encoder,
+    takes_time_from_anywhere,
+    does_not_mix_joints,
+    masks_the_ends,
+    is_frozen_and_repeatable,
+    refuses_too_few_samples,
+)

@@ -1,0 +1,157 @@
+"""What every term of a model promises."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.model import Model
+from dynident.terms.term import HasGravity, HasSign, Term
+
+__all__ = ["TERM_CHECKS", "check_term", "states"]
+
+Array = NDArray[np.float64]
+
+
+def check_term(term: Term) -> None:
+    """Raise AssertionError unless the term keeps all promises of its family.
+
+    It is tried at positions within 0.2 and 1.2 rad or m, and speeds within 0.4 and 2 per s, of either sign.
+    """
+    for check in TERM_CHECKS:
+        check(term)
+
+
+def states(n: int, seed: int = 0, samples: int = 6) -> tuple[Array, Array, Array]:
+    """Return q, dq, ddq (samples, n), with velocities off the jumps of dry friction."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(0.2, 1.2, (samples, n))
+    return q, rng.choice([-1, 1], (samples, n)) * rng.uniform(0.4, 2.0, (samples, n)), rng.normal(size=(samples, n))
+
+
+def describes_its_parameters(term: Term) -> None:
+    """Parameters have distinct names, units and meanings."""
+    names = [parameter.name for parameter in term.parameters]
+    assert len(set(names)) == len(names) > 0, "names are distinct, and there is one"
+    assert all(x.name and x.unit and x.expression for x in term.parameters), "each has a name, unit and expression"
+
+
+def returns_finite_arrays(term: Term) -> None:
+    """Regressor and derivatives have the right shapes for any number of samples."""
+    n, p = len(term.joints), len(term.parameters)
+    for samples in (0, 1, 5):
+        state = states(n, samples=samples)
+        Y, slopes = term.regressor(*state), term.partials(*state, np.ones(p))
+        assert Y.shape == (samples, n, p), f"the regressor has shape {Y.shape}, expected {(samples, n, p)}"
+        for array in (slopes.q, slopes.dq, slopes.ddq):
+            assert array.shape == (samples, n, n), f"a derivative has shape {array.shape}"
+        for array in (Y, slopes.q, slopes.dq, slopes.ddq):
+            assert np.isfinite(array).all()
+            assert array.dtype == float
+
+
+def has_the_torque_of_its_regressor(term: Term) -> None:
+    """A ``torque`` of its own is that of the regressor."""
+    state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    whole, model = term.regressor(*state) @ theta, Model((term,))
+    allowed = 1e-11 * np.abs(whole).max()
+    np.testing.assert_allclose(model.torque(*state, theta), whole, rtol=1e-11, atol=allowed)
+    many = np.tile(theta, (len(whole), 1))
+    np.testing.assert_allclose(model.torque(*state, many), whole, rtol=1e-11, atol=allowed)
+
+
+def works_row_by_row(term: Term) -> None:
+    """Samples do not depend on each other."""
+    state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    q, dq, ddq = state
+    rows = [(q[k : k + 1], dq[k : k + 1], ddq[k : k + 1]) for k in range(len(q))]
+    single = np.concatenate([term.regressor(*row) for row in rows])
+    np.testing.assert_allclose(term.regressor(*state), single, rtol=1e-13)
+    for name in ("q", "dq", "ddq"):
+        whole = getattr(term.partials(*state, theta), name)
+        slopes = [getattr(term.partials(*row, theta), name) for row in rows]
+        np.testing.assert_allclose(whole, np.concatenate(slopes), rtol=1e-12, atol=1e-14)
+
+
+def does_not_change_its_arguments(term: Term) -> None:
+    """Read-only arrays will do, and the same arrays give the same regressor."""
+    state = states(len(term.joints))
+    for x in state:
+        x.flags.writeable = False
+    term.partials(*state, np.ones(len(term.parameters)))
+    np.testing.assert_array_equal(term.regressor(*state), term.regressor(*state))
+
+
+def survives_pickling(term: Term) -> None:
+    """A copy in another process is the same term."""
+    state, theta = states(len(term.joints)), np.ones(len(term.parameters))
+    Y, slope = term.regressor(*state), term.partials(*state, theta).dq
+    copy = pickle.loads(pickle.dumps(term))
+    assert (copy.joints, copy.parameters) == (term.joints, term.parameters)
+    np.testing.assert_array_equal(copy.regressor(*state), Y)
+    np.testing.assert_array_equal(copy.partials(*state, theta).dq, slope)
+
+
+def has_partials_linear_in_theta(term: Term) -> None:
+    """The torque is linear in the parameters, and so are its derivatives."""
+    state, (a, b) = states(len(term.joints)), np.random.default_rng(1).normal(size=(2, len(term.parameters)))
+    for name in ("q", "dq", "ddq"):
+        one, two, both = (getattr(term.partials(*state, x), name) for x in (a, b, 2 * a - b))
+        np.testing.assert_allclose(both, 2 * one - two, rtol=1e-10, atol=1e-12)
+
+
+def has_partials_that_are_slopes(term: Term) -> None:
+    """Central differences of fourth order."""
+    state, h = states(len(term.joints)), 1e-3
+    theta = np.random.default_rng(2).uniform(0.5, 1.5, len(term.parameters))
+    slopes = term.partials(*state, theta)
+    for which, name in enumerate(("q", "dq", "ddq")):
+        for k in range(len(term.joints)):
+
+            def torque(step: float, which: int = which, k: int = k) -> Array:
+                moved = [x.copy() for x in state]
+                moved[which][:, k] += step
+                return np.asarray(term.regressor(moved[0], moved[1], moved[2]) @ theta)
+
+            slope = (8 * (torque(h) - torque(-h)) - torque(2 * h) + torque(-2 * h)) / (12 * h)
+            np.testing.assert_allclose(getattr(slopes, name)[:, :, k], slope, rtol=1e-7, atol=1e-8)
+
+
+def softens_its_sign(term: Term) -> None:
+    """A term with a jump has a smooth form with the same parameters, which tends to it with the width."""
+    if not (isinstance(term, HasSign) and term.sharp):
+        return
+    n, theta = len(term.joints), np.linspace(0.5, 1.5, len(term.parameters))
+    soft = Model(term.softened(np.full(n, 1e-3)))
+    assert soft.names == tuple(parameter.name for parameter in term.parameters), "the parameters stay the same"
+    np.testing.assert_allclose(soft.torque(*states(n), theta), Model((term,)).torque(*states(n), theta), rtol=1e-6)
+    assert not any(isinstance(one, HasSign) and one.sharp for one in soft.terms), "no jump is left"
+
+
+def turns_its_gravity(term: Term) -> None:
+    """A term under its own gravity is the same; the torque of gravity is linear in it."""
+    if not isinstance(term, HasGravity):
+        return
+    state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    own, none, twice = (Model((term.under(tuple(k * g for g in term.gravity)),)) for k in (1.0, 0.0, 2.0))
+    tau = Model((term,)).torque(*state, theta)
+    np.testing.assert_array_equal(own.torque(*state, theta), tau)
+    pulled = tau - none.torque(*state, theta)
+    np.testing.assert_allclose(twice.torque(*state, theta) - tau, pulled, rtol=1e-9, atol=1e-9)
+
+
+TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
+    describes_its_parameters,
+    returns_finite_arrays,
+    has_the_torque_of_its_regressor,
+    works_row_by_row,
+    does_not_change_its_arguments,
+    survives_pickling,
+    has_partials_linear_in_theta,
+    has_partials_that_are_slopes,
+    softens_its_sign,
+    turns_its_gravity,
+)

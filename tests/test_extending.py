@@ -1,0 +1,209 @@
+"""The parts of docs/extending.md at work: named in a configuration by their file, from the command to the result."""
+
+import json
+import re
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from dynident.calibration import find_delay
+from dynident.cli import main
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import Consistent, LeastSquares, MaximumLikelihood, Problem, quick
+from dynident.gallery import slider
+from dynident.identify import Recipe, identify
+from dynident.io.config import load_model, parse_config
+from dynident.io.recipe import build_recipe
+from dynident.io.saved import read_result
+from dynident.io.tables import Table, read_columns
+from dynident.log import Log
+from dynident.regression import Regression
+from dynident.smoothers import Delayed, Spline, undelayed
+from dynident.testing.estimator import known_motion, truth
+from dynident.uncertainty import robust_covariance
+from tests.robots import ARM
+
+PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
+PARTS = dict(
+    zip(
+        ("sg", "stribeck", "huber", "raw"),
+        re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S),
+        strict=True,
+    )
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with the parts of the page, one file each, and a robot."""
+    for name, code in PARTS.items():
+        (tmp_path / f"{name}.py").write_text(re.split(r"^(?:check_|np\.arange)", code, flags=re.M)[0])
+    (tmp_path / "arm.urdf").write_text(ARM)
+    return tmp_path
+
+
+def slide(folder: Path, **changes) -> Path:
+    """Write a recording of the slider and a configuration for it."""
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    motion = known_motion(model, noise=0.01)
+    rows = np.column_stack((motion.t, motion.q, motion.tau))
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header="t,q,f", comments="")
+    config = {
+        "model": "gallery:slider",
+        "time": {"column": "t", "unit": "s"},
+        "position": {"slider": {"column": "q", "unit": "m"}},
+        "torque": {"slider": {"column": "f", "unit": "N"}},
+        "train": [{"file": "run.csv"}],
+        "delay": 0,
+    } | changes
+    (folder / "slide.yaml").write_text(yaml.safe_dump(config))
+    return folder / "slide.yaml"
+
+
+def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
+    path = slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": 0.08}, delay="estimate")
+    out = folder / "out"
+    done = CliRunner().invoke(main, ["identify", str(path), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    result = json.loads((out / "result.json").read_text())
+    assert "SavitzkyGolay(width=0.08, order=4)" in result["settings"]["recipe"]
+    found = {row["name"]: row["value"] for row in result["parameters"]}
+    np.testing.assert_allclose(list(found.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
+    saved = read_result(out / "result.json")
+    assert repr(undelayed(saved.smoother)) == "SavitzkyGolay(width=0.08, order=4)"
+
+
+def test_a_mistake_in_it_is_an_error_with_its_place(folder: Path) -> None:
+    done = CliRunner().invoke(
+        main, ["identify", str(slide(folder, smoother={"kind": "sg.py:SavitzkyGolay", "width": -1}))]
+    )
+    assert done.exit_code == 1
+    assert "smoother.width: should be greater than 0; got -1" in done.output
+
+
+def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
+    path = slide(folder, estimator={"kind": "huber.py:Huber", "k": "1.5"})
+    recipe = build_recipe(parse_config(path.read_text(), folder))
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    clean = known_motion(model, noise=0.01)
+    rng = np.random.default_rng(1)
+    wrong = clean.tau + np.where(rng.uniform(size=clean.tau.shape) < 0.05, 5.0, 0.0)
+    log = Log(clean.t, clean.q, wrong, clean.joints)
+    robust = identify(model, [log], (), Recipe(Spline(sigma=1e-6), recipe.estimator))
+    plain = identify(model, [log], (), Recipe(Spline(sigma=1e-6)))
+    assert recipe.estimator.k == 1.5
+    assert robust.std_hac is not None
+    off, off_plain = (np.abs(found.estimate.value - truth(model)) for found in (robust, plain))
+    assert off[-1] < 0.05 * off_plain[-1]  # the offset takes all outliers in least squares
+    assert len(robust.estimate.sample_weights) == 1
+
+
+def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> None:
+    terms = ["viscous", "coulomb", {"kind": "stribeck.py:Stribeck", "v": 0.05, "on": ["shoulder"]}]
+    text = yaml.safe_dump(yaml.safe_load(slide(folder).read_text()) | {"model": {"file": "arm.urdf", "terms": terms}})
+    model = load_model(parse_config(text, folder).model, folder)
+    assert [type(term).__name__ for term in model.terms] == ["Bodies", "Viscous", "Coulomb", "Stribeck"]
+    assert model.names[-1] == "Fs_shoulder"
+    assert model.terms[-1].v == 0.05
+    text = text.replace("v: 0.05", "speed: 1")
+    with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'speed'"):
+        parse_config(text, folder)
+
+
+def test_terms_of_the_library_take_settings(folder: Path) -> None:
+    terms = ["rotor", {"kind": "coulomb", "dead_band": 0.01}, "offset"]
+    config = yaml.safe_load(slide(folder).read_text()) | {
+        "model": {"file": "arm.urdf", "terms": terms, "coulomb_width": 0.1}
+    }
+    model = load_model(parse_config(yaml.safe_dump(config), folder).model, folder)
+    coulomb = model.terms[2]
+    assert (coulomb.dead_band, coulomb.width) == (0.01, 0.0)
+    config["model"]["terms"] = ["rotor", "coulom"]
+    with pytest.raises(ConfigError, match=r"model.terms\[1\]: 'coulom' is not a choice; did you mean 'coulomb'"):
+        parse_config(yaml.safe_dump(config), folder)
+
+
+def test_a_reader_of_a_package_reads(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(folder)
+    real = metadata.entry_points
+    mine = metadata.EntryPoint(".raw", "raw:read_raw", "dynident.readers")
+    monkeypatch.setattr(
+        metadata, "entry_points", lambda **given: [mine] if given["group"] == "dynident.readers" else real(**given)
+    )
+    np.arange(6.0).tofile(folder / "log.raw")
+    table = read_columns(folder / "log.raw")
+    assert isinstance(table, Table)
+    np.testing.assert_array_equal(table.column("tau"), [2.0, 5.0])
+    np.arange(5.0).tofile(folder / "log.raw")
+    with pytest.raises(InputError, match=r"log.raw: is not a readable .raw file"):
+        read_columns(folder / "log.raw")
+    with pytest.raises(InputError, match=r"log.row: there is no such file; did you mean 'log.raw'"):
+        read_columns(folder / "log.row")
+
+
+def test_standard_errors_of_huber_are_honest_under_outliers(folder: Path) -> None:
+    """5 % of outliers, 20 times as wide as the noise: the HAC errors are those of repeated runs."""
+    path = slide(folder, estimator={"kind": "huber.py:Huber"})
+    huber = build_recipe(parse_config(path.read_text(), folder)).estimator
+    model = slider(width=1e-3, values=(5.0, 8.0, 3.0, 0.5))
+    clean = known_motion(model, samples=1500)
+    rng = np.random.default_rng(0)
+    values, told, plain = [], [], []
+    for _ in range(120):
+        noise = 0.1 * rng.standard_normal(clean.tau.shape)
+        noise += np.where(rng.uniform(size=noise.shape) < 0.05, 2.0 * rng.standard_normal(noise.shape), 0.0)
+        motion = type(clean)(clean.t, clean.q, clean.dq, clean.ddq, clean.tau + noise, clean.joints, clean.mask)
+        regression = Regression(model, (motion,))
+        found = huber(Problem(model, (motion,), regression))
+        weighted = Regression(model, (motion,), weights=found.sample_weights)
+        covariance = robust_covariance(weighted, found.value, found.weights, slopes=found.slopes)
+        values.append(found.value)
+        told.append(np.sqrt(np.diag(covariance)))
+        plain.append(LeastSquares()(Problem(model, (motion,), regression)).value)
+    scatter = np.std(values, axis=0)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(told), axis=0)), scatter, rtol=0.2)
+    inside = np.abs(np.array(values) - truth(model)) < 2 * np.array(told)
+    assert 0.91 < inside.mean() < 0.98
+    assert (scatter < 0.5 * np.std(plain, axis=0)).all()
+
+
+def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:
+    calls = []
+
+    class Own:
+        def __call__(self, problem: Problem) -> object:
+            calls.append(problem)
+            return LeastSquares()(problem)
+
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    find_delay(model, [known_motion(model)], Own())
+    assert len(calls) > 5
+    assert quick(LeastSquares(1e-9)) == LeastSquares(1e-9)
+    assert quick(Consistent(margin=1e-4)) == Consistent(margin=1e-4, costs=False)
+    assert isinstance(quick(MaximumLikelihood()), LeastSquares)
+
+
+def test_a_motion_knows_its_delay() -> None:
+    motion = known_motion(slider(values=(5.0, 8.0, 3.0, 0.5)))
+    log = Log(motion.t, motion.q, motion.tau, motion.joints)
+    assert Spline()(log).delay == 0.0
+    assert Delayed(Spline(), 0.003)(log).delay == 0.003
+    assert Delayed(Delayed(Spline(), 0.003), -0.001)(log).delay == pytest.approx(0.002)
+    assert undelayed(Delayed(Delayed(Spline(), 0.003), -0.001)) == Spline()
+
+
+def test_weights_of_samples_are_those_of_rows() -> None:
+    """Weight zero leaves a sample out; the residual of a row counts by its squared weight; also after a filter."""
+    model = slider(values=(5.0, 8.0, 3.0, 0.5))
+    motion = known_motion(model, noise=0.1)
+    half = motion.between(stop=5.0)
+    weights = (half.mask[:, None].astype(float),)
+    all_rows = Regression(model, (motion,), weights=weights).compressed.stacked()
+    some = Regression(model, (half,)).compressed.stacked()
+    np.testing.assert_allclose(all_rows.T @ all_rows, some.T @ some, rtol=1e-9, atol=1e-9)
+    with pytest.raises(ConfigError, match=r"weights have shapes"):
+        Regression(model, (motion,), weights=(np.ones(3),))

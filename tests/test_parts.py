@@ -1,0 +1,252 @@
+"""Parts of a family: tables, descriptions that build the same part again, entry points, and files of the user."""
+
+import json
+import math
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynident.errors import ConfigError
+from dynident.estimators import Consistent, LeastSquares, MaximumLikelihood
+from dynident.io.parts import build, schemas
+from dynident.parts import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
+from dynident.smoothers import Butterworth, Delayed, Difference, Spline
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
+from dynident.terms import Coulomb, Joint, Offset, RotorInertia, Viscous
+
+JOINTS = (Joint("a"), Joint("b", "prismatic"))
+SMOOTHING = [
+    Difference(),
+    Difference("central"),
+    Butterworth(),
+    Butterworth((2, 2, 2), (40.0, 40.0, 40.0), (0.5, math.inf)),
+    Spline(),
+    Spline(Constraint(12.5), 1e-4, 3.0, 1.4),
+    Spline(Constraint((10.0, 12.0))),
+    Spline(sigma={"a": 1e-4, "b": 2e-5}),
+    Spline(GCV()),
+    Spline(REML()),
+    Spline(Interpolation(), ends=0.0),
+    Spline(Fixed(lam=1e-7)),
+    Spline(Fixed(p=math.inf)),
+    Spline(Fixed(p=(1.0, 2.0))),
+    Delayed(Spline(GCV()), -0.0021),
+    Delayed(Delayed(Difference(), 0.1), 0.2),
+]
+ESTIMATING = [
+    LeastSquares(),
+    LeastSquares(1e-9, "per_joint", 5),
+    Consistent(),
+    Consistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
+    Consistent(total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"),
+    Consistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    MaximumLikelihood(),
+    MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
+]
+ON_JOINTS = [
+    RotorInertia(JOINTS),
+    Viscous(JOINTS, on=("b",), names=("Fv",), values=(2.0,)),
+    Coulomb(JOINTS, width=0.1),
+    Coulomb(JOINTS, dead_band=0.02),
+    Offset(JOINTS, expressions=("one", "two")),
+]
+
+
+def again(family, part, **extra):
+    """Describe a part, send it through strict JSON, and build it again."""
+    return build(family, json.loads(json.dumps(family.describe(part), allow_nan=False)), "part", **extra)
+
+
+@pytest.mark.parametrize("part", SMOOTHING, ids=repr)
+def test_a_described_smoother_builds_itself(part):
+    assert again(SMOOTHERS, part) == part
+
+
+@pytest.mark.parametrize("part", ESTIMATING, ids=repr)
+def test_a_described_estimator_builds_itself(part):
+    assert again(ESTIMATORS, part) == part
+
+
+@pytest.mark.parametrize("part", ON_JOINTS, ids=repr)
+def test_a_described_term_builds_itself(part):
+    assert again(TERMS, part, joints=JOINTS) == part
+
+
+@given(
+    ends=st.floats(0, 1e300),
+    factor=st.floats(1e-300, 1e300),
+    sigma=st.none()
+    | st.floats(1e-300, 1e300)
+    | st.dictionaries(st.text(min_size=1).filter(str.strip), st.floats(1e-9, 9)),
+)
+def test_numbers_keep_all_their_digits(ends, factor, sigma):
+    part = Spline(Constraint(), sigma, ends, factor)
+    assert again(SMOOTHERS, part) == part
+
+
+def test_every_kind_is_tried_here():
+    for family, parts in ((SMOOTHERS, SMOOTHING), (ESTIMATORS, ESTIMATING), (TERMS, ON_JOINTS)):
+        assert {family.kind_of(part) for part in parts} == set(family.table)
+
+
+@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS, READERS, EXPORTERS], ids=lambda one: one.name)
+def test_every_kind_of_a_table_exists(family):
+    assert all(family.get(kind) is not None for kind in family.kinds())
+
+
+@pytest.mark.parametrize("family", [SMOOTHERS, TERMS, ESTIMATORS], ids=lambda one: one.name)
+def test_schemas_list_every_kind_with_its_settings(family):
+    made = json.loads(json.dumps(schemas(family)))
+    assert tuple(made) == family.kinds()
+    for kind, schema in made.items():
+        assert "kind" in schema["required"], kind
+    if family is SMOOTHERS:
+        assert made["spline"]["properties"]["rule"]["enum"][-1] == "torque"
+        assert made["butterworth"]["properties"]["cutoffs"]["maxItems"] == 3
+
+
+def test_a_value_without_a_plain_form_is_refused():
+    @dataclass(frozen=True)
+    class Odd:
+        value: object
+
+    with pytest.raises(ConfigError, match=r"Odd.value is a object; settings are numbers"):
+        SMOOTHERS.describe(Odd(object()))
+
+
+SAVITZKY = '''
+from dataclasses import dataclass
+
+from scipy.signal import savgol_filter
+
+from dynident.log import Log, Motion
+from dynident.smoothers import ends_mask
+
+
+@dataclass(frozen=True)
+class SavitzkyGolay:
+    """Polynomials of ``order`` over ``width`` (s)."""
+
+    width: float = 0.1
+    order: int = 4
+
+    def __call__(self, log):
+        step = (log.t[-1] - log.t[0]) / (len(log) - 1)
+        size = 2 * round(self.width / step / 2) + 1
+        q, dq, ddq = (savgol_filter(log.q, size, self.order, k, step, axis=0) for k in range(3))
+        mask = ends_mask(log, self.width, self.width)
+        return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, {"method": "Savitzky-Golay"})
+
+
+@dataclass(frozen=True)
+class Silent:
+    width: float = 0.1
+
+
+@dataclass
+class Thawed:
+    width: float = 0.1
+
+    def __call__(self, log): ...
+
+
+@dataclass(frozen=True)
+class Odd:
+    width: complex = 0.1
+
+    def __call__(self, log): ...
+
+
+def function(log): ...
+'''
+
+
+def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
+    (tmp_path / "sg.py").write_text(SAVITZKY)
+    part = build(SMOOTHERS, {"kind": "sg.py:SavitzkyGolay", "width": "5e-2"}, "smoother", tmp_path)
+    assert (part.width, part.order) == (0.05, 4)
+    told = SMOOTHERS.describe(part)
+    assert told == {"kind": f"{tmp_path / 'sg.py'}:SavitzkyGolay", "width": 0.05, "order": 4}
+    assert build(SMOOTHERS, told, "smoother", tmp_path / "elsewhere") == part
+    delayed = Delayed(part, 0.01)
+    assert build(SMOOTHERS, SMOOTHERS.describe(delayed), "smoother", tmp_path) == delayed
+    with pytest.raises(ConfigError, match=r"smoother: .*names a file, which only a configuration may do"):
+        build(SMOOTHERS, told, "smoother")
+
+
+WRONG = {
+    "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no file", "did you mean 'sg.py'")),
+    "no class": ({"kind": "sg.py:Savitzky"}, ("has no class 'Savitzky'", "did you mean 'SavitzkyGolay'")),
+    "not a dataclass": ({"kind": "sg.py:function"}, ("sg.py: function is no frozen dataclass",)),
+    "not frozen": ({"kind": "sg.py:Thawed"}, ("sg.py: Thawed is no frozen dataclass",)),
+    "lacks the protocol": ({"kind": "sg.py:Silent"}, ("sg.py: Silent is no smoother: it lacks __call__",)),
+    "type": ({"kind": "sg.py:Odd"}, ("Odd.width has the type", "a setting is a number")),
+    "key": ({"kind": "sg.py:SavitzkyGolay", "widht": 1}, ("unknown key 'widht'", "did you mean 'width'")),
+    "value": ({"kind": "sg.py:SavitzkyGolay", "order": 2.5}, ("smoother: order: a whole number is expected; got 2.5",)),
+    "fails": ({"kind": "bad.py:A"}, ("bad.py failed at", "bad.py:2: ZeroDivisionError")),
+    "no name": ({"kind": "sg.py:"}, ("has no class ''",)),
+    "kind of no text": ({"kind": ["sg.py"]}, ("is not a choice",)),
+    "no kind": ({}, ("needs a `kind`: spline, difference, butterworth",)),
+    "no mapping": ("spline", ("smoother: a mapping",)),
+    "nested": (
+        {"kind": "delayed", "delay": 0, "smoother": {"kind": "butterworth", "cutoffs": [1, -1, 1]}},
+        ("smoother: smoother.cutoffs[1]: should be greater than 0; got -1",),
+    ),
+}
+
+
+@pytest.mark.parametrize(("settings", "fragments"), WRONG.values(), ids=WRONG)
+def test_parts_that_cannot_be_built_say_why_and_where(tmp_path, settings, fragments):
+    (tmp_path / "sg.py").write_text(SAVITZKY)
+    (tmp_path / "bad.py").write_text("x = 1\n1 / 0\n")
+    with pytest.raises(ConfigError) as caught:
+        build(SMOOTHERS, settings, "smoother", tmp_path)
+    message = str(caught.value)
+    assert message.startswith("smoother")
+    assert all(fragment in message for fragment in fragments), message
+
+
+def entry(name: str, value: str, group: str) -> metadata.EntryPoint:
+    return metadata.EntryPoint(name, value, group)
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A distribution that adds a smoother, and one that cannot be loaded."""
+    (tmp_path / "dynident_lab.py").write_text(SAVITZKY)
+    monkeypatch.syspath_prepend(tmp_path)
+    found = [
+        entry("savitzky_golay", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
+        entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
+        entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
+        entry("silent", "dynident_lab:Silent", "dynident.smoothers"),
+        entry(".lab", "dynident_lab:read", "dynident.readers"),
+    ]
+    real = metadata.entry_points
+
+    def entry_points(**given: str) -> object:
+        group = given.get("group", "")
+        return [one for one in found if one.group == group] if group.startswith("dynident.") else real(**given)
+
+    monkeypatch.setattr(metadata, "entry_points", entry_points)
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_package_adds_a_part_by_an_entry_point():
+    assert SMOOTHERS.kinds()[: len(SMOOTHERS.table)] == tuple(SMOOTHERS.table)
+    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "silent"}
+    part = build(SMOOTHERS, {"kind": "savitzky_golay", "width": 0.2}, "smoother")
+    assert type(part).__name__ == "SavitzkyGolay"
+    assert SMOOTHERS.describe(part) == {"kind": "savitzky_golay", "width": 0.2, "order": 4}
+    assert again(SMOOTHERS, part) == part
+    assert SMOOTHERS.get("spline") is Spline  # no package takes the place of a part of ours
+    with pytest.raises(ConfigError, match=r"smoother: 'savitzky_golai' is not a choice; did you mean 'savitzky_golay'"):
+        build(SMOOTHERS, {"kind": "savitzky_golai"}, "smoother")
+    with pytest.raises(ConfigError, match=r"'lost' of the entry point 'dynident_lost:Smoother' cannot be loaded"):
+        build(SMOOTHERS, {"kind": "lost"}, "smoother")
+    with pytest.raises(ConfigError, match=r"silent is no smoother: it lacks __call__"):
+        build(SMOOTHERS, {"kind": "silent"}, "smoother")

@@ -197,7 +197,7 @@ def test_a_motion_knows_its_delay() -> None:
 
 
 def test_weights_of_samples_are_those_of_rows() -> None:
-    """Weight zero leaves a sample out; the residual of a row counts by its squared weight; also after a filter."""
+    """Weight zero leaves a sample out."""
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
     motion = known_motion(model, noise=0.1)
     half = motion.between(stop=5.0)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, LeastSquares, MaximumLikelihood
 from dynident.io.parts import build, schemas
+from dynident.io.settings import Config
 from dynident.parts import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.smoothers import Butterworth, Delayed, Difference, Spline
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
@@ -107,6 +108,12 @@ def test_schemas_list_every_kind_with_its_settings(family):
     if family is SMOOTHERS:
         assert made["spline"]["properties"]["rule"]["enum"][-1] == "torque"
         assert made["butterworth"]["properties"]["cutoffs"]["maxItems"] == 3
+
+
+def test_the_schema_of_a_configuration_lists_every_kind():
+    made = json.dumps(Config.model_json_schema())
+    for kind in (*SMOOTHERS.table, *ESTIMATORS.table, *TERMS.table):
+        assert f'{{"const": "{kind}"}}' in made
 
 
 def test_a_value_without_a_plain_form_is_refused():

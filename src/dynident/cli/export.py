@@ -7,14 +7,32 @@ from pathlib import Path
 import click
 
 from dynident.cli.terminal import FILE, console, tell
-from dynident.parts import EXPORTERS
 
 __all__ = ["export"]
 
 
+class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
+    """A kind of the exporters, which are looked up only where they are asked for."""
+
+    name = "format"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+        from dynident.parts import EXPORTERS
+
+        return f"[{'|'.join(EXPORTERS.kinds())}]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from dynident.errors import choices
+        from dynident.parts import EXPORTERS
+
+        if value not in EXPORTERS.table and value not in (kinds := EXPORTERS.kinds()):
+            self.fail(f"{value!r} is not a format; {choices(value, kinds)}", param, ctx)
+        return value
+
+
 @click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
 @click.argument("result", type=FILE)
-@click.option("--format", "kind", type=click.Choice(EXPORTERS.kinds()), required=True, help="Format.")
+@click.option("--format", "kind", type=_Format(), required=True, help="Format.")
 @click.option("--out", type=FILE, required=True, help="File to write.")
 def export(result: Path, kind: str, out: Path) -> None:
     """Write the model in RESULT (the result.json of identify), proven on random states before it is written."""

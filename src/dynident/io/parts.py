@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cache, partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     StrictBool,
     TypeAdapter,
     ValidationError,
@@ -20,7 +23,7 @@ from pydantic import (
     WrapValidator,
     create_model,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.fields import Name, Section
@@ -28,26 +31,43 @@ from dynident.io.python_file import from_file
 from dynident.io.wording import worded
 from dynident.parts import BY_JOINT, Family, Settings, settings_type
 
-__all__ = ["build", "built", "by_joint", "part_reader", "schemas", "section"]
+__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section"]
 
 
-def part_reader(family: Family, *, plain: bool = False) -> BeforeValidator:
-    """Return the validator of a setting that holds the settings of one part of the family.
+FILE = r"\.py:\w+$"  # a class of a file
+
+
+@dataclass(frozen=True, eq=False)
+class PartReader:
+    """Marks a setting, as ``Annotated[Any, PartReader(family)]``, that holds the settings of one part of the family.
 
     With ``plain`` a kind may stand alone where the part needs no settings; it is then kept as it is.
     """
 
-    def read(value: object, info: ValidationInfo) -> Any:
-        if not plain or isinstance(value, Mapping):
-            return _read(family, value, info)
-        _read(family, {"kind": value}, info)
+    family: Family
+    plain: bool = False
+    nested: bool = False
+
+    def read(self, value: object, info: ValidationInfo) -> Any:
+        """Return the settings of a part, or for a family with given fields the part without them."""
+        if not self.plain or isinstance(value, Mapping):
+            return _read(self.family, value, info)
+        _read(self.family, {"kind": value}, info)
         return value
 
-    return BeforeValidator(read)
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        if self.nested:  # a part in a part, which may hold the next
+            return {"type": "object", "required": ["kind"]}
+        kinds = [{"enum": list(self.family.kinds())}] if self.plain else []
+        yours = {"type": "object", "properties": {"kind": {"type": "string", "pattern": FILE}}, "required": ["kind"]}
+        return {"oneOf": [*kinds, *schemas(self.family).values(), yours]}
 
 
 def built(settings: Any) -> Any:
-    """Return the part that was read by a ``part_reader``, or the candidates to choose it from."""
+    """Return the part that was read by a ``PartReader``, or the candidates to choose it from."""
     return settings.build() if isinstance(settings, Settings) else settings
 
 
@@ -58,7 +78,7 @@ def build(family: Family, settings: Mapping[str, Any], where: str, folder: Path 
     ``given`` are the fields that are no settings. Raises ConfigError, led by ``where``.
     """
     try:
-        read = TypeAdapter(Annotated[Any, part_reader(family)]).validate_python(settings, context={"folder": folder})
+        read = TypeAdapter(Annotated[Any, PartReader(family)]).validate_python(settings, context={"folder": folder})
     except ValidationError as error:
         raise ConfigError(worded(error, settings, where)) from None
     return read(**given) if family.given else built(read)
@@ -73,7 +93,12 @@ def by_joint(settings: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 def schemas(family: Family) -> dict[str, Any]:
     """Return the JSON schema of the settings of every kind."""
-    return {kind: section(family, family.get(kind)).model_json_schema() for kind in family.kinds()}
+    found = {}
+    for kind in family.kinds():
+        schema = section(family, family.get(kind)).model_json_schema()
+        schema["properties"]["kind"] = {"const": kind}
+        found[kind] = schema
+    return found
 
 
 @cache
@@ -146,7 +171,7 @@ def _setting(hint: Any, where: str) -> Any:
     if origin is Annotated:
         base, *marks = inside
         if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
-            return Annotated[Any, BeforeValidator(lambda value, info: built(_read(family, value, info)))]
+            return Annotated[Any, PartReader(family, nested=True), AfterValidator(built)]
         kept = [mark for mark in marks if not isinstance(mark, str)]
         return Annotated[(_setting(base, where), *kept)] if kept else _setting(base, where)
     if origin in (Union, UnionType):

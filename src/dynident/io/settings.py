@@ -24,7 +24,7 @@ from dynident.io.fields import (
     by_kind,
     unit_factor,
 )
-from dynident.io.parts import by_joint, part_reader
+from dynident.io.parts import PartReader, by_joint
 from dynident.parts import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.terms.term import Joint
 
@@ -134,7 +134,7 @@ class RobotSettings(Section):
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
     lean: Literal["none", "estimate"] = "none"
-    terms: tuple[Annotated[Any, part_reader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
+    terms: tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
 
@@ -215,8 +215,8 @@ class Config(Section):
     train: tuple[LogSpec, ...] = Field(min_length=1)
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
-    smoother: Annotated[Any, part_reader(SMOOTHERS)] = Field(default_factory=_spline)
-    estimator: Annotated[Any, part_reader(ESTIMATORS)] = Field(default_factory=_least_squares)
+    smoother: Annotated[Any, PartReader(SMOOTHERS)] = Field(default_factory=_spline)
+    estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_least_squares)
     parallel: ParallelSettings | None = None
     slow: PositiveOrEach = None
     delay: Number | Literal["estimate"] = "estimate"

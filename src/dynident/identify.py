@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from dynident import __version__
 from dynident.basis import Basis, Missing, base_std, basis_of, compare, informed_std, structural_basis
-from dynident.calibration import find_lean, mounted, pair
+from dynident.calibration import Lean, Pairing, find_lean, mounted, pair
 from dynident.control import FreeRun, free_run
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
+from dynident.estimators.notes import Undetermined
 from dynident.log import Log, Motion
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import Parallel, Regression, one_thread
@@ -69,13 +71,14 @@ class Identification:
     ``std_hac`` (p) and ``base_std_hac`` (r) are standard errors that allow for correlated residuals, infinite for what
     the data do not determine, None where they cannot be had. ``mass`` is the mass matrix over all logs and random
     poses; ``runs`` are the free simulations. ``recorded`` are the recordings before smoothing, one for each log; their
-    positions show the motion ``delay`` (s) later than their torques.
+    positions show the motion ``delay`` (s) later than their torques. ``pairing`` and ``lean`` say how smoother, delay
+    and the lean of the base were found, where they were sought.
     """
 
     model: Model
     estimate: Estimate
     logs: tuple[LogValidation, ...]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     basis: Basis | None = None
@@ -88,6 +91,8 @@ class Identification:
     runs: tuple[FreeRun, ...] = ()
     recorded: tuple[Log, ...] = ()
     delay: float = 0.0
+    pairing: Pairing | None = None
+    lean: Lean | None = None
 
 
 def identify(
@@ -125,8 +130,8 @@ def _identify(
     slow = recipe.slowest(joints)
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
     trained = tuple(roles["train"].values())
-    smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
-    settings |= told
+    pairing = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
+    smoother, lean = pairing.smoother, None
     settings |= _used(smoother)
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     for role, logs in roles.items():
@@ -138,7 +143,7 @@ def _identify(
         progress("finding how the base leans")
         lean = find_lean(model, fitted, recipe.estimator, slow)
         model = mounted(model, lean.x, lean.y)
-        settings |= {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
+        settings |= {"lean used": repr((lean.x, lean.y))}
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
@@ -155,13 +160,15 @@ def _identify(
         model,
         estimate,
         judged,
-        () if estimate.status == "ok" else (estimate.status,),
+        estimate.notes,
         settings,
         versions(),
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
         runs=_runs(model, estimate, judged, roles, recipe, smoother, progress),
         recorded=tuple(roles[log.role][log.name] for log in judged),
         delay=smoother.delay if isinstance(smoother, Delayed) else 0.0,
+        pairing=pairing,
+        lean=lean,
     )
     return _with_errors(found, regression, fitted, progress)
 
@@ -178,7 +185,7 @@ def _with_errors(
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
-        found = replace(found, warnings=(*estimate.remarks, *(one.words for one in missing)))
+        found = replace(found, warnings=(*_surprising(estimate.notes), *missing))
     own = _base_std(on_data, regression, estimate)
     robust = _robust_std(regression, estimate, own, on_data)
     return replace(
@@ -190,6 +197,10 @@ def _with_errors(
         std_hac=None if robust is None else _of_determined(on_data, robust),
         base_std_hac=robust,
     )
+
+
+def _surprising(notes: Sequence[Note]) -> tuple[Note, ...]:
+    return tuple(note for note in notes if not isinstance(note, Undetermined))
 
 
 def _runs(

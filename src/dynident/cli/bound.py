@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
+from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.reach import Reach, TorqueNoise
@@ -36,6 +36,7 @@ def bound(
     from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.report.page import terminal
+    from dynident.report.wording import Line, note_lines
 
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
@@ -45,9 +46,8 @@ def bound(
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.print(terminal(table))
-    for line in (*bound_findings(found), *(f"Warning: {text}" for text in found.identification.warnings)):
-        style = "yellow" if line.startswith("Warning") else None
-        screen.print(line, style=style, soft_wrap=True, highlight=False, markup=False)
+    for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.warnings)):
+        say_line(screen, line)
     if json_file:
         tell(screen, "Numbers", write_json(json_file, bound_dict(found)))
     if out:
@@ -61,6 +61,7 @@ def _reached(
 ) -> Reach:
     from dataclasses import replace
 
+    from dynident.diagnostics import Remark
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_roles
     from dynident.io.recipe import build_recipe
@@ -74,7 +75,7 @@ def _reached(
     found = reach(model, logs["train"], build_recipe(config), **given, torque=cast("TorqueNoise", torque), progress=say)
     run = found.identification
     settings = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **run.settings}
-    warnings = (*config_warnings(config), *remarks, *run.warnings)
+    warnings = (*map(Remark, (*config_warnings(config), *remarks)), *run.warnings)
     return replace(found, identification=replace(run, warnings=warnings, settings=settings))
 
 

@@ -44,7 +44,7 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 
 def _examined(path: Path, say: Callable[[str], None]) -> Examination:
     """Examine one file; one that cannot be used is an error among the findings, so that the others are examined."""
-    from dynident.diagnostics import Finding
+    from dynident.diagnostics import Finding, Severity, Topic
     from dynident.errors import DynidentError
     from dynident.examination import Examination
     from dynident.io.robot import SUFFIXES
@@ -52,7 +52,7 @@ def _examined(path: Path, say: Callable[[str], None]) -> Examination:
     try:
         return _robot(path) if path.suffix.lower() in SUFFIXES else _configured(path, say)
     except DynidentError as error:
-        return Examination((Finding("error", None, str(error), "unusable"),))
+        return Examination((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
 
 
 def _robot(path: Path) -> Examination:
@@ -65,7 +65,7 @@ def _robot(path: Path) -> Examination:
 
 
 def _configured(path: Path, say: Callable[[str], None]) -> Examination:
-    from dynident.diagnostics import Finding
+    from dynident.diagnostics import Finding, Severity
     from dynident.examination import examine
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_found, turning_joints
@@ -75,5 +75,5 @@ def _configured(path: Path, say: Callable[[str], None]) -> Examination:
     say("building the model")
     model = load_model(config.model, path.parent)
     logs, found = read_found(config, model.joints, say)
-    found = (*(Finding("warning", None, words, source=path.name) for words in config_warnings(config)), *found)
+    found = (*(Finding(Severity.WARNING, None, words, source=path.name) for words in config_warnings(config)), *found)
     return examine(model, logs, build_recipe(config), multi_turn=turning_joints(config), found=found, progress=say)

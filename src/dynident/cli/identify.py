@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
+from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -29,6 +29,7 @@ def identify(config: Path, out: Path | None) -> None:
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
+    from dynident.report.wording import Line
 
     if out:
         probe_folder(out)
@@ -43,9 +44,8 @@ def identify(config: Path, out: Path | None) -> None:
     screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
     for table in identification_tables(found):
         screen.print(table)
-    for note in (*identification_notes(found), *export_notes(made)):
-        style = "yellow" if note.startswith("Warning") else None
-        screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
+    for note in (*identification_notes(found), *map(Line, export_notes(made))):
+        say_line(screen, note)
     for step in steps[:MOST_STEPS]:
         screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
     for what, path in written:
@@ -74,6 +74,7 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     """Run the identification that a configuration file describes; ``say`` is told each step."""
     from dataclasses import replace
 
+    from dynident.diagnostics import Remark
     from dynident.identify import identify as run
     from dynident.io.config import config_warnings, load_model, read_config
     from dynident.io.logs import read_roles
@@ -88,4 +89,6 @@ def run_config(path: Path, say: Callable[[str], None]) -> Identification:
     logs, remarks = read_roles(config, model.joints, say)
     read = {"configuration": path.read_text(encoding="utf-8-sig"), **model_settings(config, path), **log_hashes(config)}
     found = run(model, logs["train"], logs["validation"], recipe, progress=say)
-    return replace(found, warnings=(*warnings, *remarks, *found.warnings), settings={**read, **found.settings})
+    return replace(
+        found, warnings=(*map(Remark, (*warnings, *remarks)), *found.warnings), settings={**read, **found.settings}
+    )

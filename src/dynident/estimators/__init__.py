@@ -1,8 +1,8 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
 from dynident.estimators.consistent import Consistent
-from dynident.estimators.estimator import Estimate, Estimator, Problem
+from dynident.estimators.estimator import Estimate, Estimator, Problem, Provenance
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.maximum_likelihood import MaximumLikelihood
 
-__all__ = ["Consistent", "Estimate", "Estimator", "LeastSquares", "MaximumLikelihood", "Problem"]
+__all__ = ["Consistent", "Estimate", "Estimator", "LeastSquares", "MaximumLikelihood", "Problem", "Provenance"]

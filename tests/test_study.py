@@ -14,6 +14,7 @@ from polars.testing import assert_frame_equal
 
 from dynident.errors import InputError
 from dynident.estimators import Estimate
+from dynident.estimators.notes import NotConverged
 from dynident.log import Log, Motion
 from dynident.simulation import Recording, record
 from dynident.study import generator, run_study, statistics
@@ -67,7 +68,8 @@ def test_a_failed_fit_is_a_row() -> None:
     table = run_study([Still()], [Mean(breaks_above=2.0)], LEVELS, 30)
     failed = table.filter(pl.col("status") != "ok")
     assert 0 < len(failed) < 60
-    assert set(failed["status"]) == {"failed: ValueError: too large"}
+    assert set(failed["status"]) == {"failed"}
+    assert set(failed["reason"]) == {"ValueError: too large"}
     assert failed["value"].list.len().sum() == 0
     found = statistics(table, 2)
     assert found.failed == len(failed)
@@ -85,7 +87,16 @@ class Sure:
         ends = np.array([[1.5, 2.1], [3.1, 3.2]])
         value = np.array([2.0, 3.0])
         return Estimate(
-            value, np.eye(2), ("q", "tau"), ("rad", "N m"), np.ones(1), 2, 1.0, 50, "not converged", interval=ends
+            value,
+            np.eye(2),
+            ("q", "tau"),
+            ("rad", "N m"),
+            np.ones(1),
+            2,
+            1.0,
+            50,
+            (NotConverged(9, 0.5),),
+            interval=ends,
         )
 
 
@@ -95,6 +106,7 @@ def test_intervals_cover_or_do_not() -> None:
     assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
     assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
     assert (sure.unsettled, mean.unsettled) == (8, 0)
+    assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
 
 
 def test_a_table_without_intervals_is_read(tmp_path: Path) -> None:

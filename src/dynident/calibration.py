@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.diagnostics import Note, Severity
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
 from dynident.log import Log, Motion
@@ -21,7 +22,7 @@ from dynident.regression import Regression, compress
 from dynident.selection import Choice, choose_smoother, excerpts
 from dynident.smoothers import Delayed, Smoother
 
-__all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
+__all__ = ["Delay", "Lean", "Pairing", "find_delay", "find_lean", "mounted", "pair"]
 
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
@@ -34,18 +35,20 @@ START = 1e-3  # rad: at zero lean the links' masses that only a lean shows have 
 
 
 @dataclass(frozen=True)
-class Delay:
+class Delay(Note):
     """By how much the positions lag the torque, ``seconds``, and the training error (%) without and with it."""
 
+    severity: ClassVar[Severity] = Severity.INFO
     seconds: float
     before: float
     after: float
 
 
 @dataclass(frozen=True)
-class Lean:
+class Lean(Note):
     """How the base leans: rotations about the root link's x and y axes, in rad, with standard errors and errors (%)."""
 
+    severity: ClassVar[Severity] = Severity.INFO
     x: float
     y: float
     std: tuple[float, float]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dynident.diagnostics.note import Severity
+from dynident.diagnostics.note import Note, Severity
 from dynident.errors import InputError
 
 __all__ = ["Finding", "Topic", "require"]
@@ -58,14 +58,14 @@ class Topic(StrEnum):
 class Finding:
     """One remark: ``severity``, the ``joint`` it concerns (None: all of them), and what it is and what to do.
 
-    An error is what would give wrong numbers, a warning what to look at, an info what is good to know. ``message`` is a
-    sentence, or a noun with the figures that ``report`` words. ``topic`` gathers like remarks, None where there are
-    none; ``source`` is the log or file, ``link`` the link that it is about, each empty where it is about none.
+    ``message`` is a sentence, or a note with the figures, which ``report`` puts into words. ``topic`` gathers like
+    remarks, None where there are none; ``source`` is the log or file, ``link`` the link that it is about, each empty
+    where it is about none.
     """
 
     severity: Severity
     joint: str | None
-    message: object
+    message: str | Note
     topic: Topic | None = None
     source: str = ""
     link: str = ""

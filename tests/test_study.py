@@ -109,11 +109,11 @@ def test_intervals_cover_or_do_not() -> None:
     assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
 
 
-def test_a_table_without_intervals_is_read(tmp_path: Path) -> None:
+def test_a_table_without_intervals_and_reasons_is_read(tmp_path: Path) -> None:
     """One that an earlier version wrote: its rows are kept beside the new ones."""
     path = tmp_path / "study.parquet"
     old = run_study([Still()], [Mean()], LEVELS, 2, path=path)
-    old.drop("interval").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
+    old.drop("interval", "reason").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
     assert_frame_equal(without_seconds(run_study([Still()], [Mean()], LEVELS, 2, path=path)), without_seconds(old))
     assert len(pl.read_parquet(path)) == 2 * len(old)
 

@@ -60,8 +60,8 @@ def test_a_noun_without_words_is_an_error() -> None:
             notes.RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),
             (
                 "rank 3 of 5; no effect on the torque in these data: Fc (move the joints that excite them); cannot be "
-                "told apart: v1, v2 (only combinations of them act on the torque; remove or fix all but one, or excite them "
-                "differently)"
+                "told apart: v1, v2 (only combinations of them act on the torque; remove or fix all but one, or excite "
+                "them differently)"
             ),
         ),
         (notes.RankDeficient(10, 20), "rank 10 of 20"),

@@ -91,7 +91,9 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     verdict = _verdicts(identification)
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     columns += [Column("if independent", muted=True)] * robust
-    columns += [Column(plot.reference_word(identification.model))] * known + [Column("unit", numeric=False)]
+    columns += [Column("nominal" if plot.only_nominal(identification.model) else "true")] * known + [
+        Column("unit", numeric=False)
+    ]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
     rows = []
     for k in shown:
@@ -142,13 +144,12 @@ def _group(parameter: Parameter) -> str:
 
 def _interval(identification: Identification, rows: list[int]) -> Figure:
     estimate, model = identification.estimate, identification.model
-    true = plot.reference_word(model) == "true"
     figure = plot.interval_figure(
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
         standard_errors(identification)[rows],
-        [model.parameters[k].value for k in rows] if true else (),
+        [model.parameters[k].value for k in rows] if not plot.only_nominal(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
 

@@ -55,7 +55,7 @@ def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
 
 def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     verdict = judge(replace(good, logs=good.logs[:1]))
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.NoHoldOut()
     assert verdict.next[0] is Remedy.HOLD_OUT
     assert verdict.held_out is None
@@ -64,7 +64,7 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
 def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
     train = good.logs[0].motion
     verdict = with_log(good, 0, motion=replace(train, tau=0 * train.tau))
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.SilentTorque(("slider",))
     assert verdict.next[0] is Remedy.TORQUE_COLUMN
 
@@ -72,7 +72,7 @@ def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> Non
 def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification) -> None:
     again = identify(slider(), [log(3.0, "slow")], [log(3.0, "again", 1)], Recipe(Difference("central"), restart=0.5))
     verdict = judge(again)
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.Repeats((("again", "slow"),))
     assert verdict.next[0] is Remedy.ANOTHER_MOTION
     both = judge(replace(again, logs=(*again.logs, good.logs[1])))
@@ -89,14 +89,14 @@ def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification)
 )
 def test_held_out_errors(good: Identification, changes: dict[str, Any], reason: why.Reason) -> None:
     verdict = with_log(good, 1, **changes)
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert reason in verdict.reasons
     assert reason.remedy in verdict.next
 
 
 def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:
     verdict = with_log(good, 1, relative_error=9.0)
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.NotCarriedOver("fast", 9.0 / good.logs[0].relative_error)
     (reason, *_) = with_log(good, 1, relative_error=float("nan")).reasons
     assert isinstance(reason, why.TorqueErrorTooLarge)
@@ -119,7 +119,7 @@ def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: I
 def test_a_mass_matrix_that_is_not_positive_forbids_use(good: Identification) -> None:
     assert good.mass is not None
     verdict = judge(replace(good, mass=replace(good.mass, positive=False, smallest=-0.1)))
-    assert verdict.use is Use.NONE
+    assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.MassMatrixNotPositive(-0.1)
     assert Remedy.CONSISTENT_FIT in verdict.next
 

@@ -245,7 +245,7 @@ def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
 
 
 def test_what_is_not_known_is_said() -> None:
-    nothing = Verdict(Use.NONE, (why.NoHoldOut(),), (), None, None, None)
+    nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
     assert advice.sentences(nothing) == (
         "Do not use this model yet: no log was held out.",
         "Against its use: no log was held out, so nothing shows how the model does on unseen motion.",

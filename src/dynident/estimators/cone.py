@@ -123,8 +123,8 @@ class _Program:
             )
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             raise ModelError(
-                f"the conic solver gave up ({found.status}); check the nominal values and bounds for wrong units, or raise "
-                "the margin or the threshold of the estimator."
+                f"the conic solver gave up ({found.status}); check the nominal values and bounds for wrong units, or "
+                "raise the margin or the threshold of the estimator."
             )
         bend = hessian @ x
         pull = A.T @ z

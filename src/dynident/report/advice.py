@@ -17,7 +17,7 @@ IN_SENTENCES = 2  # reasons that the second sentence names
 MOST = 5  # names of negative parameters
 
 _FIRST = {
-    Use.NONE: "Do not use this model yet",
+    Use.DO_NOT_USE: "Do not use this model yet",
     Use.CONTROL: "Good for control (feedforward, gravity compensation) on motions like these",
     Use.SIMULATION: "Good for simulation and control on motions like these",
 }
@@ -81,7 +81,7 @@ def _against(verdict: Verdict) -> str:
             f"most {_percent(run.error)} of the way ({run.joint}, {run.log})."
         )
     more = f"; and {len(given) - IN_SENTENCES} more" if len(given) > IN_SENTENCES else ""
-    what = "Against its use" if verdict.use is Use.NONE else "Not for simulation"
+    what = "Against its use" if verdict.use is Use.DO_NOT_USE else "Not for simulation"
     return f"{what}: {'; '.join(map(words, given[:IN_SENTENCES]))}{more}."
 
 

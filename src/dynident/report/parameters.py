@@ -91,9 +91,8 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     verdict = _verdicts(identification)
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     columns += [Column("if independent", muted=True)] * robust
-    columns += [Column("nominal" if plot.only_nominal(identification.model) else "true")] * known + [
-        Column("unit", numeric=False)
-    ]
+    reference = "nominal" if plot.only_nominal(identification.model) else "true"
+    columns += [Column(reference)] * known + [Column("unit", numeric=False)]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
     rows = []
     for k in shown:

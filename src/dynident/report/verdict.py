@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["verdict_results", "verdict_section", "verdict_text"]
 
-TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "fair", Use.NONE: "bad"}
+TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "fair", Use.DO_NOT_USE: "bad"}
 FIRST_STEPS = 3  # in sight; the others are behind a fold
 
 

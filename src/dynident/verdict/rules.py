@@ -6,8 +6,6 @@ The rules and the reasons for their limits are in docs/methods.md.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +19,10 @@ from dynident.terms.term import INERTIAL
 from dynident.validation import LogValidation, relative_error
 from dynident.verdict import reasons as why
 from dynident.verdict.reasons import Reason
-from dynident.verdict.steps import CheckRipple, Excitation, Remedy, Sharpen, SlowReversals, Step
+from dynident.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
+from dynident.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
 
-__all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun", "judge"]
+__all__ = ["judge"]
 
 Array = NDArray[np.float64]
 
@@ -40,68 +39,13 @@ EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
 MOST = 5  # next steps on single parameters
 
 
-class Use(StrEnum):
-    """What a model is fit for; simulation includes control."""
-
-    SIMULATION = "good for simulation"
-    CONTROL = "good for control"
-    NONE = "do not use"
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """The torque errors (%) of the held-out log and of the training log where they are largest.
-
-    The errors are those after the low-pass of the fit, where it has one; ``unfiltered`` are then the same two logs'
-    errors as measured, else None.
-    """
-
-    error: float
-    training: float
-    unfiltered: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class WorstRun:
-    """The free simulation that strays most: on a ``log`` a ``joint`` is off by ``error`` % of its way."""
-
-    log: str
-    joint: str
-    error: float
-
-
-@dataclass(frozen=True)
-class LargestResidual:
-    """The ``joint`` and ``log`` in which most of the torque is left, and the ``causes`` that its residual points to."""
-
-    joint: str
-    log: str
-    causes: tuple[Cause, ...]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What a model is fit for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
-
-    ``reasons`` are empty only for simulation. ``held_out`` is None where no log was held out, ``run`` where no free
-    simulation succeeded, ``residual`` where nothing can be said of what is left of the torque.
-    """
-
-    use: Use
-    reasons: tuple[Reason, ...]
-    next: tuple[Remedy | Missing | Step, ...]
-    held_out: HeldOut | None
-    run: WorstRun | None
-    residual: LargestResidual | None
-
-
 def judge(found: Identification) -> Verdict:
     """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
     against_use, against_simulation = tuple(_against_use(found)), tuple(_against_simulation(found))
     reasons = (*against_use, *against_simulation)
     remedies = [reason.remedy for reason in reasons if reason.remedy]
     return Verdict(
-        use=Use.NONE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION,
+        use=Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION,
         reasons=reasons,
         next=tuple(dict.fromkeys([*remedies, *_next_steps(found)])),
         held_out=_held_out(found),

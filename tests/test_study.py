@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -14,10 +14,10 @@ from polars.testing import assert_frame_equal
 
 from dynident.errors import InputError
 from dynident.estimators import Estimate
-from dynident.estimators.notes import NotConverged
+from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.log import Log, Motion
 from dynident.simulation import Recording, record
-from dynident.study import generator, run_study, statistics
+from dynident.study import Outcome, generator, run_study, statistics
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,23 @@ def test_intervals_cover_or_do_not() -> None:
     assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
     assert (sure.unsettled, mean.unsettled) == (8, 0)
     assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Notes that the rank is not full."""
+
+    name: str = "tied"
+
+    def estimate(self, recording: Recording) -> Estimate:
+        return replace(Mean().estimate(recording), notes=(RankDeficient(1, 2),))
+
+
+def test_a_note_is_no_failure() -> None:
+    table = run_study([Still()], [Tied()], LEVELS, 2)
+    assert set(table["status"]) == {Outcome.NOTED}
+    assert set(table["reason"]) == {"RankDeficient"}
+    assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
 
 
 def test_a_table_without_intervals_and_reasons_is_read(tmp_path: Path) -> None:

@@ -11,7 +11,16 @@ from dynident.basis import informed_std, structural_basis
 from dynident.bound import bound
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimate, MaximumLikelihood, Problem, measured
-from dynident.estimators.notes import Averaged, Failed, MovingStart, NotWhite, RankDeficient, ScatterLarger, SmoothSigns
+from dynident.estimators.notes import (
+    Averaged,
+    Failed,
+    MovingStart,
+    NotConverged,
+    NotWhite,
+    RankDeficient,
+    ScatterLarger,
+    SmoothSigns,
+)
 from dynident.gallery import two_link_arm
 from dynident.likelihood import Barrier, demands, fit
 from dynident.log import Log
@@ -280,6 +289,14 @@ def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None
     assert found.interval[1, 0] > 0
     np.testing.assert_allclose(above[3:], 1.96 * found.std[3:], rtol=0.25)  # they bend with the others
     np.testing.assert_allclose(above[5:], 1.96 * found.std[5:], rtol=0.1)
+
+
+def test_a_search_that_is_cut_short_is_not_converged() -> None:
+    found = estimate("weak", 1e-4, 0, iterations=1, rounds=1)
+    (note,) = [note for note in found.notes if isinstance(note, NotConverged)]
+    assert not found.converged
+    assert (note.iterations, note.gain > 0) == (1, True)
+    assert found.interval.shape == (0, 2)
 
 
 def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,6 +28,7 @@ from dynident.io.recipe import FACTORS
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
+from dynident.report.wording import status_words
 from dynident.smoothers import Smoother, Spline
 from dynident.terms import Bodies, Coulomb, Viscous
 from dynident.uncertainty import robust_covariance
@@ -115,7 +116,7 @@ def main() -> None:
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
     least = informed_std(basis, S)
     logs = [recorded(*run, given.noise, given.colour, rng) for run, rng in zip(runs, rngs, strict=True)]
-    smoother, _ = pair(model, logs[:1], [Spline(factor=one) for one in FACTORS], 0.5 / RATE, LeastSquares())
+    smoother = pair(model, logs[:1], [Spline(factor=one) for one in FACTORS], 0.5 / RATE, LeastSquares()).smoother
     problems = [posed(model, log, smoother) for log in logs]
     for name, estimator in ESTIMATORS.items():
         tell(name, [judged(estimator, problem, truth, basis) for problem in problems], least, basis)
@@ -141,7 +142,7 @@ def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: Bas
         std = base_std(basis, problem.regression.compressed, found.sigma, found.weights)
     hac = robust_covariance(problem.regression, found.value, found.weights, basis.independent)
     both = np.stack([std, np.sqrt(np.diag(hac))])
-    return Result(basis.combination @ (found.value - truth), both, took, found.status)
+    return Result(basis.combination @ (found.value - truth), both, took, status_words(found))
 
 
 def tell(name: str, results: list[Result], least: np.ndarray, basis: Basis) -> None:

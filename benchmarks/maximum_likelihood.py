@@ -50,7 +50,7 @@ def repeat(scenario: ArmScenario, level: float, runs: int, seed: int, start: str
         took = time.process_time() - began
         ends = found.interval if len(found.interval) else found.value[:, None] + 1.96 * np.outer(found.std, [-1, 1])
         covers = (ends[:, 0] <= truth) & (truth <= ends[:, 1])
-        rows.append((found.value - truth, covers, found.status == "ok", (found.value[inertia] <= 0).any(), took))
+        rows.append((found.value - truth, covers, not found.notes, (found.value[inertia] <= 0).any(), took))
     error, covers, converged, negative, seconds = map(np.array, zip(*rows, strict=True))
     return Result(error, covers, converged, int(negative.sum()), seconds)
 

@@ -106,14 +106,11 @@ def test_mass_matrix_check():
     good = arm.check_mass_matrix(q, arm.values)
     assert good.positive
     assert good.smallest == pytest.approx(np.linalg.eigvalsh(arm.mass_matrix(q, arm.values)).min(), rel=1e-12)
-    assert "positive definite: smallest eigenvalue" in good.sentence
     wrong = arm.values.copy()
     wrong[2] = 0.02  # too large a coupling: negative where it is strongest, at q2 = pi
     bad = arm.check_mass_matrix(q, wrong)
     assert (bad.positive, bad.q.tolist()) == (False, [0.0, np.pi])
     assert bad.smallest < 0
-    assert "not positive definite: eigenvalue -0.0" in bad.sentence
-    assert "at q = (0, 3.142)" in bad.sentence
     with pytest.raises(ModelError, match="0 configurations"):
         arm.check_mass_matrix(np.zeros((0, 2)), arm.values)
 

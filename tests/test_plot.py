@@ -228,9 +228,9 @@ def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones()
 
 def test_nominal_values_are_not_called_true():
     parameters = (Parameter("a", "kg", value=1.0),)
-    assert plot.reference_word(SimpleNamespace(parameters=parameters)) == "true"
+    assert not plot.only_nominal(SimpleNamespace(parameters=parameters))
     parameters = (replace(parameters[0], body="link"),)
-    assert plot.reference_word(SimpleNamespace(parameters=parameters)) == "nominal"
+    assert plot.only_nominal(SimpleNamespace(parameters=parameters))
 
 
 def test_names_cannot_carry_tags_into_a_figure():

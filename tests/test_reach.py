@@ -11,7 +11,7 @@ from dynident.gallery import pendulum
 from dynident.identify import Recipe
 from dynident.log import Log
 from dynident.model import Model
-from dynident.reach import CHANGES, Reach, noise_of, reach
+from dynident.reach import CHANGES, Measure, Origin, Reach, noise_of, reach
 from dynident.simulation import record, simulate
 from dynident.smoothers import Spline
 from dynident.terms import Bodies, Viscous
@@ -89,7 +89,8 @@ def test_the_noise_of_the_sensors_is_found() -> None:
     np.testing.assert_allclose(noise.q, 1e-4, rtol=0.15)
     np.testing.assert_allclose(noise.tau, 0.05, rtol=0.15)
     np.testing.assert_allclose(found.noise.tau, 0.05, rtol=0.15)
-    assert noise.words["torques"] == "scatter between neighbouring samples"
+    assert (noise.positions, noise.torques) == (Origin(Measure.SCATTER), Origin(Measure.SCATTER))
+    assert found.noise.torques == Origin(Measure.RESIDUAL)
 
 
 def test_an_encoder_is_no_better_than_its_step() -> None:
@@ -104,7 +105,8 @@ def test_what_is_given_is_taken() -> None:
     given = reach(model, [log], Recipe(Spline(sigma=3e-4)), sigma_tau={model.joints[0].name: 0.2})
     assert given.noise.q.tolist() == [3e-4]
     assert given.noise.tau.tolist() == [0.2]
-    assert set(given.noise.words.values()) == {"as given"}
+    name = model.joints[0].name
+    assert {given.noise.positions, given.noise.torques} == {Origin(None, (name,))}
     assert reach(model, [log], Recipe(Spline(sigma=3e-4)), sigma_q=1e-4).noise.q.tolist() == [1e-4]
 
 

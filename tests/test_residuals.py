@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from dynident.residuals import autocorrelation, decorrelation, examine, ljung_box
+from dynident.residuals import (
+    FrictionLevel,
+    HighFrequency,
+    LowFrequency,
+    Reversals,
+    Ripple,
+    autocorrelation,
+    decorrelation,
+    examine,
+    ljung_box,
+)
 
 N, STEP = 4000, 0.005
 T = np.arange(N) * STEP
@@ -46,20 +56,19 @@ def test_a_friction_that_is_missing_at_reversals_is_told() -> None:
     found = examine(residual, DQ, STEP)
     assert found.reversal_share > 0.8
     assert found.slow_share < 0.05
-    assert found.words.startswith("friction around reversals")
+    assert found.causes[0] == Reversals()
 
 
 def test_a_friction_of_another_level_is_told() -> None:
     found = examine(0.1 * np.sign(DQ) + 0.02 * np.random.default_rng(3).standard_normal(N), DQ, STEP)
     assert found.sign_correlation > 0.9
-    assert "follows the sign of the velocity" in found.words
-    assert "slower than 5 Hz" in found.words
+    assert found.causes == (FrictionLevel(), LowFrequency())
 
 
 def test_a_ripple_is_told_with_its_frequency() -> None:
     found = examine(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
     assert found.peak == pytest.approx(26, abs=0.3)
-    assert "a ripple at 26 Hz" in found.words
+    assert Ripple(found.peak) in found.causes
 
 
 def test_white_noise_is_no_ripple_and_no_model() -> None:
@@ -67,14 +76,14 @@ def test_white_noise_is_no_ripple_and_no_model() -> None:
     assert found.p_value > 1e-3
     assert found.decorrelation == pytest.approx(STEP, rel=0.3)
     assert found.low_share == pytest.approx(0.05, abs=0.02)  # 5 of 100 Hz
-    assert found.words == "something faster than 5 Hz, that is noise, ripple, elasticity or a delay"
+    assert found.causes == (HighFrequency(),)
 
 
 @pytest.mark.parametrize("residual", [np.zeros(N), np.ones(N), np.ones(20)])
 def test_nothing_to_examine(residual: np.ndarray) -> None:
     found = examine(residual, DQ[: len(residual)], STEP)
     assert np.isnan(found.lag1)
-    assert found.words == ""
+    assert found.causes == ()
 
 
 def test_a_joint_that_stands_still_and_a_slow_sampling() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -14,9 +14,10 @@ from polars.testing import assert_frame_equal
 
 from dynident.errors import InputError
 from dynident.estimators import Estimate
+from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.log import Log, Motion
 from dynident.simulation import Recording, record
-from dynident.study import generator, run_study, statistics
+from dynident.study import Outcome, generator, run_study, statistics
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ def test_a_failed_fit_is_a_row() -> None:
     table = run_study([Still()], [Mean(breaks_above=2.0)], LEVELS, 30)
     failed = table.filter(pl.col("status") != "ok")
     assert 0 < len(failed) < 60
-    assert set(failed["status"]) == {"failed: ValueError: too large"}
+    assert set(failed["status"]) == {"failed"}
+    assert set(failed["reason"]) == {"ValueError: too large"}
     assert failed["value"].list.len().sum() == 0
     found = statistics(table, 2)
     assert found.failed == len(failed)
@@ -85,7 +87,16 @@ class Sure:
         ends = np.array([[1.5, 2.1], [3.1, 3.2]])
         value = np.array([2.0, 3.0])
         return Estimate(
-            value, np.eye(2), ("q", "tau"), ("rad", "N m"), np.ones(1), 2, 1.0, 50, "not converged", interval=ends
+            value,
+            np.eye(2),
+            ("q", "tau"),
+            ("rad", "N m"),
+            np.ones(1),
+            2,
+            1.0,
+            50,
+            (NotConverged(9, 0.5),),
+            interval=ends,
         )
 
 
@@ -95,13 +106,31 @@ def test_intervals_cover_or_do_not() -> None:
     assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
     assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
     assert (sure.unsettled, mean.unsettled) == (8, 0)
+    assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
 
 
-def test_a_table_without_intervals_is_read(tmp_path: Path) -> None:
+@dataclass(frozen=True)
+class Tied:
+    """Notes that the rank is not full."""
+
+    name: str = "tied"
+
+    def estimate(self, recording: Recording) -> Estimate:
+        return replace(Mean().estimate(recording), notes=(RankDeficient(1, 2),))
+
+
+def test_a_note_is_no_failure() -> None:
+    table = run_study([Still()], [Tied()], LEVELS, 2)
+    assert set(table["status"]) == {Outcome.NOTED}
+    assert set(table["reason"]) == {"RankDeficient"}
+    assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
+
+
+def test_a_table_without_intervals_and_reasons_is_read(tmp_path: Path) -> None:
     """One that an earlier version wrote: its rows are kept beside the new ones."""
     path = tmp_path / "study.parquet"
     old = run_study([Still()], [Mean()], LEVELS, 2, path=path)
-    old.drop("interval").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
+    old.drop("interval", "reason").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
     assert_frame_equal(without_seconds(run_study([Still()], [Mean()], LEVELS, 2, path=path)), without_seconds(old))
     assert len(pl.read_parquet(path)) == 2 * len(old)
 

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, ModelError
 from dynident.log import Motion
 from dynident.model import Model
@@ -81,21 +82,6 @@ class Basis:
         out[d, range(len(d))] = 1.0
         out[list(self.independent)] = -self.combination[:, d]
         return out
-
-    @property
-    def words(self) -> str:
-        """The finding in words: rank, gap, and which standard parameters cannot be told apart."""
-        p = len(self.names)
-        if self.rank == p:
-            return f"rank {p} of {p}: every parameter acts on the torque in its own way."
-        said = [f"rank {self.rank} of {p} (the singular values fall by a factor {self.gap:.1e} there)"]
-        none, alone = self.without_effect, self.determined
-        if none:
-            said.append(f"no effect on the torque: {', '.join(none)}")
-        tied = [name for name in self.names if name not in none and name not in alone]
-        if tied:
-            said.append(f"only combinations act on the torque of: {', '.join(tied)}")
-        return "; ".join(said) + "."
 
     def to_base(self, theta: ArrayLike) -> Array:
         """Return beta (r) = B theta for theta (p); ModelError where the shape does not fit."""
@@ -182,12 +168,17 @@ def structural_basis(
 
 
 @dataclass(frozen=True)
-class Missing:
-    """Base parameters that the arm could show but the data do not, and the joints whose motion would show them."""
+class Missing(Note):
+    """Base parameters that the arm could show but the data do not, and the joints whose motion would show them.
+
+    The joints are to move all at the same time where ``together`` is set, else one by one; those in ``still`` stand
+    still in the data.
+    """
 
     groupings: tuple[str, ...]
     joints: tuple[str, ...]
-    words: str
+    together: bool = False
+    still: tuple[str, ...] = ()
 
 
 def compare(structural: Basis, on_data: Basis, model: Model, motions: Sequence[Motion] = ()) -> tuple[Missing, ...]:
@@ -212,11 +203,7 @@ def _missing(structural: Basis, model: Model, group: list[int], directions: Arra
     names = [joint.name for joint in model.joints]
     alone = [name for j, name in enumerate(names) if _shows(model, j, directions)]
     asked = [name for name in alone if name in still] or alone or names
-    how = "" if len(asked) == 1 else " each by itself" if alone else " at the same time"
-    resting = [name for name in asked if name in still]
-    note = f" (standing still in these data: {', '.join(resting)})" if resting else ""
-    words = f"{'; '.join(groupings)}: not excited by these data; move {', '.join(asked)}{how}{note}."
-    return Missing(groupings, tuple(asked), words)
+    return Missing(groupings, tuple(asked), not alone, tuple(name for name in asked if name in still))
 
 
 def _shows(model: Model, joint: int, directions: Array) -> bool:

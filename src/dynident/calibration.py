@@ -8,21 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.diagnostics import Note, Severity
 from dynident.errors import ConfigError
 from dynident.estimators import Estimator, Problem, quick
 from dynident.log import Log, Motion, subsample
 from dynident.model import Model
 from dynident.regression import Regression, compress
-from dynident.selection import choose_smoother, excerpts
+from dynident.selection import Choice, choose_smoother, excerpts
 from dynident.smoothers import Delayed, Smoother
 from dynident.terms.term import HasGravity
 
-__all__ = ["Delay", "Lean", "find_delay", "find_lean", "mounted", "pair"]
+__all__ = ["Delay", "Lean", "Pairing", "find_delay", "find_lean", "mounted", "pair"]
 
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
@@ -35,43 +36,34 @@ START = 1e-3  # rad: at zero lean the links' masses that only a lean shows have 
 
 
 @dataclass(frozen=True)
-class Delay:
+class Delay(Note):
     """By how much the positions lag the torque, ``seconds``, and the training error (%) without and with it."""
 
+    severity: ClassVar[Severity] = Severity.INFO
     seconds: float
     before: float
     after: float
 
-    @property
-    def words(self) -> str:
-        """The finding in words."""
-        if not self.seconds:
-            return f"none that lowers the training error ({self.before:.3g} %)"
-        late, early = ("positions", "torques") if self.seconds > 0 else ("torques", "positions")
-        return (
-            f"{late} come {1e3 * abs(self.seconds):.2g} ms later than {early}; taken into account, the training error "
-            f"is {self.after:.3g} % instead of {self.before:.3g} %"
-        )
-
 
 @dataclass(frozen=True)
-class Lean:
+class Lean(Note):
     """How the base leans: rotations about the root link's x and y axes, in rad, with standard errors and errors (%)."""
 
+    severity: ClassVar[Severity] = Severity.INFO
     x: float
     y: float
     std: tuple[float, float]
     before: float
     after: float
 
-    @property
-    def words(self) -> str:
-        """The finding in words."""
-        return (
-            f"the base leans by {np.rad2deg(self.x):.2f} deg about x and {np.rad2deg(self.y):.2f} deg about y "
-            f"(+- {np.rad2deg(self.std[0]):.2f} and {np.rad2deg(self.std[1]):.2f}); taken into account, the training "
-            f"error is {self.after:.3g} % instead of {self.before:.3g} %"
-        )
+
+@dataclass(frozen=True)
+class Pairing:
+    """The smoother that pairs torque and motion; ``choice`` and ``delay`` behind it where they were sought."""
+
+    smoother: Smoother
+    choice: Choice | None = None
+    delay: Delay | None = None
 
 
 def mounted(model: Model, x: float, y: float) -> Model:
@@ -100,27 +92,27 @@ def pair(
     slow: tuple[float, ...] | None = None,
     *,
     progress: Callable[[str], None] = lambda _: None,
-) -> tuple[Smoother, dict[str, str]]:
-    """Return the smoother, chosen among ``smoothers`` and delayed, that pairs torque and motion; and words by topic.
+) -> Pairing:
+    """Return the smoother, chosen among ``smoothers`` and delayed, that pairs torque and motion.
 
     Of several smoothers ``choose_smoother`` takes one, before the delay is known and again with it.
     """
-    told: dict[str, str] = {}
+    choice: Choice | None = None
 
     def chosen(candidates: Sequence[Smoother]) -> Smoother:
         if len(candidates) == 1:
             return candidates[0]
+        nonlocal choice
         choice = choose_smoother(model, logs, candidates, progress=progress)
-        told["smoother"] = choice.words
         return choice.smoother
 
     if delay != "estimate":
-        return chosen([Delayed(one, delay) for one in smoothers] if delay else smoothers), told
+        return Pairing(chosen([Delayed(one, delay) for one in smoothers] if delay else smoothers), choice)
     best = chosen(smoothers)
     progress("finding the delay")
     found = find_delay(model, [best(log) for log in excerpts(logs)], estimator, slow)
-    told["delay"] = found.words
-    return chosen([Delayed(one, found.seconds) for one in smoothers]) if found.seconds else best, told
+    best = chosen([Delayed(one, found.seconds) for one in smoothers]) if found.seconds else best
+    return Pairing(best, choice, found)
 
 
 def find_delay(

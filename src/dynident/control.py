@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,7 @@ from dynident.log import Controller, Motion
 from dynident.model import Model
 from dynident.regression import stretches
 
-__all__ = ["CascadePD", "FreeRun", "free_run"]
+__all__ = ["Broken", "CascadePD", "Driver", "Failure", "FreeRun", "RunsAway", "Singular", "free_run"]
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
@@ -52,6 +53,37 @@ class CascadePD:
         return np.asarray(self.gain * np.minimum(np.maximum(wanted, -self.saturation), self.saturation))
 
 
+class Driver(StrEnum):
+    """What drives the model in a free simulation: its own controller, or the measured torque."""
+
+    CONTROLLER = "controller"
+    TORQUE = "torque"
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Base of the reasons for which a free simulation ends early."""
+
+
+@dataclass(frozen=True)
+class RunsAway(Failure):
+    """The simulated position runs away ``after`` so many seconds."""
+
+    after: float
+
+
+@dataclass(frozen=True)
+class Singular(Failure):
+    """The mass matrix is singular."""
+
+
+@dataclass(frozen=True)
+class Broken(Failure):
+    """The model cannot be evaluated, for a ``reason`` (the error's message)."""
+
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class FreeRun:
     """A simulated recording beside the measured one.
@@ -66,7 +98,7 @@ class FreeRun:
 
     name: str
     joints: tuple[str, ...]
-    driver: str
+    driver: Driver
     restart: float | None
     t: Array
     q: Array
@@ -76,7 +108,7 @@ class FreeRun:
     motion_error: Mapping[str, float]
     rms: Mapping[str, float]
     torque_error: Mapping[str, float]
-    failure: str = ""
+    failure: Failure | None = None
 
 
 def free_run(
@@ -104,7 +136,7 @@ def free_run(
     return FreeRun(
         name=name or motion.source,
         joints=motion.joints,
-        driver="torque" if controller is None else "controller",
+        driver=Driver.TORQUE if controller is None else Driver.CONTROLLER,
         restart=None if controller is not None else restart,
         t=motion.t[shown],
         q=q[:, :-1].reshape(-1, q.shape[2]),
@@ -138,16 +170,16 @@ def _pieces(motion: Motion, controller: Controller | None, restart: float | None
 
 def _simulated(
     model: Model, theta: ArrayLike, motion: Motion, rows: NDArray[np.intp], controller: Controller | None
-) -> tuple[Array, Array, str]:
-    """Return positions and torques (pieces, k, n), and why the simulation failed, or ""."""
+) -> tuple[Array, Array, Failure | None]:
+    """Return positions and torques (pieces, k, n), and why the simulation failed, if it did."""
     try:
         with np.errstate(all="ignore"):  # a run that diverges is reported below
             q, tau = _integrate(_Machine(model, theta), motion, rows, controller)
     except (DynidentError, np.linalg.LinAlgError) as fault:
-        failure = str(fault) if isinstance(fault, DynidentError) else "the mass matrix is singular"
+        failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
         return np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[rows], failure
     away = not (np.abs(q) < FAR).all()
-    return q, tau, f"the simulated position runs away after {_escape(q, motion.t[rows]):.3g} s" if away else ""
+    return q, tau, RunsAway(_escape(q, motion.t[rows])) if away else None
 
 
 def _shares(joints: tuple[str, ...], error: Array, whole: Array) -> dict[str, float]:

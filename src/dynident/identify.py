@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from dynident import __version__
 from dynident.basis import Basis, Missing, base_std, basis_of, compare, informed_std, structural_basis
-from dynident.calibration import find_lean, mounted, pair
+from dynident.calibration import Lean, Pairing, find_lean, mounted, pair
 from dynident.control import FreeRun, free_run
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem
+from dynident.estimators.notes import Undetermined
 from dynident.log import Log, Motion
 from dynident.model import MassMatrixCheck, Model
 from dynident.regression import Parallel, Regression, one_thread
@@ -69,13 +71,14 @@ class Identification:
     ``std_hac`` (p) and ``base_std_hac`` (r) are standard errors that allow for correlated residuals, infinite for what
     the data do not determine, None where they cannot be had. ``mass`` is the mass matrix over all logs and random
     poses; ``runs`` are the free simulations. ``recorded`` are the recordings before smoothing, one for each log; their
-    positions show the motion ``delay`` (s) later than their torques.
+    positions show the motion ``delay`` (s) later than their torques. ``pairing`` and ``lean`` say how smoother, delay
+    and the lean of the base were found, where they were sought.
     """
 
     model: Model
     estimate: Estimate
     logs: tuple[LogValidation, ...]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Note, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     basis: Basis | None = None
@@ -88,6 +91,8 @@ class Identification:
     runs: tuple[FreeRun, ...] = ()
     recorded: tuple[Log, ...] = ()
     delay: float = 0.0
+    pairing: Pairing | None = None
+    lean: Lean | None = None
 
 
 def identify(
@@ -119,11 +124,12 @@ def _identify(
     roles = _roles(train, validation, joints)
     trained, slow = tuple(roles["train"].values()), recipe.slowest(joints)
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
-    smoother, told = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
+    pairing = pair(model, trained, candidates, recipe.delay, recipe.estimator, slow, progress=progress)
+    smoother = pairing.smoother
     motions = _smoothed(roles, smoother, progress)
     fitted = tuple(motions["train"].values())
     late = fitted[0].delay
-    model, leaning = _mounted(model, fitted, recipe, slow, progress)
+    model, lean = _mounted(model, fitted, recipe, slow, progress)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.parallel, slow)
     _ = regression.compressed
@@ -141,12 +147,14 @@ def _identify(
         model,
         estimate,
         judged,
-        () if estimate.status == "ok" else (estimate.status,),
-        {**_settings(recipe), **told, **_used(smoother, late), **leaning},
+        estimate.notes,
+        {**_settings(recipe), **_used(smoother, late), **_leaning(lean)},
         versions(),
         mass=check_mass(model, estimate.value, [log.motion for log in judged]),
         recorded=tuple(roles[log.role][log.name] for log in judged),
         delay=late,
+        pairing=pairing,
+        lean=lean,
     )
     found = replace(found, runs=_runs(found, recipe, smoother, progress))
     return _with_errors(found, regression, fitted, progress)
@@ -179,13 +187,18 @@ def _mounted(
     recipe: Recipe,
     slow: tuple[float, ...] | None,
     progress: Callable[[str], None],
-) -> tuple[Model, dict[str, str]]:
-    """Return the model on its base as it leans, and settings that say so, where the recipe asks for it."""
+) -> tuple[Model, Lean | None]:
+    """Return the model on its base as it leans, and how it does, where the recipe asks for it."""
     if not recipe.lean:
-        return model, {}
+        return model, None
     progress("finding how the base leans")
     lean = find_lean(model, motions, recipe.estimator, slow)
-    return mounted(model, lean.x, lean.y), {"lean": lean.words, "lean used": repr((lean.x, lean.y))}
+    return mounted(model, lean.x, lean.y), lean
+
+
+def _leaning(lean: Lean | None) -> dict[str, str]:
+    """Return what a saved result must say of the base to be used again."""
+    return {} if lean is None else {"lean used": repr((lean.x, lean.y))}
 
 
 def _with_errors(
@@ -200,7 +213,7 @@ def _with_errors(
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart
-        found = replace(found, warnings=(*estimate.remarks, *(one.words for one in missing)))
+        found = replace(found, warnings=(*_surprising(estimate.notes), *missing))
     own = _base_std(on_data, regression, estimate)
     robust = _robust_std(regression, estimate, own, on_data)
     return replace(
@@ -212,6 +225,10 @@ def _with_errors(
         std_hac=None if robust is None else _of_determined(on_data, robust),
         base_std_hac=robust,
     )
+
+
+def _surprising(notes: Sequence[Note]) -> tuple[Note, ...]:
+    return tuple(note for note in notes if not isinstance(note, Undetermined))
 
 
 def _runs(

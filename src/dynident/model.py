@@ -31,17 +31,6 @@ class MassMatrixCheck:
     q: Array
     positive: bool
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
-        where = ", ".join(f"{x:.4g}" for x in self.q)
-        if self.positive:
-            return f"The mass matrix is positive definite: smallest eigenvalue {self.smallest:.4g}, at q = ({where})."
-        return (
-            f"The mass matrix is not positive definite: eigenvalue {self.smallest:.4g} at q = ({where}). "
-            "These parameters are not physical and cannot be simulated; excite the robot more, or constrain the fit."
-        )
-
 
 @dataclass(frozen=True)
 class Model:

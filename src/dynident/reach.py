@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from dynident.regression import Regression
 from dynident.smoothers.smoother import KnowsNoise
 from dynident.splines import noise_sigma, steady_noise
 
-__all__ = ["CHANGES", "Noise", "Reach", "TorqueNoise", "noise_of", "reach"]
+__all__ = ["CHANGES", "Measure", "Noise", "Origin", "Reach", "TorqueNoise", "noise_of", "reach"]
 
 Array = NDArray[np.float64]
 TorqueNoise = Literal["residual", "sensor"]
@@ -36,9 +37,24 @@ CHANGES: Mapping[str, tuple[float, float, float]] = {
 }
 
 
+class Measure(StrEnum):
+    """What a noise was measured by: the residual of the fit, or the scatter between neighbouring samples."""
+
+    RESIDUAL = "residual"
+    SCATTER = "scatter"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a noise is from: ``measured`` (None: of no joint), but ``given`` for the joints named."""
+
+    measured: Measure | None = Measure.SCATTER
+    given: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviations (n) of positions ``q`` (rad, m) and torques ``tau`` (N m, N), and in words where from.
+    """Standard deviations (n) of positions ``q`` (rad, m) and torques ``tau`` (N m, N), and where they are from.
 
     ``sensor`` (n) is the torque's own noise, from differences of neighbouring samples.
     """
@@ -46,7 +62,8 @@ class Noise:
     q: Array
     tau: Array
     sensor: Array
-    words: Mapping[str, str] = field(default_factory=dict)
+    positions: Origin = Origin()
+    torques: Origin = Origin()
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,36 +238,26 @@ def noise_of(
     position = _mean([_position(log) for log in logs], logs)
     sensor = _mean([_scatter(log) for log in logs], logs)
     residual = _mean([np.array([one.rmse[name] for name in joints]) for one in found.logs], logs)
-    words = {
-        "positions": "scatter between neighbouring samples",
-        "torques": "residual of the fit" if torque == "residual" else "scatter between neighbouring samples",
-    }
-    return Noise(
-        q=_given("sigma_q", sigma_q, joints, position, words, "positions"),
-        tau=_given("sigma_tau", sigma_tau, joints, residual if torque == "residual" else sensor, words, "torques"),
-        sensor=sensor,
-        words=words,
-    )
+    by = Measure.RESIDUAL if torque == "residual" else Measure.SCATTER
+    q, positions = _given("sigma_q", sigma_q, joints, position, Measure.SCATTER)
+    tau, torques = _given("sigma_tau", sigma_tau, joints, residual if by is Measure.RESIDUAL else sensor, by)
+    return Noise(q, tau, sensor, positions, torques)
 
 
 def _given(
-    name: str,
-    wanted: Mapping[str, float] | float | None,
-    joints: tuple[str, ...],
-    measured: Array,
-    words: dict[str, str],
-    what: str,
-) -> Array:
+    name: str, wanted: Mapping[str, float] | float | None, joints: tuple[str, ...], sizes: Array, by: Measure
+) -> tuple[Array, Origin]:
+    """Return the deviations (n), measured ``sizes`` but for the wanted ones, and where they are from."""
     if wanted is None:
-        return measured
+        return sizes, Origin(by)
     values = dict.fromkeys(joints, float(wanted)) if not isinstance(wanted, Mapping) else dict(wanted)
     for joint, value in values.items():
         if joint not in joints:
             raise ConfigError(f"{name}: there is no joint {joint!r}. {choices(joint, joints)}")
         if not 0 < value < np.inf:
             raise ConfigError(f"{name} of {joint} is {value}; give a positive number, in SI units.")
-    words[what] = "as given" if len(values) == len(joints) else f"as given for {', '.join(values)}; else {words[what]}"
-    return np.array([values.get(joint, size) for joint, size in zip(joints, measured, strict=True)])
+    origin = Origin(None if len(values) == len(joints) else by, tuple(values))
+    return np.array([values.get(joint, size) for joint, size in zip(joints, sizes, strict=True)]), origin
 
 
 def _position(log: Log) -> Array:

@@ -7,12 +7,57 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LOW", "ResidualTest", "autocorrelation", "decorrelation", "examine", "ljung_box"]
+__all__ = [
+    "LOW",
+    "Cause",
+    "FrictionLevel",
+    "HighFrequency",
+    "LowFrequency",
+    "ResidualTest",
+    "Reversals",
+    "Ripple",
+    "autocorrelation",
+    "decorrelation",
+    "examine",
+    "ljung_box",
+]
 
 Array = NDArray[np.float64]
 LOW = 5.0  # Hz: below it an arm moves and its model acts; above it are ripple, elasticity and sensor noise
 SLOW = 0.05  # of the rms velocity: below it friction reverses
 LAGS = 20  # of the whiteness test
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Base of what a residual may come from."""
+
+
+@dataclass(frozen=True)
+class Reversals(Cause):
+    """Friction around the reversals of the motion."""
+
+
+@dataclass(frozen=True)
+class FrictionLevel(Cause):
+    """Friction whose level is not that of the fit: the residual follows the sign of the velocity."""
+
+
+@dataclass(frozen=True)
+class Ripple(Cause):
+    """A ripple at one ``frequency`` (Hz)."""
+
+    frequency: float
+
+
+@dataclass(frozen=True)
+class LowFrequency(Cause):
+    """Something slower than ``LOW``: the model or its parameters."""
+
+
+@dataclass(frozen=True)
+class HighFrequency(Cause):
+    """Something faster than ``LOW``: noise, ripple, elasticity or a delay."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +84,20 @@ class ResidualTest:
     sign_correlation: float
 
     @property
-    def words(self) -> str:
+    def causes(self) -> tuple[Cause, ...]:
         """The two clearest signs of where the residual comes from; empty where there is none."""
-        signs = []
+        signs = list[Cause]()
         if self.reversal_share > max(2 * self.slow_share, 0.15):
-            signs.append("friction around reversals")
+            signs.append(Reversals())
         if abs(self.sign_correlation) > 0.2:
-            signs.append("friction whose level is not that of the fit (it follows the sign of the velocity)")
+            signs.append(FrictionLevel())
         if self.peak_share > 0.2 and self.peak > LOW:
-            signs.append(f"a ripple at {self.peak:.3g} Hz")
+            signs.append(Ripple(self.peak))
         if self.low_share > 0.5:
-            signs.append("something slower than 5 Hz, that is the model or its parameters")
+            signs.append(LowFrequency())
         elif self.low_share <= 0.2:
-            signs.append("something faster than 5 Hz, that is noise, ripple, elasticity or a delay")
-        return " and ".join(signs[:2])
+            signs.append(HighFrequency())
+        return tuple(signs[:2])
 
 
 def examine(residual: Array, dq: Array, step: float) -> ResidualTest:

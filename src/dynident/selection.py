@@ -34,12 +34,6 @@ class Choice:
     candidates: tuple[Smoother, ...]
     errors: tuple[float, ...]
 
-    @property
-    def words(self) -> str:
-        """The choice in words, for a report."""
-        listed = ", ".join(f"{error:.3g} % {one}" for one, error in zip(self.candidates, self.errors, strict=True))
-        return f"{self.smoother}, by the cross-validated torque error on the training logs: {listed}"
-
 
 def choose_smoother(
     model: Model,

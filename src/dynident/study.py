@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache
 from importlib.metadata import version
 from itertools import product
@@ -27,13 +28,20 @@ from dynident.splines import NORMAL_95
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["Method", "Scenario", "Statistics", "run_study", "statistics"]
+__all__ = ["Method", "Outcome", "Scenario", "Statistics", "run_study", "statistics"]
 
 Array = NDArray[np.float64]
 KEY = ("scenario", "method", "level", "run", "seed", "version")
-FAILED = "failed: "
-UNSETTLED = ("not converged", "maximum likelihood failed")  # in the status of an estimate
 SAVE_EVERY = 2.0  # seconds between writes of the table
+
+
+class Outcome(StrEnum):
+    """How a fit went: without a note, with notes, without converging, or not at all."""
+
+    OK = "ok"
+    NOTED = "noted"
+    UNSETTLED = "unsettled"
+    FAILED = "failed"
 
 
 class Scenario(Protocol):
@@ -81,14 +89,23 @@ class _Unit:
         ends: list[float] = []
         try:
             estimate = method.estimate(record)
-            value, std, status = estimate.value.tolist(), estimate.std.tolist(), estimate.status
+            value, std = estimate.value.tolist(), estimate.std.tolist()
             ends = estimate.interval.ravel().tolist()
+            outcome = _outcome(estimate)
+            reason = ", ".join(type(note).__name__ for note in estimate.notes)
         except Exception as error:  # a failed fit is a row, whatever broke it
-            status = f"{FAILED}{type(error).__name__}: {error}"
+            outcome, reason = Outcome.FAILED, f"{type(error).__name__}: {error}"
         seconds = time.perf_counter() - began
         key = (self.scenario.name, method.name, self.level, self.run, self.seed, self.version)
-        found = {"status": status, "seconds": seconds, "value": value, "std": std, "interval": ends}
+        found: dict[str, Any] = {"status": outcome.value, "reason": reason, "seconds": seconds}
+        found |= {"value": value, "std": std, "interval": ends}
         return {**dict(zip(KEY, key, strict=True)), **found}
+
+
+def _outcome(estimate: Estimate) -> Outcome:
+    if not estimate.converged:
+        return Outcome.UNSETTLED
+    return Outcome.NOTED if estimate.notes else Outcome.OK
 
 
 @cache
@@ -119,12 +136,12 @@ def run_study(
 ) -> pl.DataFrame:
     """Run every method on ``runs`` recordings of every scenario at every noise level.
 
-    Returns a table with one row per fit: scenario, method, level, run, seed, version, status ("ok", a warning, or
-    "failed: ..."), seconds, value, std and interval (lists, empty where it failed; of the ends of 95 % intervals, lower
-    and upper in turn, where they are known), sorted by these. With ``path`` the table is
-    kept there (Parquet) as it grows: an interrupted study goes on where it stopped; failed rows and those of another
-    version of dynident's code are computed again. With ``executor`` the recordings are spread over its workers; the
-    numbers do not depend on it. ``progress`` is called with the fits done and their total.
+    Returns a table with one row per fit: scenario, method, level, run, seed, version, status (an ``Outcome``), reason
+    (the error of a failed fit, else the types of the notes), seconds, value, std and interval (lists, empty where it
+    failed; of the ends of 95 % intervals, lower and upper in turn, where they are known), sorted by these. With
+    ``path`` the table is kept there (Parquet) as it grows: an interrupted study goes on where it stopped; failed rows
+    and those of another version of dynident's code are computed again. With ``executor`` the recordings are spread
+    over its workers; the numbers do not depend on it. ``progress`` is called with the fits done and their total.
     """
     import polars as pl
 
@@ -134,7 +151,7 @@ def run_study(
         (scenario.name, method.name, float(level), run, seed, fingerprint()): (scenario, method)
         for scenario, level, run, method in product(scenarios, levels, range(runs), methods)
     }
-    rows = [row for row in _known(path) if not row["status"].startswith(FAILED)]  # another try may succeed
+    rows = [row for row in _known(path) if row["status"] != Outcome.FAILED]  # another try may succeed
     done = {_key(row) for row in rows}
     known, results = len(wanted.keys() & done), _results(_units(wanted, done), executor)
     rows = _gathered(rows, results, path, lambda new: progress(known + new, len(wanted)))
@@ -204,7 +221,7 @@ def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
 
     schema: dict[str, pl.DataType | type[pl.DataType]] = {
         "scenario": pl.String, "method": pl.String, "level": pl.Float64, "run": pl.Int64, "seed": pl.Int64,
-        "version": pl.String, "status": pl.String, "seconds": pl.Float64,
+        "version": pl.String, "status": pl.String, "reason": pl.String, "seconds": pl.Float64,
         "value": pl.List(pl.Float64), "std": pl.List(pl.Float64), "interval": pl.List(pl.Float64),
     }  # fmt: skip
     return pl.DataFrame(rows, schema=schema)
@@ -245,7 +262,7 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
         estimates=estimates,
         failed=len(table) - len(good),
         interval=np.array(ends, dtype=float).reshape(len(good), parameters, 2),
-        unsettled=sum(any(word in row.get("status", "") for word in UNSETTLED) for row in rows),
+        unsettled=sum(row.get("status") == Outcome.UNSETTLED for row in rows),
     )
 
 

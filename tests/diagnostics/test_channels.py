@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.diagnostics import Finding, channels, check, inspect, require, split_gaps
+from dynident.diagnostics import Finding, Severity, channels, check, inspect, require, split_gaps
 from dynident.errors import InputError
 from dynident.log import Log
 
@@ -89,9 +89,9 @@ def test_findings_name_the_joint_at_fault():
 
 
 def test_require_words_every_error_and_lets_warnings_pass():
-    warning = Finding("warning", None, "odd")
+    warning = Finding(Severity.WARNING, None, "odd")
     require([warning], "x.csv")
-    errors = [Finding("error", "a", "first"), warning, Finding("error", None, "second")]
+    errors = [Finding(Severity.ERROR, "a", "first"), warning, Finding(Severity.ERROR, None, "second")]
     with pytest.raises(InputError) as caught:
         require(errors, "x.csv")
     assert str(caught.value) == "x.csv: joint 'a': first\n  second"

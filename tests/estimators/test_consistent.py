@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dynident.estimators import Consistent, Estimate, LeastSquares, Problem
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
 from dynident.inertia import from_pseudo, moved, to_pseudo
 from dynident.model import Model
 from tests.estimators.welded import Drag, Welded, cloud, problem, random_body, single, turned
@@ -45,8 +46,8 @@ def test_equals_least_squares_where_that_is_possible(noise: float) -> None:
     np.testing.assert_allclose(found.value, plain.value, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
     np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-6, atol=1e-12)
-    assert found.status == "ok"
-    assert set(found.verdict) == {"data"}
+    assert found.notes == ()
+    assert set(found.provenance) == {"data"}
     assert set(found.costs.values()) == {0.0}
     assert found.eigenvalues["b1"] > 1e-3
 
@@ -58,7 +59,7 @@ def test_body_on_the_boundary(noise: float) -> None:
     found = Consistent()(posed)
     assert smallest(found.value) > 0
     assert found.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
-    assert set(found.verdict) == {"bound"}
+    assert set(found.provenance) == {"bound"}
     np.testing.assert_allclose(found.value, ROD, atol=max(1e-6, 4 * found.std.max()))
     if noise:
         assert smallest(LeastSquares()(posed).value) < 0
@@ -124,10 +125,10 @@ def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array
         np.testing.assert_allclose(total, sums[0], atol=1e-9)
     assert np.abs(found[1].value - found[0].value).max() > 1e-4
     for x in found:
-        assert set(x.verdict) == {"prior"}
+        assert set(x.provenance) == {"prior"}
         assert np.isinf(x.std).all()
         assert x.rank == 10
-        assert x.status == "rank 10 of 20; 20 parameters are decided by the prior where the data leave them free"
+        assert x.notes == (RankDeficient(10, 20), DecidedByPrior(20))
         assert min(x.eigenvalues.values()) > 1e-6
 
 
@@ -184,13 +185,13 @@ def test_without_a_prior_the_free_is_unidentifiable_and_small() -> None:
     """Without forces the mass makes no torque: the least one that the rest allows is taken."""
     model = single(None, moments_only=True)
     found = Consistent(prior="none")(problem(model, BODY, 0.01))
-    assert found.verdict[0] == "unidentifiable"
-    assert set(found.verdict[1:]) <= {"data", "bound"}
+    assert found.provenance[0] == "unidentifiable"
+    assert set(found.provenance[1:]) <= {"data", "bound"}
     assert np.isinf(found.std[0])
     assert np.isfinite(found.std[1:]).all()
     np.testing.assert_allclose(found.value[1:], BODY[1:], atol=5 * found.std[1:].max())
     assert 0 < found.value[0] < BODY[0]
-    assert "1 parameters are decided by neither data nor prior" in found.status
+    assert NotIdentifiable(1) in found.notes
 
 
 def test_threshold_leaves_weak_directions_to_the_prior() -> None:
@@ -201,11 +202,11 @@ def test_threshold_leaves_weak_directions_to_the_prior() -> None:
     posed = problem(model, truth, 0.2, spread=(1, 1, 1, 0.001, 0.001, 1, 0.001, 0.001, 1))
     strict, loose = Consistent(threshold=1e-2, inertia=False)(posed), Consistent(inertia=False, rotor=False)(posed)
     assert (strict.rank, loose.rank) == (10, 11)
-    assert [name for name, word in zip(model.names, strict.verdict, strict=True) if word == "prior"] == [
+    assert [name for name, word in zip(model.names, strict.provenance, strict=True) if word == "prior"] == [
         "b1.Izz",
         "rotor_nz",
     ]
-    assert set(loose.verdict) == {"data"}
+    assert set(loose.provenance) == {"data"}
     assert np.abs(strict.value - truth)[9:].max() < 0.1 * loose.std[9:].min()
 
 
@@ -222,7 +223,7 @@ def test_log_that_says_nothing_leaves_all_to_the_prior() -> None:
     for distance in ("entropic", "euclidean"):
         found = Consistent(distance=distance)(posed)
         np.testing.assert_allclose(found.value, BODY, atol=1e-6)
-        assert (found.rank, set(found.verdict), set(found.costs.values())) == (0, {"prior"}, {0.0})
+        assert (found.rank, set(found.provenance), set(found.costs.values())) == (0, {"prior"}, {0.0})
 
 
 def test_costs_can_be_saved() -> None:

@@ -31,7 +31,7 @@ def test_friction_and_rotor_inertia_are_not_negative_unless_switched_off(role: s
     posed = problem(single(None, (role, 3)), np.append(BODY, -0.2), 0.01)
     found, freed = Consistent()(posed), Consistent(**off)(posed)
     assert found.value[10] == 0.0
-    assert found.verdict[10] == "bound"
+    assert found.provenance[10] == "bound"
     assert found.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")] > 0
     assert freed.value[10] == pytest.approx(-0.2, abs=4 * freed.std[10])
     assert set(freed.costs) == {"pseudo-inertia", "all"}
@@ -58,7 +58,7 @@ def test_limits_are_met(setting: dict[str, Any], met: Any) -> None:
     assert met(found.value), found.value
     assert smallest(found.value) > 0
     assert found.costs["all"] > 0
-    assert "bounds" not in setting or found.verdict[0] == "bound"
+    assert "bounds" not in setting or found.provenance[0] == "bound"
 
 
 def test_total_mass_settles_what_the_data_leave_free() -> None:

@@ -12,6 +12,16 @@ from dynident.bound import bound
 from dynident.constraints import Barrier
 from dynident.errors import ConfigError
 from dynident.estimators import Consistent, Estimate, MaximumLikelihood, Problem, measured
+from dynident.estimators.notes import (
+    Averaged,
+    Failed,
+    MovingStart,
+    NotConverged,
+    NotWhite,
+    RankDeficient,
+    ScatterLarger,
+    SmoothSigns,
+)
 from dynident.gallery import two_link_arm
 from dynident.likelihood import demands, fit
 from dynident.log import Log
@@ -45,7 +55,7 @@ def test_reaches_the_bound(name: str, level: float) -> None:
     scenario = SCENARIOS[name]
     least = np.diag(bound(ARM, TRUE, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True))
     error = np.array([run.value - TRUE for run in runs])
-    assert {run.status for run in runs} == {"ok"}
+    assert {run.notes for run in runs} == {()}
     assert ((error**2).mean(axis=0) < 3.0 * least).all()
     assert min(run.value[1] for run in runs) > 0
     np.testing.assert_allclose(runs[0].sigma, scenario.sigma_tau, rtol=0.05)
@@ -85,14 +95,14 @@ def test_coloured_torque_noise_is_told() -> None:
     for k in range(1, len(drift)):
         drift[k] = 0.95 * drift[k - 1] + 0.05 * rng.standard_normal(2)
     found = MaximumLikelihood(start="rest")(posed(replace(log, tau=log.tau + drift), 1e-6))
-    assert "residuals are not white" in found.status
-    assert "standard errors take residuals for white noise" in found.status
+    assert [type(note) for note in found.notes] == [NotWhite, ScatterLarger]
+    assert found.converged
 
 
 def test_a_fast_recording_is_thinned() -> None:
     log = recording("stated", 1e-6, 1)
     found = MaximumLikelihood(start="free", rate=150.0)(posed(log, 1e-6))
-    assert "of 3 neighbouring samples the mean was taken" in found.status
+    assert Averaged(3) in found.notes
     assert found.samples == len(log) // 3
     np.testing.assert_allclose(found.value[3:], TRUE[3:], rtol=0.1)
 
@@ -154,11 +164,13 @@ class TestBodies:
         basis = structural_basis(given.model)
         error = basis.combination @ (found.value - truth)
         assert (np.abs(error) < 4 * informed_std(basis, found.information)).all()
-        assert "standard errors" not in found.status  # the residuals are white, whatever the rank
+        assert not any(
+            isinstance(note, ScatterLarger) for note in found.notes
+        )  # the residuals are white, whatever the rank
         assert found.rank == basis.rank
-        assert set(found.verdict) == {"data", "prior"}
-        assert np.isinf(found.std[np.array(found.verdict) == "prior"]).all()
-        assert f"rank {basis.rank} of {len(truth)}" in found.status
+        assert set(found.provenance) == {"data", "prior"}
+        assert np.isinf(found.std[np.array(found.provenance) == "prior"]).all()
+        assert RankDeficient(basis.rank, len(truth)) in found.notes
         assert min(found.eigenvalues.values()) > 0
         assert found.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
 
@@ -178,8 +190,8 @@ class TestBodies:
         for name in ("Fv_shoulder", "Fc_shoulder"):
             k = names.index(name)
             assert abs(found.value[k] - given.model.values[k]) < 4 * found.std[k]
-        assert "not converged" not in found.status
-        assert "velocities" not in found.status
+        assert found.converged
+        assert not any(isinstance(note, SmoothSigns) for note in found.notes)
 
     def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
         usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
@@ -238,7 +250,7 @@ def test_few_samples_do_not_make_wide_knots_look_right() -> None:
     runs = [MaximumLikelihood()(axes(0.3, 1.0, seed=seed, short=True)) for seed in range(10)]
     error = np.array([(run.value - (0.5, 0.3, 1.0)) / run.std for run in runs])
     assert np.mean(np.abs(error) < 2) > 0.75
-    assert {run.status for run in runs} == {"ok"}
+    assert {run.notes for run in runs} == {()}
 
 
 class TestIntervals:
@@ -264,10 +276,11 @@ def test_a_moving_start_is_noticed() -> None:
     log = recording("stated", 1e-8, 0)
     given = posed(log.window(3.0), 1e-8)
     moving, free = (MaximumLikelihood(start=start)(given) for start in ("test", "free"))
-    assert "do not start from rest" in moving.status
+    (p_value,) = [note.p_value for note in moving.notes if isinstance(note, MovingStart)]
+    assert p_value < 0.01
     np.testing.assert_allclose(moving.value, free.value)
     np.testing.assert_allclose(moving.std, free.std)
-    assert MaximumLikelihood(start="test")(posed(log, 1e-8)).status == "ok"
+    assert MaximumLikelihood(start="test")(posed(log, 1e-8)).notes == ()
 
 
 def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None:
@@ -279,13 +292,22 @@ def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None
     np.testing.assert_allclose(above[5:], 1.96 * found.std[5:], rtol=0.1)
 
 
+def test_a_search_that_is_cut_short_is_not_converged() -> None:
+    found = estimate("weak", 1e-4, 0, iterations=1, rounds=1)
+    (note,) = [note for note in found.notes if isinstance(note, NotConverged)]
+    assert not found.converged
+    assert (note.iterations, note.gain > 0) == (1, True)
+    assert found.interval.shape == (0, 2)
+
+
 def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_) -> None:
         raise np.linalg.LinAlgError("no luck")
 
     monkeypatch.setattr(fit, "_step", fails)
     found = estimate("stated", 1e-6, 0)
-    assert found.status == "maximum likelihood failed, this is the least-squares start: no luck"
+    assert found.notes == (Failed("no luck"),)
+    assert not found.converged
     np.testing.assert_allclose(found.value, TRUE, rtol=0.3)
 
 

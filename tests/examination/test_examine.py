@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity
 from dynident.examination import examine
 from dynident.gallery import slider
 from dynident.identify import Recipe
@@ -61,7 +61,11 @@ def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
 
 
 def test_the_gravest_come_first() -> None:
-    given = [Finding("info", None, "so"), Finding("error", None, "torn"), Finding("warning", None, "odd")]
+    given = [
+        Finding(Severity.INFO, None, "so"),
+        Finding(Severity.ERROR, None, "torn"),
+        Finding(Severity.WARNING, None, "odd"),
+    ]
     found = examine(slider(), {"train": {"one": log()}}, found=given)
     assert [one.severity for one in found.findings] == ["error", "warning", "info"]
 

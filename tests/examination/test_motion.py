@@ -81,7 +81,8 @@ def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
     assert poor.on_data < poor.structural
     told = list(rank_findings(poor))
     assert told
-    assert all(names[1] in one.message for one in told)
+    assert [one.message for one in told] == list(poor.missing)
+    assert all(one.joints == (names[1],) for one in poor.missing)
 
 
 def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:

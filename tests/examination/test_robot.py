@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity
 from dynident.examination import examine_robot, link_facts
 from dynident.terms.bodies import read_robot_file
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
@@ -75,7 +75,7 @@ def test_a_sound_arm_has_none() -> None:
 
 
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
-    assert {one.severity for one in found(FLAWS["negative mass"][0], grave="warning")} == {"warning"}
+    assert {one.severity for one in found(FLAWS["negative mass"][0], grave=Severity.WARNING)} == {"warning"}
 
 
 def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dynident.diagnostics import Remark
+from dynident.estimators.notes import NotAlone
 from dynident.log import Motion
 from dynident.model import MassMatrixCheck
 from dynident.residuals import examine
@@ -110,7 +112,10 @@ def log_validation(name, role, joints, filtered):
     )
 
 
-def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.csv"), warnings=("elbow hardly moves",)):
+WARNINGS = (Remark("elbow hardly moves"),)
+
+
+def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.csv"), warnings=WARNINGS):
     std = np.array([4e-4, 3e-4, np.inf, 2e-4, 1e-4, 9e-4, 8e-4])
     estimate = SimpleNamespace(
         information=None,
@@ -118,11 +123,11 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         std=std,
         names=tuple(parameter.name for parameter in PARAMETERS),
         units=tuple(parameter.unit for parameter in PARAMETERS),
-        status="solved; 1 of 7 parameters is not determined by these motions",
+        notes=(NotAlone(("theta3",)),),
         rank=6,
         condition=143.7,
         sigma=np.full(len(joints), 0.0101),
-        verdict=(),
+        provenance=(),
         eigenvalues={},
         costs={},
     )
@@ -149,6 +154,8 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         runs=(),
         recorded=(),
         delay=0.0,
+        pairing=None,
+        lean=None,
         settings={"smoother": "spline", "estimator": "least squares"},
         versions={"dynident": "0.1.0", "numpy": "2.0"},
     )

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from dynident.log import Log
-from dynident.reach import Reach, reach
+from dynident.reach import Measure, Origin, Reach, reach
 from dynident.report.bound import bound_findings, bound_page, bound_table
 from tests.test_reach import swing
 
@@ -43,7 +43,7 @@ def test_a_parameter_not_excited_is_said() -> None:
 
 
 def test_misfit_is_told_from_the_sensor() -> None:
-    noise = replace(found().noise, words={"positions": "", "torques": "residual of the fit"})
+    noise = replace(found().noise, torques=Origin(Measure.RESIDUAL))
     for factor, words in ((10.0, "model's misfit or slow noise"), (1e4, "filtered before it was logged")):
         one = replace(found(), noise=replace(noise, sensor=noise.tau / factor))
         assert words in " ".join(bound_findings(one))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dynident.diagnostics import Finding
+from dynident.basis import Missing
+from dynident.calibration import Delay, Lean
+from dynident.diagnostics import Finding, Severity, Topic
 from dynident.examination import Examination
+from dynident.examination.motion import Rank
 from dynident.report.check import check_dict, check_summary, check_tables
 
 
@@ -12,18 +15,27 @@ def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
 
 
 def test_like_findings_are_one_row() -> None:
-    made = [Finding("warning", joint, "coarse.", "quantised", log) for log in ("one", "two") for joint in ("a", "b")]
+    made = [
+        Finding(Severity.WARNING, joint, "coarse.", Topic.QUANTISED, log)
+        for log in ("one", "two")
+        for joint in ("a", "b")
+    ]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
     assert check_summary(Examination(tuple(made))) == "1 warning."
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
-    made = [Finding("warning", None, words, "not excited") for words in ("move a.", "move b.")]
+    made = [Finding(Severity.WARNING, None, words, Topic.NOT_EXCITED) for words in ("move a.", "move b.")]
     assert rows(*made) == {"Warnings": [("", "move a."), ("", "move b.")]}
 
 
 def test_the_gravest_first_and_counted() -> None:
-    found = Examination((Finding("error", None, "torn.", "gap", "one"), Finding("info", None, "so.", "x", "one")))
+    found = Examination(
+        (
+            Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),
+            Finding(Severity.INFO, None, "so.", Topic.LOST, "one"),
+        )
+    )
     assert list(rows(*found.findings)) == ["Errors", "Good to know"]
     assert found.failed
     assert check_summary(found) == "1 error."
@@ -31,6 +43,28 @@ def test_the_gravest_first_and_counted() -> None:
 
 
 def test_the_dictionary_is_plain() -> None:
-    found = check_dict(Examination((Finding("error", None, "torn.", "gap", "one"),)))
+    found = check_dict(Examination((Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),)))
     assert found["findings"][0]["topic"] == "gap"
     assert found["rank"] is None
+    assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
+
+
+def test_nouns_of_findings_are_worded() -> None:
+    delay, lean = Delay(0.005, 4.0, 2.0), Lean(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0)
+    missing = Missing(("Fv_b",), ("b",))
+    found = Examination(
+        (
+            Finding(Severity.WARNING, None, missing, Topic.NOT_EXCITED),
+            Finding(Severity.INFO, None, delay, Topic.DELAY),
+            Finding(Severity.INFO, None, lean, Topic.LEAN),
+        ),
+        rank=Rank(3, 2, 3, 10.0, (missing,)),
+    )
+    shown = [one["message"] for one in check_dict(found)["findings"]]
+    assert shown == [row[1] for table in check_tables(found) for row in table.rows]
+    assert shown[0] == "Fv_b: not excited by these data; move b."
+    assert shown[1].startswith("delay: positions come 5 ms later")
+    assert shown[1].endswith("instead of 4 %.")
+    assert shown[2].startswith("The base leans by 1.15 deg")
+    assert shown[2].endswith("If it may stand so, set `lean: estimate` in the model.")
+    assert check_dict(found)["rank"]["missing"][0]["words"] == shown[0]

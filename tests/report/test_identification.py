@@ -9,7 +9,10 @@ import pytest
 import rich.console
 from plotly.offline import get_plotlyjs
 
-from dynident.basis import Basis
+from dynident.basis import Basis, Missing
+from dynident.diagnostics import Severity
+from dynident.estimators import Provenance
+from dynident.estimators.notes import RankDeficient
 from dynident.log import Log, Motion
 from dynident.report.identification import (
     identification_notes,
@@ -17,6 +20,7 @@ from dynident.report.identification import (
     identification_tables,
     result_dict,
 )
+from dynident.report.wording import Line
 from dynident.terms.term import INERTIAL, Parameter
 
 from .conftest import identification_of
@@ -64,7 +68,7 @@ def test_page_tells_the_findings_in_sentences(identification):
     assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
     assert "on held-out motion it leaves 5.1\u00a0% of the torque unexplained" in page
     assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
-    assert "1 of 7 parameters is not determined by these motions" in page
+    assert "Status of the fit: not determined alone: theta3." in page
     assert "elbow hardly moves" in page
 
 
@@ -208,15 +212,15 @@ def robot(bodies=5, basis=True):
     p = len(parameters)
     found = identification_of()
     found.model.parameters = parameters
-    found.warnings = ("rank 42 of 52; " + "cannot be told apart: mass1, mass2; " * 30,)
+    found.warnings = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
     vars(found.estimate).update(
         value=np.arange(1.0, p + 1),
         std=np.full(p, 0.1),
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
-        status=found.warnings[0],
+        notes=found.warnings,
         rank=42,
-        verdict=("data",) * (p - 1) + ("bound",),
+        provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
         eigenvalues={"link0": 0.0123, "link1": 0.0},
         costs={"inertia": 0.25, "all": 0.5},
     )
@@ -228,7 +232,7 @@ def robot(bodies=5, basis=True):
         found.basis = Basis(found.estimate.names, 42, values, independent, combination, np.ones(p))
         found.base_std = np.full(42, 0.5)
         found.structural = SimpleNamespace(rank=44)
-        found.missing = (SimpleNamespace(words="Izz4: not excited by these data; move elbow."),)
+        found.missing = (Missing(("Izz4",), ("elbow",)),)
     return found
 
 
@@ -263,7 +267,7 @@ def test_a_model_without_base_parameters_has_no_such_section(identification):
 
 
 def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
-    shown, notes = printed(robot()), identification_notes(robot())
+    shown, notes = printed(robot()), [line.text for line in identification_notes(robot())]
     assert "Fv1" in shown
     assert "mass0" not in shown
     assert notes[0] == "50 inertial parameters are in the report."
@@ -276,7 +280,7 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
 
 def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
     found = robot()
-    found.estimate.verdict = ()
+    found.estimate.provenance = ()
     found.basis.combination[3, 50] = 1.0
     page = body(found)
     for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
@@ -285,4 +289,4 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
 
 
 def test_notes_leave_a_short_warning_whole(identification):
-    assert identification_notes(identification) == ["Warning: elbow hardly moves"]
+    assert identification_notes(identification) == [Line("Warning: elbow hardly moves", Severity.WARNING)]

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from dynident.control import Broken, Driver
 from dynident.report.identification import identification_page, result_dict
 from dynident.report.verdict import verdict_text
 
@@ -13,13 +14,14 @@ from .conftest import identification_of
 from .test_page import EVIL
 
 
-def run(name="reach.csv", joints=("shoulder", "elbow"), failure=""):
+def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):
     each = dict.fromkeys(joints, np.inf if failure else 3.5)
     t = np.linspace(0.0, 1.0, 50)
     q = np.outer(t, np.arange(1.0, len(joints) + 1))
     return SimpleNamespace(
-        t=t, q=np.full_like(q, np.inf) if failure else q + 0.01, measured=q, name=name, joints=joints, driver="torque",
-        restart=0.5, relative_error=each, motion_error=each, rms=each, torque_error={}, failure=failure,
+        t=t, q=np.full_like(q, np.inf) if failure else q + 0.01, measured=q, name=name, joints=joints,
+        driver=Driver.TORQUE, restart=0.5, relative_error=each, motion_error=each, rms=each, torque_error={},
+        failure=failure,
     )  # fmt: skip
 
 
@@ -44,7 +46,7 @@ def test_the_terminal_says_it_in_one_paragraph():
 
 
 def test_free_simulations_are_shown_with_their_failures(identification):
-    identification.runs = (run(), run("swing.csv", failure="it runs away"))
+    identification.runs = (run(), run("swing.csv", failure=Broken("it runs away")))
     page = identification_page(identification)
     assert "torque, 0.5 s" in page
     assert '<dd>fails</dd><dd class="note">swing.csv: it runs away</dd>' in page
@@ -72,7 +74,7 @@ def test_the_free_simulation_is_one_of_the_three_numbers(identification):
 
 def test_names_cannot_break_out_of_the_verdict():
     found = identification_of(joints=(EVIL, "elbow"), logs=(EVIL, "other"))
-    found.runs = (run(EVIL, (EVIL, "elbow"), failure=EVIL),)
+    found.runs = (run(EVIL, (EVIL, "elbow"), failure=Broken(EVIL)),)
     assert "<script>alert" not in identification_page(found)
 
 

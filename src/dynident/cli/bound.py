@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
+from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.reach import TorqueNoise
@@ -36,6 +36,7 @@ def bound(
     from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.report.page import terminal
+    from dynident.report.wording import Line, note_lines
 
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
@@ -45,9 +46,8 @@ def bound(
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.print(terminal(table))
-    for line in (*bound_findings(found), *(f"Warning: {text}" for text in found.identification.warnings)):
-        style = "yellow" if line.startswith("Warning") else None
-        screen.print(line, style=style, soft_wrap=True, highlight=False, markup=False)
+    for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.warnings)):
+        say_line(screen, line)
     if json_file:
         tell(screen, "Numbers", write_json(json_file, bound_dict(found)))
     if out:

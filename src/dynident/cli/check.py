@@ -44,7 +44,7 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 
 def _examined(path: Path, say: Callable[[str], None]) -> Examination:
     """Examine one file; one that cannot be used is an error among the findings, so that the others are examined."""
-    from dynident.diagnostics import Finding
+    from dynident.diagnostics import Finding, Severity, Topic
     from dynident.errors import DynidentError
     from dynident.examination import Examination
     from dynident.io.project import read_project
@@ -53,7 +53,7 @@ def _examined(path: Path, say: Callable[[str], None]) -> Examination:
     try:
         return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
     except DynidentError as error:
-        return Examination((Finding("error", None, str(error), "unusable"),))
+        return Examination((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
 
 
 def _robot(path: Path) -> Examination:

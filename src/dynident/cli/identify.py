@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, status, tell
+from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -30,6 +30,7 @@ def identify(config: Path, out: Path | None) -> None:
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
+    from dynident.report.wording import Line
 
     if out:
         probe_folder(out)
@@ -44,9 +45,8 @@ def identify(config: Path, out: Path | None) -> None:
     screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
     for table in identification_tables(found):
         screen.print(table)
-    for note in (*identification_notes(found), *export_notes(made)):
-        style = "yellow" if note.startswith("Warning") else None
-        screen.print(note, style=style, soft_wrap=True, highlight=False, markup=False)
+    for note in (*identification_notes(found), *map(Line, export_notes(made))):
+        say_line(screen, note)
     for step in steps[:MOST_STEPS]:
         screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
     for what, path in written:

@@ -13,7 +13,9 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["DIRECTORY", "FILE", "LOG", "bar", "console", "status", "tell"]
+    from dynident.report.wording import Line
+
+__all__ = ["DIRECTORY", "FILE", "LOG", "bar", "console", "say_line", "status", "tell"]
 
 DIRECTORY = click.Path(file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -23,6 +25,14 @@ LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
 def tell(console: Console, what: str, path: Path) -> None:
     """Say where a file was written."""
     console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
+
+
+def say_line(screen: Console, line: Line) -> None:
+    """Print a line, in yellow where it is a warning."""
+    from dynident.diagnostics import Severity
+
+    style = "yellow" if line.severity is Severity.WARNING else None
+    screen.print(line.text, style=style, soft_wrap=True, highlight=False, markup=False)
 
 
 def console() -> Console:

@@ -112,15 +112,17 @@ class _Program:
         return self._checked(found, hessian, cost, A, b)
 
     def _checked(self, found: Any, hessian: Array, cost: Array, A: Array, b: Array) -> Optimum:
-        x, z, status = np.array(found.x), np.array(found.z), str(found.status)
-        if "PrimalInfeasible" in status:
+        import clarabel  # type: ignore[import-untyped, unused-ignore]
+
+        x, z, states = np.array(found.x), np.array(found.z), clarabel.SolverStatus
+        if found.status in (states.PrimalInfeasible, states.AlmostPrimalInfeasible):
             raise ConfigError(
                 f"these constraints contradict each other: {'; '.join(self._guilty(z))}. Loosen or drop one of them."
             )
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             raise ModelError(
-                f"the conic solver gave up ({status}); check the nominal values and bounds for wrong units, or raise "
-                "the margin or the threshold of the estimator."
+                f"the conic solver gave up ({found.status}); check the nominal values and bounds for wrong units, or "
+                "raise the margin or the threshold of the estimator."
             )
         bend = hessian @ x
         pull = A.T @ z
@@ -128,7 +130,7 @@ class _Program:
         stationarity = float(np.abs(bend + cost + pull).max(initial=0.0)) / size
         primal, dual = 0.5 * x @ bend + cost @ x, -0.5 * x @ bend - b @ z
         gap = float(abs(primal - dual)) / max(1.0, abs(float(primal)), abs(float(dual)))
-        return Optimum(x, status, stationarity, gap)
+        return Optimum(x, str(found.status), stationarity, gap)
 
     def _guilty(self, z: Array) -> list[str]:
         """Name the constraints in the solver's proof of infeasibility: those with a multiplier."""

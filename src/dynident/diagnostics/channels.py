@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.diagnostics import time
-from dynident.diagnostics.finding import Finding
+from dynident.diagnostics.finding import Finding, Topic
+from dynident.diagnostics.note import Severity
 from dynident.diagnostics.time import MINIMUM_SAMPLES
 from dynident.errors import InputError
 from dynident.log import Log
@@ -95,7 +96,7 @@ def inspect(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset
 
     Each has the log's source. Raises the errors of ``check``.
     """
-    found = [finding for finding in check(log, kinds, multi_turn) if finding.topic != "jitter"]
+    found = [finding for finding in check(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
         found += [*time.stamps(facts), *time.lost(facts), *rest(log)]
@@ -107,11 +108,11 @@ def _still(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the position never moves ({levels} distinct values near {q[0]:.6g}): nothing about this joint's own "
             "motion can be identified. Look whether the right column is named, or take another window.",
-            "still",
+            Topic.STILL,
         )
 
 
@@ -119,11 +120,11 @@ def _degrees(t: Array, q: Array) -> Iterator[Finding]:
     span, speed = float(np.ptp(q)), _peak_speed(t, q)
     if span > _RANGE or speed > _SPEED:
         yield Finding(
-            "error",
+            Severity.ERROR,
             None,
             f"the position spans {span:.4g} rad at up to {speed:.4g} rad/s, more than an arm does; is it in degrees? "
             "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn so.",
-            "degrees",
+            Topic.DEGREES,
         )
 
 
@@ -138,11 +139,11 @@ def _quantised(q: Array) -> Iterator[Finding]:
     counts = np.abs(np.diff(q)) / resolution
     if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < _COARSE:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the position is quantised in steps of {resolution:.4g}, and most samples differ by fewer than "
             f"{_COARSE:.0f} of them: the error is not white noise, so check a noise level estimated from it.",
-            "quantised",
+            Topic.QUANTISED,
         )
 
 
@@ -150,21 +151,21 @@ def _torque(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the torque is {low:.6g} throughout; look whether the right column is named and was recorded.",
-            "dead",
+            Topic.DEAD,
         )
         return
     for extreme in (low, high):
         count = int(np.count_nonzero(tau == extreme))
         if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: an arm let go, not a limit
             yield Finding(
-                "warning",
+                Severity.WARNING,
                 None,
                 f"{count} of {len(tau)} torques are exactly the extreme value {extreme:.6g}: saturated? "
                 "A torque cut off at a limit biases the fit; leave these parts out with windows.",
-                "saturated",
+                Topic.SATURATED,
             )
 
 
@@ -202,11 +203,11 @@ def _stale(q: Array) -> Iterator[Finding]:
             else "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
         )
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"{100 * share:.2g} % of the positions are exactly the one before although the joint moves: the encoder is "
             f"read less often than it is logged. {cure}",
-            "stale",
+            Topic.STALE,
         )
 
 
@@ -245,9 +246,9 @@ def rest(log: Log) -> Iterator[Finding]:
     start, stop = log.t[first * size], log.t[min(last * size, len(log) - 1)]
     if stop - start >= max(_REST, 0.1 * (log.t[-1] - log.t[0])):
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the arm stands still from {start:.3g} to {stop:.3g} s: there friction takes any value up to its largest. "
             "Leave it out with a window, or set `slow`.",
-            "rest",
+            Topic.REST,
         )

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics.finding import Finding
+from dynident.diagnostics.finding import Finding, Topic
+from dynident.diagnostics.note import Severity
 from dynident.log import Log
 from dynident.splines import noise_sigma
 
@@ -122,10 +123,10 @@ def samples(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
         yield Finding(
-            "error",
+            Severity.ERROR,
             None,
             f"only {len(log)} samples; at least {MINIMUM_SAMPLES} are needed: widen the window or record longer.",
-            "samples",
+            Topic.SAMPLES,
         )
 
 
@@ -135,12 +136,12 @@ def gaps(log: Log) -> Iterator[Finding]:
     if len(long):
         steps, first = np.diff(log.t), long[0]
         yield Finding(
-            "error",
+            Severity.ERROR,
             None,
             f"a gap of {steps[first]:.4g} s after t = {log.t[first]:.6g} s "
             f"({steps[first] / np.median(steps):.0f} times the median step; {len(long)} such gaps in all). "
             "Leave it out with a window, or set `gaps: split` to smooth each piece on its own.",
-            "gap",
+            Topic.GAP,
         )
 
 
@@ -150,11 +151,11 @@ def jitter(log: Log) -> Iterator[Finding]:
     median, jitter = float(np.median(steps)), _rms(steps)
     if jitter > _JITTER:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the time steps vary by {100 * jitter:.0f} % about {median:.4g} s (from {steps.min():.3g} to "
             f"{steps.max():.3g} s). Where the clock that stamps is not the one that samples, this is position noise.",
-            "jitter",
+            Topic.JITTER,
         )
 
 
@@ -167,21 +168,21 @@ def stamps(facts: Timing) -> Iterator[Finding]:
         if facts.missing and facts.slots < 0.9 * facts.even:  # equal spacing would shift all that follows a loss
             cure = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"{told} are {_times(1 / best)} less noisy if they were equally spaced: the sampling is regular "
             f"and the stamps are not. {cure}.",
-            "stamps",
+            Topic.STAMPS,
         )
     elif facts.jitter > _JITTER:
         axis = "do not tell whether the stamps or the sampling is at fault"
         if facts.even > 1.02:
             axis = f"are {_times(facts.even)} noisier if they were equally spaced: the sampling itself jitters"
         yield Finding(
-            "info",
+            Severity.INFO,
             None,
             f"{told} {axis}. Keep the stamps, and a spline, which needs no equal spacing.",
-            "jitter",
+            Topic.JITTER,
         )
 
 
@@ -190,12 +191,12 @@ def lost(facts: Timing) -> Iterator[Finding]:
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         yield Finding(
-            "warning" if share > _MANY else "info",
+            Severity.WARNING if share > _MANY else Severity.INFO,
             None,
             f"about {facts.missing} samples ({100 * share:.2g} %) are lost, in steps of up to "
             f"{facts.longest / facts.step:.0f} times the median: a spline bridges them, as long as the time is taken "
             "from the stamps and not from a `rate`.",
-            "lost",
+            Topic.LOST,
         )
 
 

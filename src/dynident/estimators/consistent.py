@@ -27,9 +27,11 @@ from dynident.constraints import (
     signs,
     total,
 )
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, choices
-from dynident.estimators.estimator import Estimate, Problem, Verdict
+from dynident.estimators.estimator import Estimate, Problem, Provenance
 from dynident.estimators.least_squares import Weights, check_weights, joint_weights
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, PriorApproached, RankDeficient
 from dynident.estimators.prior import nearest, settle
 from dynident.estimators.staged import Information, fit, read
 from dynident.model import Model
@@ -39,6 +41,7 @@ __all__ = ["Consistent"]
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
 FREE = 1e-6  # share of a parameter in the free directions from which on it is not the data's
+CLOSED = 1e-6  # duality gap from which on the prior is only approached
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
 
@@ -98,7 +101,7 @@ class Consistent:
                 _check_sides(f"centre of mass of {name}", *sides)
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; the status says what the data did not determine.
+        """Estimate; notes say what the data did not determine.
 
         Raises ConfigError where settings name what the model has not, or the constraints contradict each other, and
         ModelError where the program cannot be solved.
@@ -114,9 +117,9 @@ class Consistent:
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
         theta, excess = fit(known, constraints, start)
-        value, trouble = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        value, gap = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
         value = _snapped(value, constraints)
-        verdict = _verdict(value, known, constraints, ~np.isnan(prior))
+        provenance = _provenance(value, known, constraints, ~np.isnan(prior))
         costs = _costs(known, constraints, start, excess) if self.costs else {}
         return Estimate(
             value=value,
@@ -127,8 +130,8 @@ class Consistent:
             rank=known.rank,
             condition=known.condition,
             samples=compressed.samples,
-            status=_status(known, verdict, trouble),
-            verdict=verdict,
+            notes=_notes(known, provenance, gap),
+            provenance=provenance,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
             costs=costs,
             weights=None if self.weights == "equal" else weights,
@@ -206,20 +209,22 @@ def _snapped(theta: Array, constraints: Constraints) -> Array:
     return theta
 
 
-def _verdict(
+def _provenance(
     theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
-) -> tuple[Verdict, ...]:
+) -> tuple[Provenance, ...]:
     free = known.share > FREE
-    words = np.where(~free, "data", np.where(prior, "prior", "unidentifiable")).astype(object)
+    at = np.zeros(len(theta), dtype=bool)
     for body in constraints.bodies:
         if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
-            words[body.columns[~free[body.columns]]] = "bound"
+            at[body.columns[~free[body.columns]]] = True
     for limit in constraints.limits:
         value = limit.rows @ theta
-        at = np.minimum(np.abs(value - limit.lower), np.abs(limit.upper - value)) < CLOSE
+        near = np.minimum(np.abs(value - limit.lower), np.abs(limit.upper - value)) < CLOSE
         single = (limit.rows != 0).sum(axis=1) == 1
-        words[(limit.rows[at & single] != 0).any(axis=0)] = "bound"
-    return tuple(words)
+        at |= (limit.rows[near & single] != 0).any(axis=0)
+    chosen = np.select([at, ~free, prior], [0, 1, 2], 3)
+    order = (Provenance.BOUND, Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
+    return tuple(order[k] for k in chosen)
 
 
 def _covariance(known: Information) -> Array:
@@ -237,9 +242,13 @@ def _costs(known: Information, constraints: Constraints, start: Array, excess: f
     return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
 
 
-def _status(known: Information, verdict: tuple[Verdict, ...], trouble: str) -> str:
-    words = [f"rank {known.rank} of {len(verdict)}"] if known.rank < len(verdict) else []
-    for which, said in (("prior", "decided by the prior"), ("unidentifiable", "decided by neither data nor prior")):
-        if which in verdict:
-            words.append(f"{verdict.count(which)} parameters are {said} where the data leave them free")
-    return "; ".join([*words, *([trouble] if trouble else [])]) or "ok"
+def _notes(known: Information, provenance: tuple[Provenance, ...], gap: float) -> tuple[Note, ...]:
+    kinds: dict[Provenance, type[DecidedByPrior | NotIdentifiable]] = {
+        Provenance.PRIOR: DecidedByPrior,
+        Provenance.UNIDENTIFIABLE: NotIdentifiable,
+    }
+    return (
+        *([RankDeficient(known.rank, len(provenance))] if known.rank < len(provenance) else []),
+        *(kind(provenance.count(which)) for which, kind in kinds.items() if which in provenance),
+        *([PriorApproached(gap)] if gap > CLOSED else []),
+    )

@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.diagnostics import Note
+from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.regression import Regression
 
-__all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Verdict", "quick"]
+__all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Provenance", "quick"]
 
 Array = NDArray[np.float64]
-Verdict = Literal["data", "prior", "bound", "unidentifiable"]
+
+
+class Provenance(StrEnum):
+    """What decided a parameter: the data, the prior, a bound that it lies at, or nothing."""
+
+    DATA = "data"
+    PRIOR = "prior"
+    BOUND = "bound"
+    UNIDENTIFIABLE = "unidentifiable"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +51,9 @@ class Estimate:
 
     ``value`` (p) in the units ``units``; ``covariance`` (p, p), infinite variance where the data do not determine a
     parameter; ``sigma`` (n) standard deviation of each joint's torque residual; ``rank`` and ``condition`` of the
-    column-scaled regressor; ``status`` says in words how it went, "ok" where all is well, and ``remarks`` what of that
-    a user must know of any model, besides what the rank leaves open.
+    column-scaled regressor; ``notes`` say what was not as it should be, none where all is well.
 
-    Where the estimator can tell: ``verdict`` (p) says what each parameter was determined by; ``eigenvalues`` is the
+    Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by; ``eigenvalues`` is the
     smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
     is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
     (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
@@ -62,9 +72,8 @@ class Estimate:
     rank: int
     condition: float
     samples: int
-    status: str = "ok"
-    remarks: tuple[str, ...] = ()
-    verdict: tuple[Verdict, ...] = ()
+    notes: tuple[Note, ...] = ()
+    provenance: tuple[Provenance, ...] = ()
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
     interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -77,6 +86,11 @@ class Estimate:
     def std(self) -> Array:
         """Standard errors (p)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search, if there was one, ended at its optimum."""
+        return not any(isinstance(note, Unsettled) for note in self.notes)
 
 
 class Estimator(Protocol):

@@ -1,4 +1,4 @@
-"""What a likelihood's end tells besides its values: covariance and rank, and remarks in words."""
+"""What a likelihood's end tells besides its values: covariance and rank, and its notes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.estimator import Verdict
+from dynident.diagnostics import Note
+from dynident.estimators.estimator import Provenance
+from dynident.estimators.notes import NotAlone, NotByData, NotWhite, RankDeficient, ScatterLarger
 from dynident.likelihood import Fitted, Search, whiteness
 
-__all__ = ["covariance_of", "inverted", "remarks", "undetermined"]
+__all__ = ["covariance_of", "inverted", "residual_notes", "undetermined"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
-APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is told
+APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is noted
 BORNE = 20.0  # parts of the recordings that must bear a parameter to tell its sandwich
 SURE = 4.0  # standard deviations of the sandwich's own chance that make a difference one
 EXACT = 1e-3  # residuals, relative to the largest torque, that are as good as none
@@ -41,45 +43,40 @@ def covariance_of(inverse: Array, lost: NDArray[np.bool_]) -> Array:
     return covariance
 
 
-def remarks(
+def residual_notes(
     search: Search,
     fitted: Fitted,
     names: Sequence[str],
     inverse: Array,
     lost: NDArray[np.bool_],
     tau: Sequence[Array],
-) -> list[str]:
-    """Return what is to be said of the torque's residuals ``tau``, and of standard errors, by the pseudo-inverse."""
-    words = []
+) -> list[Note]:
+    """Return the notes on the torque's residuals ``tau`` and on standard errors, by the pseudo-inverse."""
+    found: list[Note] = []
     colour = _colour(tau)
     largest = np.abs(np.concatenate([log.tau for log in search.given.logs])).max(axis=0)
     if colour and (search.sigma.tau > EXACT * largest).any():
-        words.append(
-            f"the torque's residuals are not white (correlation of neighbours {colour:.2f}): the model leaves out "
-            "more than noise, so compare with least squares on held-out motion"
-        )
+        found.append(NotWhite(colour))
     sandwich, borne = search.spread(fitted, inverse)
     std = np.sqrt(np.diag(inverse))
     ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE) & ~lost)
     ratio[ratio**2 - 1 < SURE / np.sqrt(np.maximum(borne, BORNE))] = 1.0
     worst = int(np.argmax(ratio))
     if ratio[worst] > APART:  # smaller ones come about by chance, where a few samples tell most
-        words.append(
-            f"standard errors take residuals for white noise; by their scatter along the recordings that of "
-            f"{names[worst]} is {ratio[worst]:.2g} times as large"
-        )
-    return words
+        found.append(ScatterLarger(names[worst], float(ratio[worst])))
+    return found
 
 
-def undetermined(names: Sequence[str], lost: NDArray[np.bool_], rank: int, verdict: Sequence[Verdict]) -> list[str]:
-    """Return what is to be said of parameters that the data leave free."""
+def undetermined(
+    names: Sequence[str], lost: NDArray[np.bool_], rank: int, provenance: Sequence[Provenance]
+) -> list[Note]:
+    """Return the notes on parameters that the data leave free."""
     if not lost.any():
         return []
-    if verdict:
-        count = sum(word != "data" for word in verdict)
-        return [f"rank {rank} of {len(lost)}; {count} parameters are not decided by the data alone"]
-    gone = ", ".join(name for name, one in zip(names, lost, strict=True) if one)
-    return [f"rank {rank} of {len(lost)}: not determined alone: {gone}"]
+    if provenance:
+        return [RankDeficient(rank, len(lost)), NotByData(sum(one is not Provenance.DATA for one in provenance))]
+    gone = tuple(name for name, one in zip(names, lost, strict=True) if one)
+    return [RankDeficient(rank, len(lost)), NotAlone(gone)]
 
 
 def _colour(tau: Sequence[Array]) -> float:

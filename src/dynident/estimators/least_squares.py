@@ -9,8 +9,10 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, choices
 from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.notes import RankDeficient
 from dynident.regression import Compressed
 
 __all__ = ["Fit", "LeastSquares", "Weights", "check_weights", "joint_weights", "solve"]
@@ -127,7 +129,7 @@ class LeastSquares:
             )
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; where the rank is deficient the status names the parameters that cannot be told apart."""
+        """Estimate; where the rank is deficient a note names the parameters that cannot be told apart."""
         compressed, model = problem.regression.compressed, problem.model
         weights = joint_weights(compressed, self.weights, self.iterations, self.tolerance)
         fit = solve(compressed.stacked(weights), self.tolerance)
@@ -144,22 +146,14 @@ class LeastSquares:
             rank=fit.rank,
             condition=fit.condition,
             samples=compressed.samples,
-            status=_status(fit, model.names),
+            notes=_notes(fit, model.names),
             weights=None if self.weights == "equal" else weights,
         )
 
 
-def _status(fit: Fit, names: tuple[str, ...]) -> str:
+def _notes(fit: Fit, names: tuple[str, ...]) -> tuple[Note, ...]:
     if not fit.groups:
-        return "ok"
-    lone = [names[group[0]] for group in fit.groups if len(group) == 1]
-    tied = [group for group in fit.groups if len(group) > 1]
-    words = [f"rank {fit.rank} of {len(names)}"]
-    if lone:
-        words.append(f"no effect on the torque in these data: {', '.join(lone)} (move the joints that excite them)")
-    for group in tied:
-        words.append(
-            f"cannot be told apart: {', '.join(names[k] for k in group)} "
-            "(only combinations of them act on the torque; remove or fix all but one, or excite them differently)"
-        )
-    return "; ".join(words)
+        return ()
+    lone = tuple(names[group[0]] for group in fit.groups if len(group) == 1)
+    tied = tuple(tuple(names[k] for k in group) for group in fit.groups if len(group) > 1)
+    return (RankDeficient(fit.rank, len(names), lone, tied),)

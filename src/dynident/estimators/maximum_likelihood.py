@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, get_args
 
@@ -11,12 +10,14 @@ from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
 from dynident.constraints import Barrier, bodies_of
+from dynident.diagnostics import Note
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
-from dynident.estimators.estimator import Estimate, Problem, Verdict
-from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
+from dynident.estimators.estimator import Estimate, Problem, Provenance
+from dynident.estimators.findings import covariance_of, inverted, residual_notes, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
+from dynident.estimators.notes import Failed, MovingStart, NotConverged, SmoothSigns
 from dynident.likelihood import Fitted, Search, Settings, Sigma, demands, has_sign
 from dynident.splines import NORMAL_95
 
@@ -77,7 +78,7 @@ class MaximumLikelihood:
                 raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; the status says how it went. Raises ConfigError, InputError and ModelError as the start does."""
+        """Estimate; notes say how it went. Raises ConfigError, InputError and ModelError as the start does."""
         model = problem.model
         start = Consistent(costs=False)(problem) if bodies_of(model.parameters) else LeastSquares()(problem)
         fallback = start
@@ -86,8 +87,7 @@ class MaximumLikelihood:
             fallback = replace(start, value=run.search.theta)  # as near to it as physics allows
             return run.estimate()
         except (ModelError, InputError, np.linalg.LinAlgError) as error:
-            words = f"maximum likelihood failed, this is the least-squares start: {error}"
-            return replace(fallback, status=words, remarks=(words,))
+            return replace(fallback, notes=(Failed(str(error)), *fallback.notes))
 
     def quick(self) -> LeastSquares:
         """Return least squares: the search for the trajectory takes too long to be repeated."""
@@ -102,7 +102,7 @@ class _Run:
     problem: Problem
     start: Estimate
     search: Search
-    notes: list[str]
+    notes: list[Note]
 
     @classmethod
     def begin(cls, settings: MaximumLikelihood, problem: Problem, start: Estimate) -> _Run:
@@ -127,13 +127,10 @@ class _Run:
         if self.settings.start == "test" and (chance := self.from_rest(fitted)) < LEVEL:
             # knots, noise and theta are those of another motion
             moving = _Run.begin(replace(self.settings, start="free"), self.problem, self.start)
-            moving.notes.append(f"the recordings do not start from rest (likelihood ratio, p = {chance:.1e})")
+            moving.notes.append(MovingStart(chance))
             return moving.estimate()
         if not fitted.converged:
-            self.notes.append(
-                f"not converged after {fitted.iterations} steps: the likelihood may still rise by a factor of "
-                f"exp({abs(fitted.decrement) / 2:.2g})"
-            )
+            self.notes.append(NotConverged(fitted.iterations, float(abs(fitted.decrement) / 2)))
         return self.told(fitted)
 
     def fitted(self) -> Fitted:
@@ -141,8 +138,8 @@ class _Run:
         search, settings = self.search, self.settings
         rest = settings.start != "free"
         search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
-        if has_sign(search.model) and (word := search.soften()):
-            self.notes.append(word)
+        if has_sign(search.model) and (widths := search.soften()):
+            self.notes.append(SmoothSigns(widths))
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)
@@ -183,14 +180,13 @@ class _Run:
         return np.asarray(out)
 
     def told(self, fitted: Fitted) -> Estimate:
-        """Return the estimate that belongs to a fit: covariance, intervals, and what is to be said."""
+        """Return the estimate that belongs to a fit: covariance, intervals and notes."""
         model, search = self.problem.model, self.search
         tau = search.left()[1]
         inverse, rank, condition, lost = inverted(fitted.information)
         covariance = covariance_of(inverse, lost)
-        verdict = self.verdicts(lost) if bodies_of(model.parameters) else ()
-        said = (*self.notes, *remarks(search, fitted, model.names, inverse, lost, tau))
-        words = (*said, *undetermined(model.names, lost, rank, verdict))
+        provenance = self.provenance(lost) if bodies_of(model.parameters) else ()
+        notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, lost, tau))
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
@@ -203,16 +199,16 @@ class _Run:
             rank=rank,
             condition=condition,
             samples=sum(map(len, search.given.logs)),
-            status="; ".join(words) or "ok",
-            remarks=said,
-            verdict=verdict,
+            notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
+            provenance=provenance,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
             weights=1.0 / search.sigma.tau,
             information=fitted.information,
         )
 
-    def verdicts(self, lost: NDArray[np.bool_]) -> tuple[Verdict, ...]:
+    def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:
         """Say what each parameter was determined by: where not by the data, by the start, and so as that says."""
-        pairs: Sequence[tuple[bool, Verdict]] = list(zip(lost.tolist(), self.start.verdict, strict=True))
-        return tuple(("prior" if was == "data" else was) if gone else "data" for gone, was in pairs)
+        data, prior = Provenance.DATA, Provenance.PRIOR
+        pairs = zip(lost, self.start.provenance, strict=True)
+        return tuple((prior if was is data else was) if gone else data for gone, was in pairs)

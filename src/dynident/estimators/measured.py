@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from dynident.constraints import Demand
 from dynident.constraints.cone import positive
+from dynident.diagnostics import Note
 from dynident.errors import InputError
 from dynident.estimators.estimator import Problem
+from dynident.estimators.notes import Averaged
 from dynident.likelihood import Recordings, steps_of
 from dynident.log import Log
 from dynident.regression import moving, stretches
@@ -25,23 +27,23 @@ LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: 
 SHORTEST = 20  # samples of a recording
 
 
-def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[str]]:
-    """Return the logs as measured, thinned to about ``rate`` (Hz), and words on what was done.
+def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:
+    """Return the logs as measured, thinned to about ``rate`` (Hz), and notes on what was done.
 
     Where the problem has none, the runs of usable samples of the motions stand for them.
     """
-    words = []
+    notes: list[Note] = []
     logs = problem.logs or _runs(problem)
     used = _used(problem, len(logs))
     group = _grouping(logs, rate)
     if group > 1:
         logs = tuple(_thinned(log, group) for log in logs)
         used = [None if one is None else _means(one.astype(float), group) == 1 for one in used]
-        words.append(f"of {group} neighbouring samples the mean was taken")
+        notes.append(Averaged(group))
     sigma_tau = usual_noise(logs)[1]
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
     bend = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
-    return Recordings(tuple(logs), found, tuple(used), problem.delay, bend), words
+    return Recordings(tuple(logs), found, tuple(used), problem.delay, bend), notes
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:

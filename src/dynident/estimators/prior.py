@@ -32,8 +32,8 @@ def nearest(known: Information, theta: Array, prior: Array) -> Array:
 
 def settle(
     known: Information, constraints: Constraints, theta: Array, prior: Array, entropic: Sequence[Body]
-) -> tuple[Array, str]:
-    """Return theta (p) moved along the free directions towards the prior (p), and what went wrong in words, or "".
+) -> tuple[Array, float]:
+    """Return theta (p) moved along the free directions towards the prior (p), and the duality gap left.
 
     The distance is tr(P0^-1 P) - log det(P0^-1 P) of the pseudo-inertia P from the prior's P0 for the bodies in
     ``entropic``: Lee, Wensing and Park (2020), "Geometric robot dynamic identification". It is half the squared
@@ -41,14 +41,13 @@ def settle(
     """
     directions = known.free @ _held(constraints, known.free)
     if not directions.shape[1]:
-        return theta, ""
+        return theta, 0.0
     eased = constraints.eased(0.5)
     if not entropic and eased.violation(close := nearest(known, theta, prior)) <= 0:
-        return close, ""
+        return close, 0.0
     program = _program(known, eased, theta, directions, prior, entropic)
     x, gap = program.descended()
-    words = "" if gap <= 1e-6 else f"the prior is only approached: the barrier method stopped {gap:.1e} from it"
-    return theta + directions @ x, words
+    return theta + directions @ x, gap
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 from dynident.calibration import find_lean, pair
-from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Timing, channels, inspect, timing
+from dynident.diagnostics import MINIMUM_SAMPLES, Channel, Finding, Severity, Timing, Topic, channels, inspect, timing
 from dynident.errors import DynidentError
 from dynident.estimators import LeastSquares
 from dynident.examination.gravity import gravity_findings
@@ -45,7 +45,7 @@ class Examination:
     @property
     def failed(self) -> bool:
         """Whether there is an error among the findings."""
-        return any(finding.severity == "error" for finding in self.findings)
+        return any(finding.severity is Severity.ERROR for finding in self.findings)
 
 
 def examine(
@@ -70,8 +70,8 @@ def examine(
             with one_thread():
                 whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
         except DynidentError as error:
-            findings.append(Finding("error", None, str(error), "motion"))
-    order = ("error", "warning", "info")
+            findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
+    order = list(Severity)
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
 
 
@@ -103,12 +103,16 @@ def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     """Return the findings on the robot file of a model; its inertias are only nominal, so none of them is an error."""
     found: list[Finding] = []
     for term in (term for term in model.terms if isinstance(term, Bodies)):
-        found += examine_robot(term.file, joints, grave="warning")
+        found += examine_robot(term.file, joints, grave=Severity.WARNING)
         if term.file.gravity not in (None, term.gravity):
             words = f"the file's gravity {term.file.gravity} is not read; {term.gravity} m/s^2 is used."
             found.append(
                 Finding(
-                    "warning", None, f"{words} Set `gravity` if the arm is mounted so.", "gravity", source=term.source
+                    Severity.WARNING,
+                    None,
+                    f"{words} Set `gravity` if the arm is mounted so.",
+                    Topic.GRAVITY,
+                    source=term.source,
                 )
             )
     return found
@@ -129,11 +133,11 @@ def _moving(
     """Return the examination with what the smoothed training logs say; adds to the findings."""
     slow = recipe.slowest(tuple(joint.name for joint in model.joints))
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
-    smoother, told = pair(model, logs, candidates, recipe.delay, PLAIN, slow, progress=progress)
+    pairing = pair(model, logs, candidates, recipe.delay, PLAIN, slow, progress=progress)
     progress("examining the motion")
-    motions = tuple(smoother(log) for log in logs)
-    if "delay" in told:
-        findings.append(Finding("info", None, f"delay: {told['delay']}.", "delay"))
+    motions = tuple(pairing.smoother(log) for log in logs)
+    if pairing.delay is not None:
+        findings.append(Finding(Severity.INFO, None, pairing.delay, Topic.DELAY))
     findings += _leaning(model, motions, recipe, slow)
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
@@ -166,5 +170,4 @@ def _leaning(
     except DynidentError:  # more than a lean: what is wrong there is said by other findings
         return
     if found.after < (1.0 - WORTH) * found.before:
-        words = f"{found.words[0].upper()}{found.words[1:]}. If it may stand so, set `lean: estimate` in the model."
-        yield Finding("info", None, words, "lean")
+        yield Finding(Severity.INFO, None, found, Topic.LEAN)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity, Topic
 from dynident.examination.torque import nominal, nuisance, thinned
 from dynident.log import Motion
 from dynident.model import Model
@@ -39,12 +39,12 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     if down is not None:
         vector = ", ".join(f"{x:.1f}" for x in np.round(size * down, 1) + 0.0)
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"which way is down? The torques go with a gravity of about ({vector}) m/s^2 in the root link's frame, "
             f"not with ({', '.join(f'{x:.4g}' for x in assumed)}). Set `gravity` if the arm hangs or is mounted so; "
             "else look at the signs of all torques and positions, and at `zero`.",
-            "gravity",
+            Topic.GRAVITY,
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.basis import Missing, basis_of, compare, structural_basis
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity, Topic
 from dynident.log import Motion
 from dynident.model import Model
 from dynident.regression import Regression
@@ -89,11 +89,11 @@ def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Ite
     joint = found.joint
     if found.reversals < FEW and found.peak_speed > MOVING:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             joint,
             f"the joint turns back {found.reversals} times only: friction, offset and gravity are then hard to tell "
             "apart. Record a motion to and fro.",
-            "reversals",
+            Topic.REVERSALS,
         )
     if limits is not None:
         yield from _position(found, limits)
@@ -107,22 +107,22 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
     slack = BEYOND * max(limits.upper - limits.lower, 1.0)
     if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"the position runs from {found.lower:.4g} to {found.upper:.4g}, the file allows {limits.lower:.4g} to "
             f"{limits.upper:.4g}. Look at the unit, the sign and `zero`, or at the file's limits.",
-            "position limit",
+            Topic.POSITION_LIMIT,
         )
 
 
 def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < OVER * limits.velocity < found.peak_speed:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"the velocity reaches {found.peak_speed:.4g}, the robot file allows {limits.velocity:.4g} (rad/s or m/s). "
             "Look at the unit of position and time; or the positions are too noisy for this smoother.",
-            "velocity limit",
+            Topic.VELOCITY_LIMIT,
         )
 
 
@@ -133,19 +133,19 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
     if found.torque > OVER * limit:
         far = found.torque > 3 * limit
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"the torque reaches {found.torque:.4g} {unit}, the robot file allows {limit:.4g}. "
             + ("Is it a motor current, or in another unit?" if far else "Look at the unit and gain, or at the file."),
-            "effort limit",
+            Topic.EFFORT_LIMIT,
         )
     elif found.torque < 1e-3 * limit:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"the torque stays below {found.torque:.3g} {unit}, a thousandth of the robot file's limit {limit:.4g}. Is "
             "it of the motor's side of the gear, in another unit, or the limit a placeholder?",
-            "effort limit",
+            Topic.EFFORT_LIMIT,
         )
 
 
@@ -176,12 +176,12 @@ def rank(model: Model, regression: Regression) -> Rank:
 def rank_findings(found: Rank) -> Iterator[Finding]:
     """Yield which base parameters the motions do not show, and which joints to move."""
     for one in found.missing:
-        yield Finding("warning", None, one.words, "not excited")
+        yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
     if found.condition > ILL and not found.missing:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the {found.on_data} base parameters are hard to tell apart in these motions (condition "
             f"{found.condition:.2g}): move more joints at the same time, faster, and over more of their range.",
-            "condition",
+            Topic.CONDITION,
         )

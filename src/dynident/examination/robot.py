@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity, Topic
 from dynident.inertia import flaws, from_physical, to_physical
 from dynident.terms.robot_xml import Limits, RobotFile, RobotJoint
 
@@ -46,7 +45,7 @@ def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
 
 
 def examine_robot(
-    file: RobotFile, joints: Sequence[str] | None = None, grave: Literal["error", "warning"] = "error"
+    file: RobotFile, joints: Sequence[str] | None = None, grave: Severity = Severity.ERROR
 ) -> tuple[Finding, ...]:
     """Return the findings on a robot file: its links, the ``joints`` that are to move (None: all), the whole.
 
@@ -64,15 +63,15 @@ def examine_robot(
         *_copies(file, facts),
         *_total(facts),
         *_limits(file, moving),
-        *(Finding("info", None, f"{note}.", "unread") for note in file.notes),
+        *(Finding(Severity.INFO, None, f"{note}.", Topic.UNREAD) for note in file.notes),
     ]
     return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
 
 
-def _impossible(file: RobotFile, grave: Literal["error", "warning"]) -> Iterator[Finding]:
+def _impossible(file: RobotFile, grave: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for flaw in () if theta is None else flaws(theta):
-            yield Finding(grave, None, f"{flaw}. No body has such an inertia. {CURE}", "impossible", link=name)
+            yield Finding(grave, None, f"{flaw}. No body has such an inertia. {CURE}", Topic.IMPOSSIBLE, link=name)
 
 
 def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -82,29 +81,29 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
         given = [file.links[name] for name in carried]
         if all(theta is not None and not theta.any() for theta in given):
             yield Finding(
-                "warning",
+                Severity.WARNING,
                 joint.name,
                 f"what the joint moves ({', '.join(carried)}) has no mass in the file: simulators refuse it, and a "
                 f"prior has nothing to say. {CURE}",
-                "massless",
+                Topic.MASSLESS,
                 link=joint.child,
             )
     for name, theta in file.links.items():
         if theta is None:
             yield Finding(
-                "info",
+                Severity.INFO,
                 None,
                 "the file gives no inertia, but shapes to compute it from, which is not done here; save the compiled "
                 "model from MuJoCo to have it written out.",
-                "shapes",
+                Topic.SHAPES,
                 link=name,
             )
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
             yield Finding(
-                "info",
+                Severity.INFO,
                 None,
                 f"{theta[0]:.4g} kg without an inertia about the centre of mass: a point, perhaps rounded to zero.",
-                "point",
+                Topic.POINT,
                 link=name,
             )
 
@@ -122,11 +121,11 @@ def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         distance = float(np.linalg.norm(fact.centre))
         if distance > FAR:
             yield Finding(
-                "warning",
+                Severity.WARNING,
                 None,
                 f"its centre of mass is {distance:.4g} m from its frame. In millimetres, or from another frame? "
                 "A URDF wants metres in the link's own frame.",
-                "far",
+                Topic.FAR,
                 link=fact.link,
             )
 
@@ -138,12 +137,12 @@ def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         size = _size(file, fact)
         if gyration > SPREAD * size:
             yield Finding(
-                "warning",
+                Severity.WARNING,
                 None,
                 f"its largest moment {fact.moments[-1]:.3g} kg m^2 needs the {fact.mass:.3g} kg to lie "
                 f"{gyration:.2g} m from the centre of mass, on a link of about {size:.2g} m. Is it about another "
                 "point, or a placeholder? As a prior it would mislead.",
-                "spread",
+                Topic.SPREAD,
                 link=fact.link,
             )
 
@@ -168,11 +167,11 @@ def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Findi
             fits.append(fact.link)
     if len(fits) >= 2 and 2 * len(fits) > len(told):
         yield Finding(
-            "warning",
+            Severity.WARNING,
             None,
             f"the inertias of {', '.join(fits)} are as large as if they were about the links' frames. A robot file "
             "wants them about the centre of mass: was that forgotten? Then take off m c^2 (parallel axes).",
-            "about origin",
+            Topic.ABOUT_ORIGIN,
         )
 
 
@@ -194,27 +193,31 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             continue
         same = f"have the same mass {group[0].mass:.4g} kg and the same moments:"
         if len(group) == len(facts) > 2:
-            yield Finding("warning", None, f"all links {same} placeholders? {CURE}", "copied")
+            yield Finding(Severity.WARNING, None, f"all links {same} placeholders? {CURE}", Topic.COPIED)
         else:
             words = f"{', '.join(names)} {same} copied, or simple shapes? As a prior they say little."
-            yield Finding("info", None, words, "copied")
+            yield Finding(Severity.INFO, None, words, Topic.COPIED)
 
 
 def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
     if facts and not LIGHTEST <= total <= HEAVIEST:
-        yield Finding("warning", None, f"all links together have {total:.4g} kg. Are the masses in kg?", "total mass")
+        yield Finding(
+            Severity.WARNING, None, f"all links together have {total:.4g} kg. Are the masses in kg?", Topic.TOTAL_MASS
+        )
 
 
 def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
         for words in _impossible_limits(joint.limits):
-            yield Finding("warning", joint.name, f"{words}: simulators take it at its word. Correct it.", "limits")
+            yield Finding(
+                Severity.WARNING, joint.name, f"{words}: simulators take it at its word. Correct it.", Topic.LIMITS
+            )
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # velocity has no place there
         bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if bare:
             words = f"no {name} limit of {', '.join(bare)}: recordings cannot be compared with it."
-            yield Finding("info", None, words, "limits")
+            yield Finding(Severity.INFO, None, words, Topic.LIMITS)
 
 
 def _impossible_limits(limits: Limits) -> Iterator[str]:

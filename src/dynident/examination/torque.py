@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Severity, Topic
 from dynident.log import Motion, subsample
 from dynident.model import Model
 from dynident.terms.term import INERTIAL
@@ -107,25 +107,25 @@ def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
         if against:
             why = "friction and inertia of the joint come out negative"
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"is the sign of the torque turned? By the motion, {why}. Look at the signs of `gain` and "
             "`transmission`, and whether position and torque count the same way round.",
-            "sign",
+            Topic.SIGN,
         )
     elif found.correlation > STRONG and not 1 / SCALE < found.scale < SCALE:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             f"the torque is {found.scale:.3g} times what the robot file's inertias ask for. A gear ratio, a torque "
             f"constant or a unit that is missing in `gain`? It should be in {unit}.",
-            "scale",
+            Topic.SCALE,
         )
     elif abs(found.correlation) < NONE and found.asked > ASKED:
         yield Finding(
-            "warning",
+            Severity.WARNING,
             found.joint,
             "does this torque belong to this joint? It hardly follows the robot file's gravity and inertia, which ask "
             f"for {found.asked:.2g} times as much change (correlation {found.correlation:.2f}). Look at the column.",
-            "foreign",
+            Topic.FOREIGN,
         )

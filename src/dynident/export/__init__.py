@@ -41,7 +41,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     Each is proven on samples of the logs, or says why it cannot be.
     """
     estimate = found.estimate
-    identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.verdict))
+    identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.logs))
     formats = [term.format for term in found.model.terms if isinstance(term, Bodies)]
     return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))

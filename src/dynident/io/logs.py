@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import MINIMUM_SAMPLES, Finding, check, require, rest, split_gaps
+from dynident.diagnostics import MINIMUM_SAMPLES, Finding, Severity, check, require, rest, split_gaps
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
@@ -56,7 +56,7 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque:
     warnings = list(reading.warnings)
     for piece in reading.logs:
         findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
-        warnings += [f"{piece.source}: {found}" for found in findings if found.severity == "warning"]
+        warnings += [f"{piece.source}: {found}" for found in findings if found.severity is Severity.WARNING]
     return replace(reading, warnings=tuple(warnings))
 
 
@@ -97,10 +97,10 @@ def read_found(
             try:
                 reading = _read(spec, config, joints)
             except InputError as error:
-                findings.append(Finding("error", None, str(error), source=spec.label))
+                findings.append(Finding(Severity.ERROR, None, str(error), source=spec.label))
                 continue
             found.update({log.source: log for log in reading.logs})
-            findings += [Finding("warning", None, words) for words in reading.warnings]
+            findings += [Finding(Severity.WARNING, None, words) for words in reading.warnings]
     return logs, tuple(findings)
 
 

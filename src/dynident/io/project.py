@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dynident.diagnostics import Finding
+from dynident.diagnostics import Finding, Remark, Severity
 from dynident.examination import Examination, examine
 from dynident.identify import Identification, Recipe, identify
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
@@ -85,7 +85,7 @@ class Project:
     def examine(self, progress: Progress = _silent) -> Examination:
         """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
         logs, found = read_found(self.config, self.model.joints, progress)
-        own = tuple(Finding("warning", None, words, source=self.path.name) for words in self.warnings)
+        own = tuple(Finding(Severity.WARNING, None, words, source=self.path.name) for words in self.warnings)
         turning = turning_joints(self.config)
         return examine(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
 
@@ -93,7 +93,7 @@ class Project:
         self, found: Identification, remarks: Sequence[str], hashes: Mapping[str, str] | None = None
     ) -> Identification:
         """Return an identification that says what it was made from, and all that is to be warned of."""
-        warnings = (*self.warnings, *remarks, *found.warnings)
+        warnings = (*map(Remark, (*self.warnings, *remarks)), *found.warnings)
         return replace(found, warnings=warnings, settings={**self.provenance, **(hashes or {}), **found.settings})
 
 

@@ -142,17 +142,16 @@ class Search:
         left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma.tau for one in segments]
         return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
 
-    def soften(self) -> str:
-        """Make the sign of velocities as smooth as these are known; return words where that concerns many samples."""
+    def soften(self) -> tuple[float, ...]:
+        """Make the sign of velocities as smooth as these are known; return the widths if that concerns many samples."""
         known = [one.resolution(self.sigma.q, self.given.bend) for one in self.segments]
         still = self.given.bend < STILL
         width = np.where(still, NO_SIGN, np.max(known, axis=0))
         speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
         self.model = softened(self.model, width)
         if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~still].max(initial=0.0)) < MANY:
-            return ""
-        listed = ", ".join(f"{x:.2g}" for x in width[~still])
-        return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
+            return ()
+        return tuple(width[~still].tolist())
 
     def _white(self, left: Sequence[Array], segments: Sequence[Segment]) -> bool:
         pairs = zip(left, segments, strict=True)

@@ -7,7 +7,7 @@ readable on white and on black; a page may repaint them in its own text colour.
 from dynident.plot.bound import CHANGE_NAMES, bound_figure, efficiency_figure
 from dynident.plot.canvas import Array, share, thin
 from dynident.plot.identification import error_figure, motion_figure, run_figure, smoothing_figure, torque_figure
-from dynident.plot.parameters import interval_figure, reference_word, relative_std, singular_figure
+from dynident.plot.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.plot.study import method_name, scientific, spread_figure, trace_figure
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "interval_figure",
     "method_name",
     "motion_figure",
-    "reference_word",
+    "only_nominal",
     "relative_std",
     "run_figure",
     "scientific",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynident.basis import Basis
     from dynident.model import Model
 
-__all__ = ["interval_figure", "reference_word", "relative_std", "singular_figure"]
+__all__ = ["interval_figure", "only_nominal", "relative_std", "singular_figure"]
 
 WIDEST = 100.0  # % of a parameter's value at which the axis ends
 LEAST = 1e-20  # relative singular values below it are zero but for rounding
@@ -95,9 +95,9 @@ def relative_std(value: Array, std: Array) -> Array:
     return relative
 
 
-def reference_word(model: Model) -> str:
-    """Return what the parameters' known values are: "nominal" from a robot file, which knows bodies, else "true"."""
-    return "nominal" if any(parameter.body for parameter in model.parameters) else "true"
+def only_nominal(model: Model) -> bool:
+    """Tell whether the parameters' known values are only nominal, as those of a robot file, which knows bodies."""
+    return any(parameter.body for parameter in model.parameters)
 
 
 def singular_figure(basis: Basis) -> go.Figure:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident import plot
+from dynident.reach import Measure, Origin
 from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render
+from dynident.report.wording import settings_of, words
 
 if TYPE_CHECKING:
     from dynident.reach import Reach
@@ -63,8 +65,12 @@ def noise_table(found: Reach) -> Table:
         for j, joint in enumerate(joints)
     )
     heads = ("position noise", "torque noise", "torque scatter, sample to sample")
-    words = "; ".join(f"{what}: {text}" for what, text in noise.words.items())
-    return Table((Column("joint", numeric=False), *map(Column, heads)), rows, f"Noise, SI ({words})")
+    origins = "; ".join(f"{what}: {text}" for what, text in _origins(found).items())
+    return Table((Column("joint", numeric=False), *map(Column, heads)), rows, f"Noise, SI ({origins})")
+
+
+def _origins(found: Reach) -> dict[str, str]:
+    return {"positions": words(found.noise.positions), "torques": words(found.noise.torques)}
 
 
 def bound_findings(found: Reach) -> list[str]:
@@ -114,17 +120,17 @@ def _why(found: Reach, k: int) -> str:
     with np.errstate(divide="ignore", invalid="ignore"):
         after = float(100 * found.std[change][k] / abs(found.value[k]))
     step = "one more bit" if change == "bit" else "ten times its accuracy"
-    words = f"{at_best}. {name.capitalize()} limits it ({number(100 * share, 2)} % of the variance): {step} gives "
-    words += f"{number(after, 2)} %."
+    said = f"{at_best}. {name.capitalize()} limits it ({number(100 * share, 2)} % of the variance): {step} gives "
+    said += f"{number(after, 2)} %."
     if found.inflation[k] > TIED:
-        words += (
+        said += (
             f" The motion does too: were all others known, it would be {number(float(found.inflation[k]), 2)} times "
             f"smaller; hardest to tell from {_label(found, int(found.partner[k]))} "
             f"(correlation {found.correlation[k]:.3f})."
         )
     elif relative > WELL:
-        words += " No other parameter hides it: its share of the torque is small in this motion; excite it more."
-    return words
+        said += " No other parameter hides it: its share of the torque is small in this motion; excite it more."
+    return said
 
 
 def _first(found: Reach, k: int) -> tuple[str, str, float]:
@@ -144,12 +150,13 @@ def _cautions(found: Reach) -> Iterator[str]:
     joints = [joint.name for joint in found.identification.model.joints]
     ratio = found.noise.tau / found.noise.sensor
     worst = int(ratio.argmax())
-    if found.noise.words["torques"].startswith("residual") and ratio[worst] > FILTERED:
+    fitted = found.noise.torques == Origin(Measure.RESIDUAL)
+    if fitted and ratio[worst] > FILTERED:
         yield (
             f"The torque of {joints[worst]} hardly scatters from sample to sample: it was filtered before it was "
             "logged, and its scatter says nothing of the sensor. The residual of the fit sets this bound."
         )
-    elif found.noise.words["torques"].startswith("residual") and ratio[worst] > MISFIT:
+    elif fitted and ratio[worst] > MISFIT:
         yield (
             f"The residual is up to {number(float(ratio[worst]), 2)} times the scatter of the torque between samples "
             f"({joints[worst]}): the model's misfit or slow noise sets this bound, not the torque sensor; see "
@@ -205,7 +212,7 @@ def bound_page(found: Reach) -> str:
             "Bound", (_WHAT, bound_table(found), *_formulas(found), Figure(plot.bound_figure(found, labels), caption))
         ),
         Section("Noise", (noise_table(found),)),
-        Section("Warnings", (tuple(fact.warnings) or "None.",)),
+        Section("Warnings", (tuple(map(words, fact.warnings)) or "None.",)),
         Section("Settings and versions", tuple(_settings(found))),
     ]
     logs = ", ".join(log.name for log in fact.logs)
@@ -221,7 +228,7 @@ def _formulas(found: Reach) -> Iterator[Block]:
 
 
 def _settings(found: Reach) -> Iterator[Block]:
-    settings = dict(found.identification.settings)
+    settings = settings_of(found.identification)
     configuration = settings.pop("configuration", None)
     yield pairs("setting", list(settings.items()))
     if configuration:
@@ -253,10 +260,10 @@ def bound_dict(found: Reach) -> dict[str, Any]:
     }
     return {
         "parameters": parameters,
-        "noise": {**noise, "from": dict(found.noise.words)},
+        "noise": {**noise, "from": _origins(found)},
         "samples": found.samples,
         "findings": bound_findings(found),
-        "warnings": list(found.identification.warnings),
+        "warnings": [words(note) for note in found.identification.warnings],
         "versions": dict(found.identification.versions),
-        "settings": dict(found.identification.settings),
+        "settings": settings_of(found.identification),
     }

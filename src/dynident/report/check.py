@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynident.calibration import Delay, Lean
+from dynident.diagnostics import Severity
 from dynident.report.page import Column, Table, number
+from dynident.report.wording import words
 
 if TYPE_CHECKING:
     from dynident.diagnostics import Channel, Finding, Timing
     from dynident.examination import Agreement, Examination, Excitation
+    from dynident.examination.motion import Rank
 
 __all__ = ["check_dict", "check_summary", "check_tables"]
 
-TITLES = {"error": "Errors", "warning": "Warnings", "info": "Good to know"}
+TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
 WORD = Column("", numeric=False)
 
@@ -25,7 +29,7 @@ WORD = Column("", numeric=False)
 def check_summary(examination: Examination) -> str:
     """Return the outcome in one sentence."""
     counts = Counter(finding.severity for finding in (group[0] for group in _groups(examination.findings)))
-    told = [_count(counts[severity], severity) for severity in ("error", "warning") if counts[severity]]
+    told = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
     return f"{' and '.join(told) or 'No errors and no warnings'}."
 
 
@@ -51,7 +55,7 @@ def check_tables(examination: Examination) -> list[Table]:
 def check_dict(examination: Examination) -> dict[str, Any]:
     """Return everything as plain values: findings, and facts on logs, joints, rank and links."""
     return {
-        "findings": [asdict(finding) for finding in examination.findings],
+        "findings": [_plain(finding) for finding in examination.findings],
         "logs": {
             name: {
                 **asdict(timing),
@@ -63,9 +67,31 @@ def check_dict(examination: Examination) -> dict[str, Any]:
             {**asdict(moved), "nominal": asdict(torque)}
             for moved, torque in zip(examination.excitations, examination.agreements, strict=True)
         ],
-        "rank": asdict(examination.rank) if examination.rank else None,
+        "rank": _rank(examination.rank) if examination.rank else None,
         "links": [asdict(link) for link in examination.links],
     }
+
+
+def _plain(finding: Finding) -> dict[str, Any]:
+    return {
+        **vars(finding),
+        "severity": finding.severity.value,
+        "topic": finding.topic.value if finding.topic else "",
+        "message": _message(finding),
+    }
+
+
+def _rank(rank: Rank) -> dict[str, Any]:
+    return {**asdict(rank), "missing": [{**asdict(one), "words": words(one)} for one in rank.missing]}
+
+
+def _message(finding: Finding) -> str:
+    said = words(finding.message)
+    if isinstance(finding.message, Delay):
+        return f"delay: {said}."
+    if isinstance(finding.message, Lean):
+        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `lean: estimate` in the model."
+    return said
 
 
 def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
@@ -74,7 +100,7 @@ def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     seen: Counter[tuple[object, ...]] = Counter()
     for one in findings:
         place = (one.severity, one.topic, one.source, one.joint, one.link)
-        key = (one.severity, one.topic, seen[place], one.message if not one.topic else "")
+        key = (one.severity, one.topic, seen[place], _message(one) if not one.topic else "")
         seen[place] += 1
         groups.setdefault(key, []).append(one)
     return list(groups.values())
@@ -86,7 +112,7 @@ def _row(group: Sequence[Finding]) -> tuple[str, str]:
     part = first.link or first.joint or ""
     here = [one.link or one.joint or "" for one in others if one.source == first.source]
     there = list(dict.fromkeys(one.source for one in others if one.source != first.source))
-    message = first.message
+    message = _message(first)
     if here:
         message += f" Likewise {_listed(here)}."
     if there:

@@ -10,6 +10,7 @@ import numpy as np
 from dynident import plot
 from dynident.examination.motion import Excitation, excitation
 from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number, pairs
+from dynident.report.wording import settings_of
 from dynident.report.words import ROLES, count, labelled, logs_of, points
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def data_section(identification: Identification) -> Section:
 
 
 def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
-    settings, model = identification.settings, identification.model
+    settings, model = settings_of(identification), identification.model
     if file := settings.get("model file"):
         yield "file", file.replace("\\", "/").rpartition("/")[2]
     kinds = [joint.kind for joint in model.joints]

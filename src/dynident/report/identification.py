@@ -14,6 +14,7 @@ from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
 from dynident.report.verdict import verdict_results, verdict_section
+from dynident.report.wording import Line, causes_words, note_lines, settings_of, status_words, words
 from dynident.report.words import ROLES, count, listed, logs_of
 
 if TYPE_CHECKING:
@@ -60,9 +61,9 @@ def _lead(identification: Identification) -> str:
 
 
 def _warnings(identification: Identification) -> Iterator[Block]:
-    status = identification.estimate.status
-    yield tuple(words for words in identification.warnings if words != status) or "None."
-    if status != "ok":
+    yield tuple(words(note) for note in identification.warnings) or "None."
+    rest = [note for note in identification.estimate.notes if note not in identification.warnings]
+    if status := "; ".join(map(words, rest)):
         yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
 
 
@@ -72,10 +73,11 @@ def identification_tables(identification: Identification) -> list[rich.table.Tab
     return [terminal(table) for table in (parameters, error_table(identification), joint_table(identification))]
 
 
-def identification_notes(identification: Identification) -> list[str]:
+def identification_notes(identification: Identification) -> list[Line]:
     """Return for a terminal what to say below the tables: of the parameters, then the warnings, long ones cut."""
     _, notes = terminal_parameters(identification)
-    return [*notes, *(f"Warning: {brief(warning)}" for warning in identification.warnings)]
+    lines = note_lines(identification.warnings)
+    return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in lines)]
 
 
 def result_dict(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
@@ -96,10 +98,10 @@ def result_dict(identification: Identification, exports: Sequence[Export] = ()) 
         "train": {log.name: _errors(log) for log in logs_of(identification, "train")},
         "validation": {log.name: _errors(log) for log in logs_of(identification, "validation")},
         "exports": export_results(exports),
-        "status": estimate.status,
-        "warnings": list(identification.warnings),
+        "status": status_words(estimate),
+        "warnings": [words(note) for note in identification.warnings],
         "versions": dict(identification.versions),
-        "settings": dict(identification.settings),
+        "settings": settings_of(identification),
     }
 
 
@@ -113,5 +115,5 @@ def _errors(log: LogValidation) -> dict[str, Any]:
         "per_joint_filtered": dict(log.per_joint_filtered),
         "effort_share": dict(log.effort_share),
         "explained": dict(log.explained),
-        "residuals": {joint: {**asdict(test), "words": test.words} for joint, test in log.residuals.items()},
+        "residuals": {joint: {**asdict(test), "words": causes_words(test)} for joint, test in log.residuals.items()},
     }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident import plot
+from dynident.estimators import Provenance
 from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
 from dynident.report.words import listed, motion_known
 from dynident.terms.term import INERTIAL
@@ -29,7 +30,12 @@ FULL_LIST = 40  # a terminal shows up to this many parameters all
 ONE_FIGURE = 30  # more parameters are drawn group by group
 LONGEST = 300  # signs of a warning in a terminal
 WELL = 10.0  # a parameter is called well determined up to this standard error, % of its value
-VERDICTS = {"bound": "at a bound", "unidentifiable": "not identifiable"}
+PROVENANCES = {
+    Provenance.DATA: "data",
+    Provenance.PRIOR: "prior",
+    Provenance.BOUND: "at a bound",
+    Provenance.UNIDENTIFIABLE: "not identifiable",
+}
 FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor": "rotor inertia"}
 
 _CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
@@ -52,7 +58,7 @@ def parameter_section(identification: Identification) -> Section:
     parameters = identification.model.parameters
     blocks: list[Block] = [" ".join((_certain(identification), *rank_sentence(identification)))]
     blocks += [_ROBUST] if identification.std_hac is not None else []
-    blocks += [_VERDICT] if identification.estimate.verdict else [_COMBINED] if identification.basis else []
+    blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.basis else []
     table = parameter_table(identification)
     if len(parameters) <= FULL_LIST:
         blocks.append(table)
@@ -85,7 +91,8 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     verdict = _verdicts(identification)
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     columns += [Column("if independent", muted=True)] * robust
-    columns += [Column(plot.reference_word(identification.model))] * known + [Column("unit", numeric=False)]
+    reference = "nominal" if plot.only_nominal(identification.model) else "true"
+    columns += [Column(reference)] * known + [Column("unit", numeric=False)]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
     rows = []
     for k in shown:
@@ -102,8 +109,8 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
 def _verdicts(identification: Identification) -> tuple[str, ...]:
     """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
     estimate, basis = identification.estimate, identification.basis
-    if estimate.verdict or basis is None:
-        return tuple(VERDICTS.get(word, word) for word in estimate.verdict)
+    if estimate.provenance or basis is None:
+        return tuple(PROVENANCES[one] for one in estimate.provenance)
     alone, none = set(basis.determined), set(basis.without_effect)
     return tuple(
         "data" if name in alone else "not identifiable" if name in none else "in combination" for name in estimate.names
@@ -136,13 +143,12 @@ def _group(parameter: Parameter) -> str:
 
 def _interval(identification: Identification, rows: list[int]) -> Figure:
     estimate, model = identification.estimate, identification.model
-    true = plot.reference_word(model) == "true"
     figure = plot.interval_figure(
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
         standard_errors(identification)[rows],
-        [model.parameters[k].value for k in rows] if true else (),
+        [model.parameters[k].value for k in rows] if not plot.only_nominal(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
 
@@ -187,8 +193,8 @@ def parameter_results(identification: Identification) -> dict[str, Any]:
     rows: list[dict[str, Any]] = [
         {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns
     ]
-    for row, verdict in zip(rows, estimate.verdict, strict=False):
-        row["verdict"] = verdict
+    for row, provenance in zip(rows, estimate.provenance, strict=False):
+        row["verdict"] = provenance.value
     if identification.std_hac is not None:
         for row, std in zip(rows, identification.std_hac, strict=True):
             row["std_hac"] = float(std)

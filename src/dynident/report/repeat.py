@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from dynident.io.project import FILE, HASH, HASH_OF, ORIGIN
 from dynident.report.page import Block, Code, Fold, Section, pairs
+from dynident.report.wording import settings_of
 
 if TYPE_CHECKING:
     from dynident.identify import Identification
@@ -17,7 +18,7 @@ _LEAD = "The same files, configuration and versions give the same result: apart 
 
 def repeat_section(identification: Identification) -> Section:
     """Return the section with everything needed to repeat the run."""
-    settings = dict(identification.settings)
+    settings = settings_of(identification)
     text, origin = settings.pop("configuration", ""), settings.pop(ORIGIN, "")
     hashes = []
     if FILE in settings and HASH in settings:

@@ -10,6 +10,7 @@ import numpy as np
 from dynident import plot
 from dynident.report.data import excitation_table
 from dynident.report.page import Block, Column, Facts, Figure, Fold, Section, Table, number
+from dynident.report.wording import words
 from dynident.report.words import motion_known
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _base_table(identification: Identification, basis: Basis) -> Table:
 def condition_section(identification: Identification) -> Section:
     """Return the section of excitation and condition: how the joints moved, and what that shows of the model."""
     basis, estimate = identification.basis, identification.estimate
-    words, table = excitation_table(identification)
+    meaning, table = excitation_table(identification)
     facts, blocks = [], list[Block]()
     if basis is None:
         facts += [(f"{estimate.rank} of {len(estimate.names)}", "rank on the data")]
@@ -90,16 +91,16 @@ def condition_section(identification: Identification) -> Section:
         facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
         facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
         blocks.append(Figure(plot.singular_figure(basis), _SINGULAR))
-    missing = tuple(one.words for one in identification.missing)
+    missing = tuple(words(one) for one in identification.missing)
     if missing:
         blocks.append(Section("What these data do not show", (missing,)))
-    return Section("Excitation and condition", (Facts(tuple(facts)), words, table, *blocks))
+    return Section("Excitation and condition", (Facts(tuple(facts)), meaning, table, *blocks))
 
 
 def consistency_section(identification: Identification) -> Iterator[Section]:
     """Yield the section on what physics demands: the mass matrix, the bodies, and what the demands cost."""
     eigenvalues, costs = identification.estimate.eigenvalues, identification.estimate.costs
-    blocks: list[Block] = [identification.mass.sentence] if identification.mass else []
+    blocks: list[Block] = [words(identification.mass)] if identification.mass else []
     if eigenvalues:
         columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
         rows = tuple((body, number(float(value), 3)) for body, value in eigenvalues.items())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from dynident import plot
 from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
+from dynident.report.wording import causes_words, words
 from dynident.report.words import ROLES, labelled, points
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def _left(identification: Identification) -> Table:
             number(100 * test.low_share, 2),
             number(test.peak, 3),
             number(100 * test.reversal_share, 2),
-            test.words or "-",
+            causes_words(test) or "-",
         )
         for log in identification.logs
         for joint, test in log.residuals.items()
@@ -138,8 +139,8 @@ def simulation_section(identification: Identification) -> Iterator[Section]:
     """Yield the section of the free simulations, where there are any."""
     if not identification.runs:
         return
-    words = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
-    columns = (*words, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
+    heads = (Column("log", numeric=False), Column("driven by", numeric=False), Column("joint", numeric=False))
+    columns = (*heads, *map(Column, ("position error, %", "of its way, %", "rms", "torque error, %")))
     units = {joint.name: joint.unit for joint in identification.model.joints}
     rows = [
         (
@@ -154,7 +155,7 @@ def simulation_section(identification: Identification) -> Iterator[Section]:
         for run in identification.runs
         for joint in run.joints
     ]
-    failures = tuple(f"{run.name}: {run.failure}" for run in identification.runs if run.failure)
+    failures = tuple(f"{run.name}: {words(run.failure)}" for run in identification.runs if run.failure)
     table = Table(columns, tuple(rows), "Free simulation beside the measured position")
     yield Section("Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_runs(identification)))
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from dynident.report.advice import IN_SENTENCES, sentences
 from dynident.report.page import Badge, Block, Facts, Fold, Section, number
+from dynident.report.wording import words
 from dynident.report.words import logs_of
-from dynident.verdict import judge
+from dynident.verdict import Use, judge
 
 if TYPE_CHECKING:
     from dynident.identify import Identification
@@ -18,44 +19,51 @@ if TYPE_CHECKING:
 
 __all__ = ["verdict_results", "verdict_section", "verdict_text"]
 
-TONES: dict[str, Literal["good", "fair", "bad"]] = {
-    "good for simulation": "good",
-    "good for control": "fair",
-    "do not use": "bad",
-}
+TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "fair", Use.DO_NOT_USE: "bad"}
 FIRST_STEPS = 3  # in sight; the others are behind a fold
-IN_SENTENCES = 2  # reasons that the verdict's second sentence names
 
 
 def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
     """Return for a terminal the verdict in one paragraph, and the next steps."""
     verdict = judge(identification)
-    return f"Verdict: {' '.join(verdict.sentences)}", verdict.next_steps
+    return f"Verdict: {' '.join(sentences(verdict))}", tuple(map(words, verdict.next))
 
 
 def verdict_section(identification: Identification) -> Section:
     """Return the verdict in three sentences, three numbers, what to do next, and all reasons behind a fold."""
     verdict = judge(identification)
-    steps, reasons = verdict.next_steps, verdict.reasons
-    blocks: list[Block] = [*verdict.sentences, Facts(tuple(_numbers(identification)), large=True)]
+    steps, reasons = tuple(map(words, verdict.next)), tuple(map(words, verdict.reasons))
+    blocks: list[Block] = [*sentences(verdict), Facts(tuple(_numbers(identification)), large=True)]
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
         blocks.append(Section("What to do next", (steps[:FIRST_STEPS], *more)))
     if len(reasons) > IN_SENTENCES:
         blocks.append(Fold(f"All {len(reasons)} reasons against more use", (reasons,)))
-    return Section("Verdict", tuple(blocks), Badge(verdict.word, TONES[verdict.word]))
+    return Section("Verdict", tuple(blocks), Badge(verdict.use.value, TONES[verdict.use]))
 
 
 def verdict_results(identification: Identification) -> dict[str, Any]:
     """Return the verdict, the mass matrix and the free simulations as plain values."""
-    verdict = {
-        key: list(value) if isinstance(value, tuple) else value for key, value in asdict(judge(identification)).items()
+    verdict = judge(identification)
+    found: dict[str, Any] = {
+        "verdict": {
+            "word": verdict.use.value,
+            "sentences": list(sentences(verdict)),
+            "reasons": [words(reason) for reason in verdict.reasons],
+            "next_steps": [words(step) for step in verdict.next],
+        }
     }
-    found: dict[str, Any] = {"verdict": verdict}
     if mass := identification.mass:
         found["mass_matrix"] = {"positive": bool(mass.positive), "smallest": mass.smallest, "q": mass.q.tolist()}
-    keys = ("driver", "restart", "relative_error", "motion_error", "rms", "torque_error", "failure")
-    found["simulation"] = {run.name: {key: getattr(run, key) for key in keys} for run in identification.runs}
+    keys = ("restart", "relative_error", "motion_error", "rms", "torque_error")
+    found["simulation"] = {
+        run.name: {
+            "driver": run.driver.value,
+            **{key: getattr(run, key) for key in keys},
+            "failure": words(run.failure) if run.failure else "",
+        }
+        for run in identification.runs
+    }
     return found
 
 
@@ -94,16 +102,16 @@ def _whole(held: list[LogValidation], train: list[LogValidation]) -> tuple[str, 
 
 
 def _run(identification: Identification) -> tuple[str, ...]:
-    words = "position error, free simulation"
+    what = "position error, free simulation"
     if failed := [run for run in identification.runs if run.failure]:
-        return "fails", words, f"{failed[0].name}: {failed[0].failure}"
+        return "fails", what, f"{failed[0].name}: {words(failed[0].failure)}"
     errors = [((run, joint), size) for run in identification.runs for joint, size in run.motion_error.items()]
     found = _worst(errors)
     if found is None:
-        return "-", words, "nothing moved"
+        return "-", what, "nothing moved"
     (run, joint), size = found
     how = "in the controller's loop" if run.restart is None else f"within {run.restart:g} s of the measured torque"
-    return f"{number(size, 2)} %", words, f"of the way of {joint} ({run.name}), {how}"
+    return f"{number(size, 2)} %", what, f"of the way of {joint} ({run.name}), {how}"
 
 
 def _weight(identification: Identification, logs: list[LogValidation], said: str) -> tuple[str, ...]:

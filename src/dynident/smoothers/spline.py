@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
@@ -105,10 +104,10 @@ class Spline:
     def __call__(self, log: Log) -> Motion:
         """Smooth; ``smoothing`` holds per joint sigma, S, lam, edf, the noise left, bandwidth (s) and cut-off (Hz)."""
         try:
-            fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log))
+            names = [f"joint {name!r}" for name in log.joints]
+            fit = smooth(log.t, log.q, self.rule, sigma=self._sigma(log), names=names)
         except InputError as error:
-            words = re.sub(r"\bcolumn (\d+)", lambda found: f"joint {log.joints[int(found[1])]!r}", str(error))
-            raise InputError(f"{log.source}: {words}") from error
+            raise InputError(f"{log.source}: {error}") from error
         widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
         told = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -144,6 +145,7 @@ def smooth(
     *,
     sigma: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
 ) -> SmoothingSpline:
     """Smooth one or several series by the natural cubic spline of eqs. (12)-(36).
 
@@ -151,7 +153,8 @@ def smooth(
     chooses p: ``Constraint(S)`` (the default, S = N), ``Fixed(p=...)`` or ``Fixed(lam=...)``, ``GCV()``, ``REML()``,
     ``Interpolation()``. delta of eq. (14) is ``sigma / sqrt(weights)``: ``sigma`` one number or one per column; where
     missing, ``noise_sigma`` estimates it for ``Constraint`` and it is one for the others; ``weights`` positive,
-    (N,) or (N, k). Long smoothing has limits: eps * m^4 << 1 with m the bandwidth in samples (m below 2000).
+    (N,) or (N, k). ``names`` of the columns stand in errors. Long smoothing has limits: eps * m^4 << 1 with m the
+    bandwidth in samples (m below 2000).
 
     Raises InputError for data that cannot be smoothed (not finite, times not increasing, too few), ConfigError for a
     bad setting, and InputError where so wide a smoothing is asked for that double precision cannot resolve it.
@@ -177,7 +180,7 @@ def smooth(
         series = Series.of(system, columns[:, k], float(scale[k] * np.sqrt(variance)), step)
         near = solved[-1][1].p if solved else 0.0
         start = near if 0 < near < np.inf else None
-        solved.append((series, _solve(rule, series, k, start)))
+        solved.append((series, _solve(rule, series, k, start, f"column {k}" if names is None else names[k])))
     return _collect(time, data, solved, scale, weight)
 
 
@@ -246,12 +249,12 @@ def _system(t: Array, weights: Array | None, column: int) -> tuple[System, float
     return System(step, variance / mean), h, mean
 
 
-def _solve(rule: Rule, series: Series, column: int, start: float | None) -> Solution:
+def _solve(rule: Rule, series: Series, column: int, start: float | None, name: str) -> Solution:
     try:
         return rule.choose(series, column, start)
     except IllConditionedError as error:
         raise InputError(
-            f"column {column} cannot be smoothed like this: {error}. The smoothing would reach over thousands of "
+            f"{name} cannot be smoothed like this: {error}. The smoothing would reach over thousands of "
             "samples, or the time steps differ too much, for double precision: average neighbouring samples first, "
             "smooth less, or leave out stamps that nearly coincide."
         ) from error

@@ -77,13 +77,13 @@ def is_frozen_configuration(estimator: Estimator) -> None:
 
 
 def recovers_the_truth_from_exact_data(estimator: Estimator, make: Callable[[], Model]) -> None:
-    """Without noise, all digits but the last; the status is "ok"."""
+    """Without noise, all digits but the last; nothing is to be noted."""
     model = make()
     found = estimator(posed(model, known_motion(model)))
     allowed = np.maximum(1e-6 * np.abs(truth(model)), found.std)
     assert (np.abs(found.value - truth(model)) <= allowed).all(), found.value
     assert (found.std < 1e-3 * np.abs(truth(model))).all(), found.std
-    assert found.status == "ok", found.status
+    assert found.notes == (), found.notes
 
 
 def recovers_the_truth_from_noisy_data(estimator: Estimator, make: Callable[[], Model]) -> None:
@@ -128,7 +128,7 @@ def is_repeatable(estimator: Estimator, make: Callable[[], Model]) -> None:
     for other in (again, afresh):
         np.testing.assert_array_equal(other.value, first.value)
         np.testing.assert_array_equal(other.covariance, first.covariance)
-        assert other.status == first.status
+        assert other.notes == first.notes
 
 
 def ignores_the_order_of_logs(estimator: Estimator, make: Callable[[], Model]) -> None:

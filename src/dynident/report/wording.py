@@ -1,0 +1,255 @@
+"""Words for the nouns that other rooms hand over: notes, causes, calibrations, noise; one small function per type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import singledispatch
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident import control, residuals
+from dynident.basis import Missing
+from dynident.calibration import Delay, Lean
+from dynident.diagnostics import Note, Remark, Severity
+from dynident.estimators import notes
+from dynident.model import MassMatrixCheck
+from dynident.reach import Measure, Origin
+from dynident.selection import Choice
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from dynident.estimators import Estimate
+    from dynident.identify import Identification
+
+__all__ = ["Line", "causes_words", "note_lines", "settings_of", "status_words", "words"]
+
+PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INFO: "Note: "}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text for a terminal, and how serious it is."""
+
+    text: str
+    severity: Severity = Severity.INFO
+
+
+@singledispatch
+def words(noun: object) -> str:
+    """Return a noun in words, without the full stop; a text is returned as it is."""
+    raise TypeError(f"no words are known for {type(noun).__name__}")
+
+
+@words.register
+def _(text: str) -> str:
+    return text
+
+
+def note_lines(given: Iterable[Note]) -> list[Line]:
+    """Return notes as lines for a terminal, each with what it is in front."""
+    return [Line(f"{PREFIX[note.severity]}{words(note)}", note.severity) for note in given]
+
+
+def status_words(estimate: Estimate) -> str:
+    """Return how an estimate went, "ok" where there is nothing to note."""
+    return "; ".join(map(words, estimate.notes)) or "ok"
+
+
+def causes_words(test: residuals.ResidualTest) -> str:
+    """Return what a residual points to, empty where it has no single cause."""
+    return " and ".join(map(words, test.causes))
+
+
+def settings_of(identification: Identification) -> dict[str, str]:
+    """Return the settings of a run, with what was chosen and calibrated in words."""
+    pairing = identification.pairing
+    found = {
+        "smoother": pairing and pairing.choice,
+        "delay": pairing and pairing.delay,
+        "lean": identification.lean,
+    }
+    return {**identification.settings, **{key: words(noun) for key, noun in found.items() if noun is not None}}
+
+
+@words.register
+def _(note: Remark) -> str:
+    return note.text
+
+
+@words.register
+def _(note: Missing) -> str:
+    how = "" if len(note.joints) == 1 else " at the same time" if note.together else " each by itself"
+    still = f" (standing still in these data: {', '.join(note.still)})" if note.still else ""
+    return f"{'; '.join(note.groupings)}: not excited by these data; move {', '.join(note.joints)}{how}{still}."
+
+
+@words.register
+def _(note: notes.RankDeficient) -> str:
+    said = [f"rank {note.rank} of {note.parameters}"]
+    if note.without_effect:
+        listed = ", ".join(note.without_effect)
+        said.append(f"no effect on the torque in these data: {listed} (move the joints that excite them)")
+    said += [
+        f"cannot be told apart: {', '.join(names)} "
+        "(only combinations of them act on the torque; remove or fix all but one, or excite them differently)"
+        for names in note.tied
+    ]
+    return "; ".join(said)
+
+
+@words.register
+def _(note: notes.NotAlone) -> str:
+    return f"not determined alone: {', '.join(note.names)}"
+
+
+@words.register
+def _(note: notes.NotByData) -> str:
+    return f"{_parameters(note.count)} not decided by the data alone"
+
+
+@words.register
+def _(note: notes.DecidedByPrior) -> str:
+    return f"{_parameters(note.count)} decided by the prior where the data leave them free"
+
+
+@words.register
+def _(note: notes.NotIdentifiable) -> str:
+    return f"{_parameters(note.count)} decided by neither data nor prior where the data leave them free"
+
+
+@words.register
+def _(note: notes.PriorApproached) -> str:
+    return f"the prior is only approached: the barrier method stopped {note.gap:.1e} from it"
+
+
+@words.register
+def _(note: notes.NotConverged) -> str:
+    more = f"the likelihood may still rise by a factor of exp({note.gain:.2g})"
+    return f"not converged after {note.iterations} steps: {more}"
+
+
+@words.register
+def _(note: notes.Failed) -> str:
+    return f"maximum likelihood failed, this is the least-squares start: {note.reason}"
+
+
+@words.register
+def _(note: notes.NotWhite) -> str:
+    return (
+        f"the torque's residuals are not white (correlation of neighbours {note.correlation:.2f}): the model leaves "
+        "out more than noise, so compare with least squares on held-out motion"
+    )
+
+
+@words.register
+def _(note: notes.ScatterLarger) -> str:
+    return (
+        "standard errors take residuals for white noise; by their scatter along the recordings that of "
+        f"{note.parameter} is {note.ratio:.2g} times as large"
+    )
+
+
+@words.register
+def _(note: notes.MovingStart) -> str:
+    return f"the recordings do not start from rest (likelihood ratio, p = {note.p_value:.1e})"
+
+
+@words.register
+def _(note: notes.Averaged) -> str:
+    return f"of {note.group} neighbouring samples the mean was taken"
+
+
+@words.register
+def _(note: notes.SmoothSigns) -> str:
+    listed = ", ".join(f"{x:.2g}" for x in note.widths)
+    return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
+
+
+@words.register
+def _(cause: residuals.Reversals) -> str:  # noqa: ARG001
+    return "friction around reversals"
+
+
+@words.register
+def _(cause: residuals.FrictionLevel) -> str:  # noqa: ARG001
+    return "friction whose level is not that of the fit (it follows the sign of the velocity)"
+
+
+@words.register
+def _(cause: residuals.Ripple) -> str:
+    return f"a ripple at {cause.frequency:.3g} Hz"
+
+
+@words.register
+def _(cause: residuals.LowFrequency) -> str:  # noqa: ARG001
+    return f"something slower than {residuals.LOW:g} Hz, that is the model or its parameters"
+
+
+@words.register
+def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
+    return f"something faster than {residuals.LOW:g} Hz, that is noise, ripple, elasticity or a delay"
+
+
+@words.register
+def _(failure: control.RunsAway) -> str:
+    return f"the simulated position runs away after {failure.after:.3g} s"
+
+
+@words.register
+def _(failure: control.Singular) -> str:  # noqa: ARG001
+    return "the mass matrix is singular"
+
+
+@words.register
+def _(failure: control.Broken) -> str:
+    return failure.reason
+
+
+@words.register
+def _(choice: Choice) -> str:
+    listed = ", ".join(f"{error:.3g} % {one}" for one, error in zip(choice.candidates, choice.errors, strict=True))
+    return f"{choice.smoother}, by the cross-validated torque error on the training logs: {listed}"
+
+
+@words.register
+def _(delay: Delay) -> str:
+    if not delay.seconds:
+        return f"none that lowers the training error ({delay.before:.3g} %)"
+    late, early = ("positions", "torques") if delay.seconds > 0 else ("torques", "positions")
+    return f"{late} come {1e3 * abs(delay.seconds):.2g} ms later than {early}; {_better(delay)}"
+
+
+@words.register
+def _(lean: Lean) -> str:
+    x, y, dx, dy = np.rad2deg((lean.x, lean.y, *lean.std))
+    return f"the base leans by {x:.2f} deg about x and {y:.2f} deg about y (+- {dx:.2f} and {dy:.2f}); {_better(lean)}"
+
+
+@words.register
+def _(check: MassMatrixCheck) -> str:
+    where = ", ".join(f"{x:.4g}" for x in check.q)
+    if check.positive:
+        return f"The mass matrix is positive definite: smallest eigenvalue {check.smallest:.4g}, at q = ({where})."
+    return (
+        f"The mass matrix is not positive definite: eigenvalue {check.smallest:.4g} at q = ({where}). "
+        "These parameters are not physical and cannot be simulated; excite the robot more, or constrain the fit."
+    )
+
+
+@words.register
+def _(origin: Origin) -> str:
+    kinds = {Measure.RESIDUAL: "residual of the fit", Measure.SCATTER: "scatter between neighbouring samples"}
+    if origin.measured is None:
+        return "as given"
+    measured = kinds[origin.measured]
+    return f"as given for {', '.join(origin.given)}; else {measured}" if origin.given else measured
+
+
+def _better(found: Delay | Lean) -> str:
+    return f"taken into account, the training error is {found.after:.3g} % instead of {found.before:.3g} %"
+
+
+def _parameters(number: int) -> str:
+    return f"{number} parameter is" if number == 1 else f"{number} parameters are"

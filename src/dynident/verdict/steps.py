@@ -1,0 +1,64 @@
+"""What to do next about a model: remedies of the reasons against it, and motions that would sharpen it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, auto
+
+__all__ = ["CheckRipple", "Excitation", "Remedy", "Sharpen", "SlowReversals", "Step"]
+
+
+class Remedy(Enum):
+    """What to do about a reason against a use."""
+
+    HOLD_OUT = auto()
+    ANOTHER_MOTION = auto()
+    CHECK = auto()
+    TORQUE_COLUMN = auto()
+    LONGER_TRAINING = auto()
+    CONSISTENT_FIT = auto()
+    SIMULATE = auto()
+    CONTROLLER_LOOP = auto()
+
+
+class Excitation(Enum):
+    """How a joint should move to show a parameter, by whether this acts through velocity, position or acceleration."""
+
+    CONSTANT_SPEEDS = auto()
+    MANY_POSES = auto()
+    ACCELERATE = auto()
+
+
+@dataclass(frozen=True)
+class Step:
+    """Base of the next steps that come from the data, beside remedies and base parameters that are not excited."""
+
+
+@dataclass(frozen=True)
+class Sharpen(Step):
+    """Record a motion that shows a ``parameter`` better.
+
+    Its ``value`` is known to one standard error ``std`` (both in SI units), which is worth ``share`` % of the torque.
+    ``joint`` is the one to move, None for all of them.
+    """
+
+    parameter: str
+    value: float
+    std: float
+    share: float
+    excitation: Excitation
+    joint: str | None
+
+
+@dataclass(frozen=True)
+class SlowReversals(Step):
+    """Record slow motion of the ``joints`` through zero speed, or smooth their Coulomb friction."""
+
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CheckRipple(Step):
+    """Record constant speeds of the ``joints`` to see whether the ripple follows the position."""
+
+    joints: tuple[str, ...]

@@ -1,0 +1,253 @@
+"""Every noun that a report may receive has words, and these hold its figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.basis import Missing
+from dynident.calibration import Delay, Lean
+from dynident.control import Broken, Driver, Failure, RunsAway, Singular
+from dynident.diagnostics import Note, Remark, Severity
+from dynident.estimators import notes
+from dynident.gallery import two_link_arm
+from dynident.reach import Measure, Origin
+from dynident.report import advice
+from dynident.report.wording import Line, note_lines, words
+from dynident.residuals import Cause, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
+from dynident.selection import Choice
+from dynident.smoothers import Difference, Spline
+from dynident.verdict import HeldOut, LargestResidual, Reason, Remedy, Use, Verdict, WorstRun
+from dynident.verdict import reasons as why
+from dynident.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
+
+
+def kinds(base: type) -> list[type]:
+    """All classes below ``base`` of the library that have no class below them, or fields of their own."""
+    below = [one for one in base.__subclasses__() if one.__module__.startswith("dynident.")]
+    return [kind for one in below for kind in (one, *kinds(one)) if not _is_base(kind)]
+
+
+def _is_base(kind: type) -> bool:
+    return kind in (notes.Undetermined, notes.Unsettled)
+
+
+@pytest.mark.parametrize("base", [Note, Cause, Failure, Reason, Step])
+def test_every_noun_has_words(base: type) -> None:
+    assert len(kinds(base)) > 1
+    for kind in kinds(base):
+        assert words.dispatch(kind) is not words.dispatch(object), kind
+
+
+def test_every_choice_has_words() -> None:
+    assert all(words(remedy).endswith(".") for remedy in Remedy)
+    for excitation in Excitation:
+        said = words(Sharpen("Fv", 1.0, 0.5, 12.3, excitation, None))
+        assert said.startswith("Fv is 1 +- 0.5 (one standard error, 12 % of the torque): ")
+        assert "the joints" in said
+
+
+def test_a_noun_without_words_is_an_error() -> None:
+    with pytest.raises(TypeError, match="no words are known for dict"):
+        words({})
+
+
+@pytest.mark.parametrize(
+    ("noun", "said"),
+    [
+        (Remark("a: stale."), "a: stale."),
+        (
+            notes.RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),
+            (
+                "rank 3 of 5; no effect on the torque in these data: Fc (move the joints that excite them); cannot be "
+                "told apart: v1, v2 (only combinations of them act on the torque; remove or fix all but one, or excite "
+                "them differently)"
+            ),
+        ),
+        (notes.RankDeficient(10, 20), "rank 10 of 20"),
+        (notes.DecidedByPrior(20), "20 parameters are decided by the prior where the data leave them free"),
+        (notes.NotIdentifiable(1), "1 parameter is decided by neither data nor prior where the data leave them free"),
+        (notes.NotByData(4), "4 parameters are not decided by the data alone"),
+        (notes.NotAlone(("a", "b")), "not determined alone: a, b"),
+        (notes.PriorApproached(2e-3), "the prior is only approached: the barrier method stopped 2.0e-03 from it"),
+        (
+            notes.NotConverged(60, 3.21),
+            "not converged after 60 steps: the likelihood may still rise by a factor of exp(3.2)",
+        ),
+        (notes.Failed("no luck"), "maximum likelihood failed, this is the least-squares start: no luck"),
+        (notes.MovingStart(1e-4), "the recordings do not start from rest (likelihood ratio, p = 1.0e-04)"),
+        (notes.Averaged(3), "of 3 neighbouring samples the mean was taken"),
+        (
+            notes.SmoothSigns((0.0123, 0.4)),
+            "the sign of velocities in friction was made smooth, tanh(dq / width), with widths 0.012, 0.4",
+        ),
+        (
+            notes.NotWhite(0.456),
+            (
+                "the torque's residuals are not white (correlation of neighbours 0.46): the model leaves out more than "
+                "noise, so compare with least squares on held-out motion"
+            ),
+        ),
+        (
+            notes.ScatterLarger("Fc", 1.66),
+            (
+                "standard errors take residuals for white noise; by their scatter along the recordings that of Fc is "
+                "1.7 times as large"
+            ),
+        ),
+        (
+            Missing(("Fv_b", "Fc_b"), ("b",), still=("b",)),
+            "Fv_b; Fc_b: not excited by these data; move b (standing still in these data: b).",
+        ),
+        (Missing(("x",), ("a", "b")), "x: not excited by these data; move a, b each by itself."),
+        (Missing(("x",), ("a", "b"), together=True), "x: not excited by these data; move a, b at the same time."),
+        (Reversals(), "friction around reversals"),
+        (FrictionLevel(), "friction whose level is not that of the fit (it follows the sign of the velocity)"),
+        (Ripple(26.04), "a ripple at 26 Hz"),
+        (LowFrequency(), "something slower than 5 Hz, that is the model or its parameters"),
+        (HighFrequency(), "something faster than 5 Hz, that is noise, ripple, elasticity or a delay"),
+        (RunsAway(0.1234), "the simulated position runs away after 0.123 s"),
+        (Singular(), "the mass matrix is singular"),
+        (Broken("no torque"), "no torque"),
+        (
+            Delay(0.005, 4.0, 2.0),
+            "positions come 5 ms later than torques; taken into account, the training error is 2 % instead of 4 %",
+        ),
+        (
+            Delay(-0.005, 4.0, 2.0),
+            "torques come 5 ms later than positions; taken into account, the training error is 2 % instead of 4 %",
+        ),
+        (Delay(0.0, 4.0, 4.0), "none that lowers the training error (4 %)"),
+        (
+            Lean(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
+            (
+                "the base leans by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); taken into account, the "
+                "training error is 2 % instead of 4 %"
+            ),
+        ),
+        (
+            Choice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
+            (
+                f"{Difference()}, by the cross-validated torque error on the training logs: 1.5 % {Difference()}, "
+                f"inf % {Spline()}"
+            ),
+        ),
+        (Origin(Measure.RESIDUAL), "residual of the fit"),
+        (Origin(Measure.SCATTER), "scatter between neighbouring samples"),
+        (Origin(None, ("a",)), "as given"),
+        (Origin(Measure.SCATTER, ("a",)), "as given for a; else scatter between neighbouring samples"),
+        (why.NegativeValues(tuple("abcdefg")), "negative values that physics forbids: a, b, c, d, e and 2 more"),
+        (
+            why.JointErrorsTooLarge("fast", (("a", 40.0), ("b", 26.4)), 25.0),
+            "on fast single joints have a torque error above 25 %: a 40 %, b 26.4 %",
+        ),
+        (
+            why.UnfilteredErrorTooLarge("fast", 26.0, 25.0),
+            "unfiltered, the torque error on fast is 26 %, above 25 %",
+        ),
+        (why.TorqueErrorTooLarge("fast", 11.0, 10.0), "the torque error on fast is 11 %, above 10 %"),
+        (
+            why.NotCarriedOver("fast", 2.51),
+            "the error on fast is 2.5 times that of the training: it does not carry over",
+        ),
+        (
+            why.Repeats((("b", "a"),)),
+            "b repeats the motion of a: nothing shows how the model does on another motion",
+        ),
+        (
+            why.SilentTorque(("a", "b")),
+            "the torque of a, b is zero in all of the training: nothing shows it",
+        ),
+        (why.MassMatrixNotPositive(-0.1), "the mass matrix is not positive definite (eigenvalue -0.1)"),
+        (why.MostlyUnexcited(3, 7), "the data do not show 3 of 7 base parameters"),
+        (
+            why.PartlyUnexcited(1, 7),
+            "the data do not show 1 of 7 base parameters: what excites them is not predicted",
+        ),
+        (why.FreeRunFails(("a", "b"), Singular()), "the free simulation of a, b fails: the mass matrix is singular"),
+        (
+            why.FreeRunAstray("fast", "a", 30.0, Driver.TORQUE, 0.5),
+            "the free simulation of fast is off by 30 % of the way of a within 0.5 s of the measured torque",
+        ),
+        (
+            why.FreeRunAstray("fast", "a", 2.0, Driver.CONTROLLER, None),
+            "the free simulation of fast is off by 2 % of the way of a in the controller's loop",
+        ),
+        (
+            Sharpen("M", 5.0, 4.0, 43.2, Excitation.ACCELERATE, "a"),
+            (
+                "M is 5 +- 4 (one standard error, 43 % of the torque): accelerate a harder, in several poses of the "
+                "others."
+            ),
+        ),
+        (
+            SlowReversals(("a", "b")),
+            "a, b: record slow motion through zero speed, or try `coulomb_width` or `slow`.",
+        ),
+        (
+            CheckRipple(("a",)),
+            "a: record constant speeds to see whether the ripple follows the position.",
+        ),
+    ],
+)
+def test_words_hold_the_figures(noun: object, said: str) -> None:
+    assert words(noun) == said
+
+
+def test_the_mass_matrix_says_where_it_is_weakest() -> None:
+    arm, q = two_link_arm(), np.stack([np.zeros(5), np.linspace(0.0, np.pi, 5)], axis=1)
+    assert arm.values is not None
+    good = words(arm.check_mass_matrix(q, arm.values))
+    assert good.startswith("The mass matrix is positive definite: smallest eigenvalue 0.00")
+    wrong = arm.values.copy()
+    wrong[2] = 0.02
+    bad = words(arm.check_mass_matrix(q, wrong))
+    assert "not positive definite: eigenvalue -0.0" in bad
+    assert "at q = (0, 3.142)" in bad
+
+
+def test_lines_say_how_serious_a_note_is() -> None:
+    assert note_lines([Remark("stale."), notes.Averaged(3)]) == [
+        Line("Warning: stale.", Severity.WARNING),
+        Line("Note: of 3 neighbouring samples the mean was taken", Severity.INFO),
+    ]
+
+
+def verdict(use: Use = Use.SIMULATION, *reasons: Reason, unfiltered: tuple[float, float] | None = None) -> Verdict:
+    residual = LargestResidual("a", "fast", (Reversals(), Ripple(26.0)))
+    return Verdict(use, reasons, (), HeldOut(4.0, 3.0, unfiltered), WorstRun("fast", "a", 2.5), residual)
+
+
+def test_a_good_model_in_three_sentences() -> None:
+    first, second, third = advice.sentences(verdict())
+    assert first == (
+        "Good for simulation and control on motions like these: on held-out motion it leaves 4 % of the torque "
+        "unexplained, in training 3 %."
+    )
+    assert second == (
+        "Its mass matrix is positive definite in all poses tried, and its free simulation is off by at most 2.5 % of "
+        "the way (a, fast)."
+    )
+    assert third == (
+        "What is left of the torque is largest in a (fast) and points to friction around reversals and a ripple at "
+        "26 Hz."
+    )
+
+
+def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
+    given = (why.NoFreeRun(), why.InertiasFree(), why.NegativeValues(("Fv",)))
+    first, second, _ = advice.sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
+    assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
+    assert second == (
+        "Not for simulation: no free simulation was asked for; the bodies' inertias were not held to what is "
+        "physically possible; and 1 more."
+    )
+
+
+def test_what_is_not_known_is_said() -> None:
+    nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
+    assert advice.sentences(nothing) == (
+        "Do not use this model yet: no log was held out.",
+        "Against its use: no log was held out, so nothing shows how the model does on unseen motion.",
+        "Nothing can be said of what is left of the torque.",
+    )

@@ -31,7 +31,7 @@ from dynident.io.python_file import from_file
 from dynident.io.wording import worded
 from dynident.parts import BY_JOINT, Family, Settings, settings_type
 
-__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section"]
+__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "with_settings"]
 
 
 FILE = r"\.py:\w+$"  # a class of a file
@@ -129,12 +129,19 @@ def _read(family: Family, value: object, info: ValidationInfo) -> Any:
         raise _words(f"needs a `kind`: {', '.join(family.kinds())}")
     kind = value["kind"]
     try:
-        part = _class(family, kind, folder)
-        read = section(family, part).model_validate(value, context=info.context)
-        given = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
-        return partial(part, **given) if family.given else _made(settings_type(part), given)
+        return with_settings(family, _class(family, kind, folder), value, folder)
     except ConfigError as error:
         raise _words(str(error).removeprefix("kind: ")) from error
+
+
+def with_settings(family: Family, part: Any, settings: Mapping[str, Any], folder: str | Path | None = None) -> Any:
+    """Return the settings of a part's class, read from plain values; for a family with given fields ``part`` with them.
+
+    Raises the errors of pydantic, and ConfigError for a field of a type that no setting can have.
+    """
+    read = section(family, part).model_validate(settings, context={"folder": folder})
+    values = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
+    return partial(part, **values) if family.given else _made(settings_type(part), values)
 
 
 def _made(holder: Any, given: Mapping[str, Any]) -> Any:

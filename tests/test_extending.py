@@ -30,7 +30,7 @@ from tests.robots import ARM
 PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
 PARTS = dict(
     zip(
-        ("sg", "stribeck", "huber", "raw"),
+        ("sg", "stribeck", "huber", "raw", "csv"),
         re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S),
         strict=True,
     )
@@ -41,7 +41,7 @@ PARTS = dict(
 def folder(tmp_path: Path) -> Path:
     """A folder with the parts of the page, one file each, and a robot."""
     for name, code in PARTS.items():
-        (tmp_path / f"{name}.py").write_text(re.split(r"^(?:check_|np\.arange)", code, flags=re.M)[0])
+        (tmp_path / f"{name}.py").write_text(re.split(r"^(?:check_|np\.arange|model = )", code, flags=re.M)[0])
     (tmp_path / "arm.urdf").write_text(ARM)
     return tmp_path
 

@@ -185,6 +185,62 @@ def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
         build(SMOOTHERS, told, "smoother")
 
 
+LAB = """
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+
+class Window(Enum):
+    FLAT = "flat"
+    HANN = "hann"
+
+
+@dataclass(frozen=True)
+class Many:
+    window: Window = Window.FLAT
+    taps: Sequence[float] = ()
+    names: tuple[str, ...] = ()
+    share: Mapping[str, float] | float | None = None
+
+    def __post_init__(self):
+        if len(self.taps) > 2:
+            raise KeyError("taps")
+
+    def __call__(self, log): ...
+
+
+@dataclass(frozen=True)
+class Hidden:
+    width: Fraction = 1
+
+    def __call__(self, log): ...
+"""
+
+
+def test_settings_of_many_types(tmp_path):
+    (tmp_path / "lab.py").write_text(LAB)
+    settings = {"kind": "lab.py:Many", "window": "hann", "taps": [1, "2e-1"], "names": ["a"], "share": {"b": 1}}
+    part = build(SMOOTHERS, settings, "smoother", tmp_path)
+    assert (part.window.value, part.taps, part.names, part.share) == ("hann", (1.0, 0.2), ("a",), {"b": 1.0})
+    assert build(SMOOTHERS, json.loads(json.dumps(SMOOTHERS.describe(part))), "smoother", tmp_path) == part
+    for change, words in (
+        ({"window": "han"}, "window: 'han' is not a choice; did you mean 'hann'"),
+        ({"taps": [1, 2, 3]}, "KeyError: 'taps'"),
+        ({"share": {"b": "x"}}, "share.b: a number is expected; got 'x'"),
+        ({"kind": "lab.py:Hidden"}, "the type of a field is not known: name 'Fraction'"),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            build(SMOOTHERS, {"kind": "lab.py:Many"} | change, "smoother", tmp_path)
+        assert words in str(caught.value)
+
+
 WRONG = {
     "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no file", "did you mean 'sg.py'")),
     "no class": ({"kind": "sg.py:Savitzky"}, ("has no class 'Savitzky'", "did you mean 'SavitzkyGolay'")),

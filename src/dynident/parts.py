@@ -25,6 +25,7 @@ __all__ = [
     "TERMS",
     "Family",
     "Settings",
+    "settings_hints",
     "settings_type",
 ]
 
@@ -117,7 +118,7 @@ class Family:
         """
         holder = settings_type(type(part))
         held: Any = part if holder is type(part) else holder.of(part)
-        hints = get_type_hints(holder, include_extras=True)
+        hints = settings_hints(holder)
         names = [field.name for field in fields(held) if field.init and field.name not in self.given]
         where = f"{type(part).__name__}."
         return {"kind": self.kind_of(part)} | {
@@ -128,6 +129,15 @@ class Family:
 def settings_type(part: type) -> Any:
     """Return the dataclass that holds the settings of a part's class: most often the class itself."""
     return getattr(part, "Settings", part)
+
+
+def settings_hints(holder: type) -> dict[str, Any]:
+    """Return the types of a dataclass's fields by name; ConfigError where a name in them is not known when it runs."""
+    try:
+        return get_type_hints(holder, include_extras=True)
+    except NameError as error:
+        words = "import it in the file itself, not under TYPE_CHECKING"
+        raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
 
 
 def _imported(place: str) -> Any:

@@ -10,6 +10,7 @@ from dynident.model import Model
 from dynident.parts import ESTIMATORS as FAMILY
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
 from dynident.testing.estimator import MODELS, Check, is_frozen_configuration
+from dynident.testing.settings import builds_itself_from_its_settings
 
 ESTIMATORS: list[Estimator] = [LeastSquares(), LeastSquares(weights="per_joint"), Consistent(), MaximumLikelihood()]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
@@ -25,6 +26,11 @@ def test_every_estimator(estimator: Estimator, make: Callable[[], Model], check:
 @every_estimator
 def test_is_frozen_configuration(estimator: Estimator) -> None:
     is_frozen_configuration(estimator)
+
+
+@every_estimator
+def test_builds_itself_from_its_settings(estimator: Estimator) -> None:
+    builds_itself_from_its_settings(FAMILY, estimator)
 
 
 def test_every_kind_is_checked() -> None:

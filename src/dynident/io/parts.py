@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
+from enum import Enum
 from functools import cache, partial
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -29,9 +30,9 @@ from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.fields import Name, Section
 from dynident.io.python_file import from_file
 from dynident.io.wording import worded
-from dynident.parts import BY_JOINT, Family, Settings, settings_type
+from dynident.parts import BY_JOINT, Family, Settings, settings_hints, settings_type
 
-__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section"]
+__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "with_settings"]
 
 
 FILE = r"\.py:\w+$"  # a class of a file
@@ -86,7 +87,7 @@ def build(family: Family, settings: Mapping[str, Any], where: str, folder: Path 
 
 def by_joint(settings: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield the settings that are mappings by the names of joints, with their names."""
-    for name, hint in get_type_hints(type(settings), include_extras=True).items():
+    for name, hint in settings_hints(type(settings)).items():
         if BY_JOINT in getattr(hint, "__metadata__", ()) and isinstance(value := getattr(settings, name), Mapping):
             yield name, value
 
@@ -108,7 +109,7 @@ def section(family: Family, part: type) -> type[Section]:
     Raises ConfigError for a field of a type that no setting can have.
     """
     holder = settings_type(part)
-    hints = get_type_hints(holder, include_extras=True)
+    hints = settings_hints(holder)
     keys: dict[str, Any] = {"kind": (str, ...)}
     for one in fields(holder):
         if one.init and one.name not in family.given:
@@ -129,12 +130,19 @@ def _read(family: Family, value: object, info: ValidationInfo) -> Any:
         raise _words(f"needs a `kind`: {', '.join(family.kinds())}")
     kind = value["kind"]
     try:
-        part = _class(family, kind, folder)
-        read = section(family, part).model_validate(value, context=info.context)
-        given = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
-        return partial(part, **given) if family.given else _made(settings_type(part), given)
+        return with_settings(family, _class(family, kind, folder), value, folder)
     except ConfigError as error:
         raise _words(str(error).removeprefix("kind: ")) from error
+
+
+def with_settings(family: Family, part: Any, settings: Mapping[str, Any], folder: str | Path | None = None) -> Any:
+    """Return the settings of a part's class, read from plain values; for a family with given fields ``part`` with them.
+
+    Raises the errors of pydantic, and ConfigError for a field of a type that no setting can have.
+    """
+    read = section(family, part).model_validate(settings, context={"folder": folder})
+    values = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
+    return partial(part, **values) if family.given else _made(settings_type(part), values)
 
 
 def _made(holder: Any, given: Mapping[str, Any]) -> Any:
@@ -142,8 +150,10 @@ def _made(holder: Any, given: Mapping[str, Any]) -> Any:
     try:
         settings = holder(**given)
         built(settings)
-    except DynidentError as error:
+    except (DynidentError, ValueError) as error:
         raise ValueError(str(error)) from error
+    except Exception as error:  # of a class of the user's
+        raise ValueError(f"{type(error).__name__}: {error}") from error
     return settings
 
 
@@ -178,13 +188,15 @@ def _setting(hint: Any, where: str) -> Any:
         return _either([(one, _setting(one, where)) for one in inside])
     if origin is tuple:
         return tuple[tuple(one if one is Ellipsis else _setting(one, where) for one in inside)]  # type: ignore[misc]
+    if origin in (list, Sequence):
+        return origin[_setting(inside[0], where)] if origin is list else tuple[_setting(inside[0], where), ...]  # type: ignore[misc]
     if origin is not None and origin is not Literal and issubclass(origin, Mapping):
         return Mapping[Name, _setting(inside[1], where)]  # type: ignore[misc]
     if origin is Literal:
         return hint
     if hint in SCALARS:
         return SCALARS[hint]
-    if isinstance(hint, type) and issubclass(hint, Path):
+    if isinstance(hint, type) and issubclass(hint, Enum):
         return hint
     raise ConfigError(f"{where} has the type {hint}; a setting is a number, a text, or a list or mapping of them.")
 
@@ -243,9 +255,14 @@ def _fits(hint: Any, value: object) -> bool:
     if isinstance(value, Mapping):
         return origin is not None and origin is not Literal and issubclass(origin, Mapping)
     if isinstance(value, list | tuple):
-        return origin is tuple
+        return origin in (tuple, list, Sequence)
     if isinstance(value, str):
-        return origin is Literal or hint is str or (hint in (int, float) and _reads(value))
+        return (
+            origin is Literal
+            or hint is str
+            or (isinstance(hint, type) and issubclass(hint, Enum))
+            or (hint in (int, float) and _reads(value))
+        )
     return hint in (int, float)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from dynident.errors import ModelError
@@ -12,7 +11,7 @@ from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.model import Model
 from dynident.parts import TERMS
-from dynident.terms import Bodies, Coulomb, Coupling
+from dynident.terms import Bodies, Coupling
 from dynident.terms.term import Joint, Term
 
 __all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
@@ -88,5 +87,6 @@ def _term(named: str | Callable[..., Term], joints: tuple[Joint, ...], width: fl
     """Return a term for all joints, by its kind alone or with settings of its own."""
     if not isinstance(named, str):
         return named(joints=joints)
-    term: Term = build(TERMS, {"kind": named}, "model.terms", joints=joints)
-    return replace(term, width=width) if isinstance(term, Coulomb) else term
+    settings = {"kind": named} | ({"width": width} if named == "coulomb" else {})
+    term: Term = build(TERMS, settings, "model.terms", joints=joints)
+    return term

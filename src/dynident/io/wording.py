@@ -61,7 +61,7 @@ def _words(details: ErrorDetails) -> str:
         return details["msg"]
     if kind == "value_error":
         return f"{context['error']}{got}"
-    if kind == "literal_error":
+    if kind in ("literal_error", "enum"):
         wrong = str(details["input"])
         known = re.findall(r"'([^']*)'", context["expected"])
         return f"{wrong!r} is not a choice; {choices(wrong, known)}"

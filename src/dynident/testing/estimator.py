@@ -9,11 +9,13 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators import Estimator, Problem
+from dynident.estimators import Estimator, Problem, quick
 from dynident.gallery import slider, two_link_arm
 from dynident.log import Motion
 from dynident.model import Model
+from dynident.parts import ESTIMATORS
 from dynident.regression import Regression
+from dynident.testing.settings import builds_itself_from_its_settings
 
 __all__ = ["ESTIMATOR_CHECKS", "MODELS", "check_estimator", "known_motion", "posed"]
 
@@ -29,6 +31,7 @@ Check = Callable[[Estimator, Callable[[], Model]], None]
 def check_estimator(estimator: Estimator) -> None:
     """Raise AssertionError unless the estimator keeps all promises of its family, on three models of the gallery."""
     is_frozen_configuration(estimator)
+    builds_itself_from_its_settings(ESTIMATORS, estimator)
     for make in MODELS.values():
         for check in ESTIMATOR_CHECKS:
             check(estimator, make)
@@ -164,6 +167,13 @@ def uses_only_the_mask(estimator: Estimator, make: Callable[[], Model]) -> None:
     assert found.samples == int(half.mask.sum()) < len(clean)
 
 
+def has_a_quick_stand_in(estimator: Estimator, make: Callable[[], Model]) -> None:
+    """What a search uses in its place, most often itself, finds the truth as well."""
+    model = make()
+    found = quick(estimator)(posed(model, known_motion(model)))
+    np.testing.assert_allclose(found.value, truth(model), rtol=1e-5)
+
+
 ESTIMATOR_CHECKS: tuple[Check, ...] = (
     recovers_the_truth_from_exact_data,
     recovers_the_truth_from_noisy_data,
@@ -173,4 +183,5 @@ ESTIMATOR_CHECKS: tuple[Check, ...] = (
     ignores_the_order_of_logs,
     halves_the_variance_of_a_log_twice,
     uses_only_the_mask,
+    has_a_quick_stand_in,
 )

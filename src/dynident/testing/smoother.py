@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.log import Log
+from dynident.parts import SMOOTHERS
 from dynident.smoothers import Smoother
+from dynident.testing.settings import builds_itself_from_its_settings
 
 __all__ = ["SMOOTHER_CHECKS", "check_smoother", "known_motion", "recorded"]
 
@@ -122,6 +124,11 @@ def refuses_too_few_samples(smoother: Smoother) -> None:
     assert "samples" in words or "made" in words, f"the error names neither log nor samples: {words}"
 
 
+def has_settings(smoother: Smoother) -> None:
+    """Its settings, written down, build it again."""
+    builds_itself_from_its_settings(SMOOTHERS, smoother)
+
+
 SMOOTHER_CHECKS: tuple[Callable[[Smoother], None], ...] = (
     keeps_what_is_not_its_own,
     recovers_a_smooth_motion,
@@ -131,4 +138,5 @@ SMOOTHER_CHECKS: tuple[Callable[[Smoother], None], ...] = (
     masks_the_ends,
     is_frozen_and_repeatable,
     refuses_too_few_samples,
+    has_settings,
 )

@@ -1,0 +1,18 @@
+"""What every part with settings promises: they can be written down, and build the same part again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from dynident.io.parts import built, with_settings
+from dynident.parts import Family
+
+__all__ = ["builds_itself_from_its_settings"]
+
+
+def builds_itself_from_its_settings(family: Family, part: object) -> None:
+    """Raise AssertionError unless the settings of a part, through JSON, build an equal one."""
+    told = json.loads(json.dumps(family.describe(part), allow_nan=False))
+    again = built(with_settings(family, type(part), told, Path()))
+    assert again == part, f"{part} is described as {told}, which builds {again}"

@@ -44,11 +44,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("real")
 
 
-def grouped(*examples: str) -> list[Any]:
-    """Examples as cases of a test, each in the process of the other tests that share its identifications."""
-    return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in examples]
-
-
 def level(*more: str) -> str:
     """The LWR4 on a base taken as level, with more terms."""
     model = yaml.safe_load((ROOT / "examples" / "lwr4.yaml").read_text())["model"]
@@ -59,7 +54,6 @@ def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> l
     return [one[kind] for one in result[role].values()]
 
 
-@pytest.mark.xdist_group("lwr4")
 def test_lwr4(folder: Path) -> None:
     """Least squares, unfiltered as logged, held out on the repeat: at most 2.2 %, even on a base taken as level."""
     result = identify(folder, "lwr4")
@@ -68,7 +62,6 @@ def test_lwr4(folder: Path) -> None:
     assert max(errors(result, "train")) <= 2.0
 
 
-@pytest.mark.xdist_group("lwr4")
 def test_lwr4_consistent(folder: Path) -> None:
     """With possible bodies and non-negative friction: at most 2.25 % held out; 2.5 % with rotors on a level base."""
     result = identify(folder, "lwr4", CONSISTENT)
@@ -78,7 +71,7 @@ def test_lwr4_consistent(folder: Path) -> None:
     assert all(one["value"] > 0 for one in result["parameters"] if one["name"].endswith(".mass"))
 
 
-@pytest.mark.parametrize("example", grouped("lwr4", "panda", "double_pendulum", "tx40"))
+@pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
     result = identify(folder, example, CONSISTENT if example == "lwr4" else f"{CONSISTENT}\n{UNCHOSEN}")
@@ -87,13 +80,11 @@ def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     assert "Pinocchio" in result["exports"][0]["readers"]
 
 
-@pytest.mark.xdist_group("panda")
 def test_panda(folder: Path) -> None:
     """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
     assert max(errors(identify(folder, "panda"), "validation")) <= 2.9
 
 
-@pytest.mark.xdist_group("double_pendulum")
 def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
     (joints,) = (one["per_joint"] for one in result["validation"].values())
@@ -102,7 +93,6 @@ def test_double_pendulum(folder: Path) -> None:
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
 
 
-@pytest.mark.xdist_group("tx40")
 def test_tx40(folder: Path) -> None:
     result = identify(folder, "tx40")
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.9
@@ -112,7 +102,6 @@ def test_tx40(folder: Path) -> None:
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_with_its_delay(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
     plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
@@ -120,7 +109,6 @@ def test_emps_with_its_delay(folder: Path) -> None:
     assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_by_maximum_likelihood(folder: Path) -> None:
     """As good as least squares and no better: the model's friction limits, not noise, and the status says so."""
     result = identify(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
@@ -131,7 +119,6 @@ def test_emps_by_maximum_likelihood(folder: Path) -> None:
     assert any("residuals are not white" in text for text in result["warnings"])
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
     plain = f"parallel: null\n{UNSIMULATED}"
@@ -144,7 +131,6 @@ def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
         assert one["std"]["now"] == pytest.approx(reached[one["name"]], rel=0.05), one["name"]
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_simulated_in_its_loop(folder: Path) -> None:
     """The published position errors of the forward simulation are 0.0138 and 0.0080 %."""
     result = identify(folder, "emps")
@@ -154,7 +140,6 @@ def test_emps_simulated_in_its_loop(folder: Path) -> None:
         assert result["simulation"][name]["torque_error"]["slider"] < 10
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:
     found = {one["name"]: one for one in identify(folder, "emps")["parameters"]}
     for name, published in {"M": 0.1085, "Fv": 1.146, "Fc": 0.1012, "offset": 0.0444}.items():
@@ -162,7 +147,7 @@ def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_corr
         assert found[name]["std_hac"] > 1.5 * found[name]["std"]
 
 
-@pytest.mark.parametrize("example", grouped("lwr4", "panda", "tx40", "double_pendulum"))
+@pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
 def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -> None:
     """A repeat holds nothing out; a mass matrix must be positive; one bad joint is enough; none was simulated."""
     verdict = identify(folder, example)["verdict"]
@@ -177,7 +162,6 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
     assert any(reason in one for one in verdict["reasons"])
 
 
-@pytest.mark.xdist_group("emps")
 def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
     urdf = (
         '<robot name="emps"><link name="base"/><link name="carriage"><inertial><mass value="1"/>'

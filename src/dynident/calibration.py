@@ -192,7 +192,7 @@ def _quick(estimator: Estimator) -> Estimator:
     """Return what stands for the estimator at the trial values: least squares, under its constraints if it has any."""
     if isinstance(estimator, Consistent):
         return replace(estimator, costs=False)
-    return estimator if isinstance(estimator, LeastSquares) else LeastSquares(tolerance=1e-8)
+    return estimator if isinstance(estimator, LeastSquares) else LeastSquares()
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], delay: float) -> tuple[Motion, ...]:

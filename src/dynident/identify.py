@@ -174,7 +174,9 @@ def _with_errors(
     if estimate.rank == len(model.parameters):
         return replace(found, std_hac=_robust_std(regression, estimate, estimate.std))
     progress("finding base parameters")
-    on_data = basis_of(regression.compressed.stacked(), model.parameters)
+    directions = estimate.directions
+    found_rank = regression.compressed.stacked(estimate.weights) if directions is None else directions
+    on_data = basis_of(found_rank, model.parameters)
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart

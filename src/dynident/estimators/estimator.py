@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.log import Log, Motion
 from dynident.model import Model
+from dynident.rank import Rank
 from dynident.regression import Regression
 
 __all__ = ["Estimate", "Estimator", "Problem", "Verdict"]
@@ -49,7 +50,7 @@ class Estimate:
     (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
     empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
     were multiplied with, None where all count the same; ``information`` (p, p) is Fisher's of all, where the errors
-    of the motion count, too.
+    of the motion count, too; ``directions`` are those that the data determine, of which the rank is the number.
     """
 
     value: Array
@@ -68,6 +69,7 @@ class Estimate:
     interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
     weights: Array | None = None
     information: Array | None = None
+    directions: Rank | None = None
 
     @property
     def std(self) -> Array:

@@ -13,10 +13,11 @@ from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
 from dynident.estimators.constraints import bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Verdict
-from dynident.estimators.findings import covariance_of, inverted, remarks, undetermined
+from dynident.estimators.findings import remarks, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
 from dynident.likelihood import Barrier, Fitted, Search, Settings, demands, has_sign
+from dynident.rank import Rank, rank_of
 
 __all__ = ["MaximumLikelihood"]
 
@@ -140,8 +141,13 @@ class _Run:
             search.reweight(settings.huber)
             fitted = search.run()
         bodies = not search.settings.newton  # some of their parameters are never determined
-        lost = inverted(fitted.information)[3].any() and not bodies
+        lost = bool(self.directions(fitted).lost.any()) and not bodies
         return fitted if fitted.converged and not lost else self.again(fitted)
+
+    def directions(self, fitted: Fitted) -> Rank:
+        """Return what the information determines of the directions that the smoothed motions show."""
+        factor = self.problem.regression.compressed.stacked(1.0 / self.search.sigma_tau)
+        return rank_of(factor, self.problem.model.parameters).within(fitted.information)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Search once more from well inside of what physics allows, and keep the more likely end."""
@@ -178,8 +184,9 @@ class _Run:
         """Return the estimate that belongs to a fit: covariance, intervals, and what is to be said."""
         model, search = self.problem.model, self.search
         tau = search.left()[1]
-        inverse, rank, condition, lost = inverted(fitted.information)
-        covariance = covariance_of(inverse, lost)
+        directions = self.directions(fitted)
+        inverse, rank, lost = directions.inverse, directions.rank, directions.lost
+        covariance = directions.covariance()
         verdict = self.verdicts(lost) if bodies_of(model.parameters) else ()
         said = (*self.notes, *remarks(search, fitted, model.names, inverse, lost, tau))
         words = (*said, *undetermined(model.names, lost, rank, verdict))
@@ -193,7 +200,7 @@ class _Run:
             units=tuple(parameter.unit for parameter in model.parameters),
             sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma_tau,
             rank=rank,
-            condition=condition,
+            condition=directions.condition,
             samples=sum(map(len, search.given.logs)),
             status="; ".join(words) or "ok",
             remarks=said,
@@ -202,6 +209,7 @@ class _Run:
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
             weights=1.0 / search.sigma_tau,
             information=fitted.information,
+            directions=directions,
         )
 
     def verdicts(self, lost: NDArray[np.bool_]) -> tuple[Verdict, ...]:

@@ -192,7 +192,7 @@ class LeastSquaresSettings(Section):
     """Ordinary least squares; singular values below ``tolerance`` times the largest count as zero."""
 
     kind: Literal["least_squares"] = "least_squares"
-    tolerance: Annotated[Positive, Field(lt=1)] = 1e-12
+    tolerance: Annotated[Positive, Field(lt=1)] | None = None
     weights: Literal["equal", "per_joint"] = "equal"
 
 
@@ -209,7 +209,7 @@ class ConsistentSettings(Section):
     centre_of_mass: Mapping[Name, tuple[tuple[Number, Number, Number], tuple[Number, Number, Number]]] = {}
     prior: Literal["nominal", "none"] | Mapping[Name, Number] = "nominal"
     distance: Literal["entropic", "euclidean"] = "entropic"
-    threshold: Annotated[Positive, Field(lt=1)] = 1e-6
+    threshold: Annotated[Positive, Field(lt=1)] | None = None
     weights: Literal["equal", "per_joint"] = "per_joint"
 
 

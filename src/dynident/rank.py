@@ -26,7 +26,7 @@ ANGLES = 1e-5  # rad: angles of robot files are exact to this; compiled from 3.1
 ARITHMETIC = 1e-12  # double precision, after sums over many rows
 SQUARED = 1e-12  # the same for an information matrix, which squares all ratios
 EMPTY = 1e-14  # a column this small beside the largest is rounding error
-TIED = 1e-6  # entry of the projector on what is not determined, from which on two parameters are tied
+TIED = (1e-6, 1e-2)  # entries of the projector on what is not determined, from which on two parameters are tied
 KINDS = (INERTIAL[:1], INERTIAL[1:4], INERTIAL[4:])  # mass, first and second moments: of one unit each
 
 
@@ -70,7 +70,7 @@ class Rank:
         from scipy.sparse.csgraph import connected_components
 
         null = self.vectors[:, self.rank :]
-        tied = np.abs(null @ null.T) > max(TIED, 100 * self.tolerance)
+        tied = np.abs(null @ null.T) > np.clip(100 * self.tolerance, *TIED)
         _, label = connected_components(tied, directed=False)
         involved = tied.any(axis=1)
         return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))

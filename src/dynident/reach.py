@@ -154,7 +154,8 @@ def _reached(
         covariance = rank_of_information(S).covariance()
         std[name] = np.sqrt(np.diag(covariance))
         if name == "now":
-            correlations = covariance / np.outer(std[name], std[name])
+            with np.errstate(invalid="ignore"):  # infinite ones have none
+                correlations = covariance / np.outer(std[name], std[name])
     known = 1.0 / np.sqrt(np.diag(sums["now"]))
     strong = np.nan_to_num(correlations) - np.eye(len(kept))
     partner = np.abs(strong).argmax(axis=1)

@@ -219,6 +219,7 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         for body in world.findall("body"):
             reader.body(body, WORLD, np.zeros(3), world.get("childclass", "main"))
     unique((joint.name for joint in reader.joints), "joint", source)
+    read = [body for body in bodies if body.get("name") in reader.links]
     return RobotFile(
         format="mjcf",
         source=source,
@@ -227,7 +228,7 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         joints=tuple(reader.joints),
         constraints=(*_equalities(root), *_tendons(root)),
         gravity=tuple(numbers(_merged(root, "option"), "gravity", "0 0 -9.81", f"{source}, <option>", 3).tolist()),
-        notes=(*_notes(root, compiler), *(() if reader.degrees else _corrected(bodies))),
+        notes=(*_notes(root, compiler), *(() if reader.degrees else _corrected(read))),
         origins=reader.origins,
     )
 

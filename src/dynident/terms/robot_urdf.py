@@ -62,8 +62,8 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     for joint in found:
         if joint.follows:
             known(joint.follows[0], (x.name for x in found), f"{source}, <mimic> of joint {joint.name!r}")
-    origins = ((joint.get("name", ""), origin) for joint in joints for origin in joint.findall("origin"))
-    notes = corrected("rpy", ((repr(name), origin.get("rpy", "")) for name, origin in origins))
+    origins = ((repr(joint.get("name")), joint.find("origin")) for joint in joints)
+    notes = corrected("rpy", ((name, origin.get("rpy", "")) for name, origin in origins if origin is not None))
     return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=notes)
 
 

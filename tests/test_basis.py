@@ -268,5 +268,5 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
         assert compare(found, on_data, model) == ()
         return found.rank
 
-    assert rank(1.5708) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
-    assert rank(1.5708, tolerance=1e-12) > rank(1.5708)
+    assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
+    assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)

@@ -14,17 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.diagnostics import Note
-from dynident.errors import ConfigError, ModelError
+from dynident.errors import ModelError
 from dynident.log import Motion
 from dynident.model import Model
+from dynident.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression import Block, Compressed, compress
 from dynident.terms.term import INERTIAL, Parameter
 
 __all__ = ["Basis", "Missing", "base_std", "basis_of", "compare", "informed_std", "structural_basis"]
 
 Array = NDArray[np.float64]
-RANK = 1e-5  # singular values below this share count as none: what is less comes of a file's rounded angles (1.5708)
-ROUNDING = 1e-13  # a column this small beside the largest is rounding error
 SMALL = 1e-8  # a share this small in a base parameter is rounding error
 CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
 
@@ -35,7 +34,7 @@ class Basis:
 
     ``independent``: the indices b of the standard parameters that lead a base parameter; ``combination`` (r, p): the
     matrix B, the identity in the columns b; ``singular_values`` (p) of the column-scaled factor, falling; ``scale``
-    (p): the norms of its columns (1 for a column of no effect).
+    (p): what its columns were divided by (``Rank``).
     """
 
     names: tuple[str, ...]
@@ -99,27 +98,26 @@ class Basis:
         return start + np.linalg.lstsq(self.combination / self.scale, rest)[0] / self.scale
 
 
-def basis_of(factor: Array, parameters: Sequence[Parameter], tolerance: float = RANK) -> Basis:
-    """Read the base parameters off the triangular factor (p, p) or (p + 1, p + 1, the torque last) of a regressor.
+def basis_of(factor: Array | Rank, parameters: Sequence[Parameter], tolerance: float | None = None) -> Basis:
+    """Read the base parameters off a rank, or off the triangular factor (``rank_of``) of a regressor.
 
-    The columns are scaled to norm one; singular values below ``tolerance`` times the largest are dropped. Kept are,
-    where there is a choice, friction and other effects first, then inertia of later bodies, then masses, rotors last.
-    Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape does not fit the parameters.
+    Kept are, where there is a choice, friction and other effects first, then inertia of later bodies, then masses,
+    rotors last. Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape does not fit the
+    parameters.
     """
     p = len(parameters)
-    if not 0 < tolerance < 1:
-        raise ConfigError(f"tolerance of the rank is {tolerance}; give a number between 0 and 1, such as 1e-9.")
-    if factor.shape not in ((p, p), (p + 1, p + 1)):
+    if isinstance(factor, Rank):
+        found = factor
+    elif factor.shape not in ((p, p), (p + 1, p + 1)):
         raise ModelError(f"factor has shape {factor.shape}, expected ({p}, {p}) or ({p + 1}, {p + 1}).")
-    R = factor[:p, :p]
-    scale = np.linalg.norm(R, axis=0)
-    empty = scale <= ROUNDING * scale.max(initial=0.0)
-    scale = np.where(empty, 1.0, scale)
-    R = np.where(empty, 0.0, R / scale)
-    s = np.asarray(np.linalg.svd(R, compute_uv=False), dtype=np.float64)
-    rank = int((s > tolerance * s[0]).sum()) if p and s[0] > 0 else 0
-    kept = sorted(_choose(R, rank, _preference(parameters)))
-    return Basis(tuple(x.name for x in parameters), rank, s, tuple(kept), _combine(R, kept, scale, tolerance), scale)
+    else:
+        found = rank_of(factor, parameters, tolerance)
+    known = found.vectors[:, : found.rank].T
+    known = np.where(np.linalg.norm(known, axis=0) <= 10 * found.tolerance, 0.0, known)  # without effect
+    size = np.linalg.norm(R := found.values[: found.rank, None] * known, axis=0)
+    kept = sorted(_choose(R / np.where(size > 0, size, 1.0), found.rank, _preference(parameters)))
+    B = _combine(known, kept, found.scale, found.tolerance)
+    return Basis(tuple(x.name for x in parameters), found.rank, found.values, tuple(kept), B, found.scale)
 
 
 def base_std(basis: Basis, compressed: Compressed, sigma: Array, weights: Array | None = None) -> Array:
@@ -137,7 +135,7 @@ def base_std(basis: Basis, compressed: Compressed, sigma: Array, weights: Array 
     scale = basis.scale[kept]
     R = compressed.factors[:, :p, kept] / scale
     gram = np.einsum("jki,jkl->jil", R, R)
-    inverse = np.linalg.inv(np.tensordot(w**2, gram, axes=1))
+    inverse = rank_of_information(np.tensordot(w**2, gram, axes=1)).inverse
     covariance = inverse @ np.tensordot(w**4 * np.asarray(sigma) ** 2, gram, axes=1) @ inverse
     return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
 
@@ -148,16 +146,11 @@ def informed_std(basis: Basis, information: Array) -> Array:
     They are infinite where the information is singular, which only rounding can make of independent columns.
     """
     kept = list(basis.independent)
-    own = information[np.ix_(kept, kept)]
-    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
-    if values[0] <= 1e-14 * values[-1]:
-        return np.full(len(kept), np.inf)
-    return np.asarray(np.sqrt((vectors**2 / values).sum(axis=1)) / scale)
+    return np.asarray(np.sqrt(np.diag(rank_of_information(information[np.ix_(kept, kept)]).covariance())))
 
 
 def structural_basis(
-    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float = RANK
+    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float | None = None
 ) -> Basis:
     """Return the base parameters that any motion could show: from ``samples`` random states of the whole arm.
 
@@ -192,7 +185,7 @@ def compare(structural: Basis, on_data: Basis, model: Model, motions: Sequence[M
     hidden = on_data.null
     seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
     U, s, Vt = np.linalg.svd(seen, full_matrices=False)
-    k = int((s > 10 * RANK * s.max(initial=1.0)).sum())  # both bases are exact to RANK
+    k = int((s > 10 * precision(model.parameters) * s.max(initial=1.0)).sum())  # both bases are exact to it
     U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
     still = _still(motions)
     return tuple(_missing(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))
@@ -272,10 +265,9 @@ def _choose(R: Array, rank: int, order: list[int]) -> list[int]:
     return chosen
 
 
-def _combine(R: Array, kept: list[int], scale: Array, tolerance: float) -> Array:
-    """Return B with R theta = R_b B theta in unscaled columns, free of rounding error."""
-    p = R.shape[1]
-    B = np.linalg.lstsq(R[:, kept], R)[0] if kept else np.zeros((0, p))
+def _combine(known: Array, kept: list[int], scale: Array, tolerance: float) -> Array:
+    """Return B of which the determined directions ``known`` (r, p) are the rows, free of rounding error."""
+    B = np.linalg.solve(known[:, kept], known)
     B = np.where(np.abs(B) < max(SMALL, tolerance), 0.0, B) * scale / scale[kept, None]
     whole = np.round(B)
     B = np.where((whole != 0) & (np.abs(B - whole) < SMALL), whole, B)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ConfigError, ModelError
 from dynident.log import Motion
 from dynident.model import Model
+from dynident.rank import rank_of_information
 
 __all__ = ["bound", "information", "variance"]
 
@@ -39,16 +40,14 @@ def bound(
     several = (motions,) if isinstance(motions, Motion) else tuple(motions)
     total = sum(information(model, theta, one, sigma_q, sigma_tau, rest=rest, substeps=substeps) for one in several)
     S = np.asarray(total, dtype=float)
-    scale = np.sqrt(np.maximum(np.diag(S), 0.0))
-    lost = [name for name, size in zip(model.names, scale, strict=True) if not size > 0]
-    if lost:
-        raise ModelError(f"{model.name}: these motions say nothing of {', '.join(lost)}; no bound exists.")
-    values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
-    if values[0] <= 1e-12:
-        tied = [name for name, share in zip(model.names, np.abs(vectors[:, 0]), strict=True) if share > 0.05]
-        raise ModelError(f"{model.name}: these motions do not tell {', '.join(tied)} apart; no bound exists.")
-    half = vectors / np.sqrt(values) / scale[:, None]
-    return np.asarray(half @ half.T)
+    found = rank_of_information(S)
+    if found.groups:
+        lone = [model.names[group[0]] for group in found.groups if len(group) == 1]
+        if lone:
+            raise ModelError(f"{model.name}: these motions say nothing of {', '.join(lone)}; no bound exists.")
+        tied = ", ".join(model.names[k] for k in found.groups[0])
+        raise ModelError(f"{model.name}: these motions do not tell {tied} apart; no bound exists.")
+    return found.inverse
 
 
 def information(

@@ -209,7 +209,8 @@ def _with_errors(
     if estimate.rank == len(model.parameters):
         return replace(found, std_hac=_robust_std(regression, estimate, estimate.std))
     progress("finding base parameters")
-    on_data = basis_of(regression.compressed.stacked(), model.parameters)
+    shown = estimate.directions  # where the estimator says them, so that both have one rank
+    on_data = basis_of(regression.compressed.stacked(estimate.weights) if shown is None else shown, model.parameters)
     structural = structural_basis(model)
     missing = compare(structural, on_data, model, fitted)
     if any(parameter.body for parameter in model.parameters):  # no motion tells all inertial parameters apart

@@ -18,6 +18,7 @@ from dynident.identify import Identification, Recipe, identify
 from dynident.log import Log, Motion
 from dynident.model import Model
 from dynident.normal_matrix import NormalMatrix, normal_matrices
+from dynident.rank import rank_of_information
 from dynident.regression import Regression
 from dynident.smoothers.smoother import KnowsNoise
 from dynident.splines import noise_sigma, steady_noise
@@ -26,7 +27,6 @@ __all__ = ["CHANGES", "Measure", "Noise", "Origin", "Reach", "TorqueNoise", "noi
 
 Array = NDArray[np.float64]
 TorqueNoise = Literal["residual", "sensor"]
-NULL = 1e-11  # eigenvalue of the scaled information below which a direction counts as not determined
 # what would be bought: how many times smaller sigma_q and sigma_tau, and how many times the record
 CHANGES: Mapping[str, tuple[float, float, float]] = {
     "now": (1.0, 1.0, 1.0),
@@ -142,7 +142,9 @@ def reach(
     sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
     progress("computing the bound")
     motions = tuple(one.motion for one in found.logs)
-    basis = basis_of(Regression(found.model, motions).compressed.stacked(), found.model.parameters)
+    directions = found.estimate.directions
+    shown = Regression(found.model, motions).compressed.stacked() if directions is None else directions
+    basis = basis_of(shown, found.model.parameters)
     return _reached(found, motions, basis, sensors, recipe.slowest(joints))
 
 
@@ -164,10 +166,11 @@ def _reached(
             _add(sums, matrix)
     std, correlations = {}, np.eye(len(kept))
     for name, S in sums.items():
-        covariance = _covariance(S)
+        covariance = rank_of_information(S).covariance()
         std[name] = np.sqrt(np.diag(covariance))
         if name == "now":
-            correlations = covariance / np.outer(std[name], std[name])
+            with np.errstate(invalid="ignore"):  # infinite ones have none
+                correlations = covariance / np.outer(std[name], std[name])
     known = 1.0 / np.sqrt(np.diag(sums["now"]))
     strong = np.nan_to_num(correlations) - np.eye(len(kept))
     partner = np.abs(strong).argmax(axis=1)
@@ -204,21 +207,6 @@ def _add(sums: dict[str, Array], matrix: NormalMatrix) -> None:
         if (finer_q, finer_tau) not in once:
             once[finer_q, finer_tau] = matrix.information(finer_q, finer_tau)
         sums[name] += times * once[finer_q, finer_tau]
-
-
-def _covariance(S: Array) -> Array:
-    """Return the inverse (r, r), with infinite variances for what the information S does not determine."""
-    scale = np.sqrt(np.maximum(np.diag(S), 0.0))
-    empty = scale <= 1e-15 * scale.max(initial=0.0)
-    scale[empty] = 1.0
-    values, vectors = np.linalg.eigh(np.where(empty | empty[:, None], 0.0, S / np.outer(scale, scale)))
-    kept = values > NULL * values.max(initial=0.0)
-    half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-    covariance = half @ half.T
-    lost = (vectors[:, ~kept] ** 2).sum(axis=1) > 1e-6
-    covariance[lost, :] = covariance[:, lost] = 0.0
-    covariance[lost, lost] = np.inf
-    return np.asarray(covariance)
 
 
 def noise_of(

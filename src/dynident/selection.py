@@ -12,6 +12,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.model import Model
+from dynident.rank import rank_of
 from dynident.regression import Compressed, Regression
 from dynident.smoothers import Smoother
 
@@ -113,7 +114,8 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     for k, part in enumerate(parts):
         others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
         rows = np.concatenate([other.rows for j, other in enumerate(parts) if j != k])
-        theta = solve(Compressed(others, rows).stacked(), tolerance=1e-8).value
+        factor = Compressed(others, rows).stacked()
+        theta = solve(factor, rank_of(factor, model.parameters)).value
         wrong += float(part.residual(theta).sum())
         total += float(np.square(part.factors[:, :, -1]).sum())
     return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError
 from dynident.log import pieces
+from dynident.rank import rank_of
 from dynident.regression import Block, Regression, stretches
 
 __all__ = ["bandwidth", "robust_covariance"]
@@ -89,15 +90,12 @@ def bandwidth(series: Iterator[Iterator[Array]]) -> int:
 
 def _bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Array]:
     """Return the norms of the columns and the inverse of A in columns scaled by them."""
-    factor = regression.compressed.stacked(w)[:, kept]
-    scale = np.linalg.norm(factor, axis=0)
-    if not (scale > 0).all():
-        raise ModelError("a column of the regressor is zero; leave it out of the columns.")
-    try:
-        half = np.linalg.inv(np.linalg.qr(factor / scale, mode="r"))
-    except np.linalg.LinAlgError as error:
-        raise ModelError("the columns of the regressor are dependent; give those of base parameters.") from error
-    return scale, half @ half.T
+    found = rank_of(np.asarray(np.linalg.qr(regression.compressed.stacked(w)[:, [*kept, -1]], mode="r")))
+    if found.groups:
+        if any(len(group) == 1 for group in found.groups):
+            raise ModelError("a column of the regressor is zero; leave it out of the columns.")
+        raise ModelError("the columns of the regressor are dependent; give those of base parameters.")
+    return found.scale, found.inverse * np.outer(found.scale, found.scale)
 
 
 def _scores(block: Block, theta: Array, w: Array, kept: list[int], scale: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dynident.diagnostics import Remark
 from dynident.errors import ConfigError, InputError
 from dynident.gallery import slider
 from dynident.io.project import HASH_OF, parse_project, read_project, run
@@ -46,13 +47,13 @@ def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> No
     assert found.settings["configuration"] == config.read_text()
     digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
     assert found.settings[f"{HASH_OF}{config.parent.resolve() / 'log.csv'}"] == digest
-    assert any("overlaps in time" in text for text in found.warnings)
+    assert any("overlaps in time" in note.text for note in found.warnings if isinstance(note, Remark))
 
 
 def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
     project = read_project(config)
     (doubt,) = project.warnings
-    assert doubt in project.bound().identification.warnings
+    assert Remark(doubt) in project.bound().identification.warnings
     assert doubt in [finding.message for finding in project.examine().findings]
 
 

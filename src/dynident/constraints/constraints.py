@@ -49,8 +49,8 @@ class Limit:
         return float(np.maximum(self.lower - value, value - self.upper).max(initial=-np.inf))
 
     def scaled(self, scale: Array) -> Limit:
-        """Return the same limits with each row divided by the size (p) that its largest entry usually has."""
-        size = np.abs(self.rows * scale).max(axis=1)
+        """Return the same limits with each row divided by about the size (p) that its largest entry usually has."""
+        size = np.exp2(np.round(np.log2(np.abs(self.rows * scale).max(axis=1))))  # a power of two changes no digit
         return replace(self, rows=self.rows / size[:, None], lower=self.lower / size, upper=self.upper / size)
 
 

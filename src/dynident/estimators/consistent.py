@@ -35,12 +35,12 @@ from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, PriorAppr
 from dynident.estimators.prior import nearest, settle
 from dynident.estimators.staged import Information, fit, read
 from dynident.model import Model
+from dynident.rank import rank_of
 
 __all__ = ["Consistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
-FREE = 1e-6  # share of a parameter in the free directions from which on it is not the data's
 CLOSED = 1e-6  # duality gap from which on the prior is only approached
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
@@ -54,9 +54,9 @@ class Consistent:
     ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
 
     ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It decides only what the data
-    leave free: directions whose singular value in the column-scaled, noise-weighted regressor is below ``threshold``
-    times the largest. ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on no
-    frame or unit; Euclidean for all other parameters) or "euclidean" (in units of each parameter's usual size). What no
+    leave free, by the rank (``rank_of``) of the noise-weighted regressor; ``threshold`` is its tolerance (None: the
+    precision of the model). ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on
+    no frame or unit; Euclidean for all others) or "euclidean" (in units of each parameter's usual size). What no
     prior covers is made as small as the constraints allow.
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
@@ -74,7 +74,7 @@ class Consistent:
     centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
     prior: Literal["nominal", "none"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
-    threshold: Annotated[float, Gt(0), Lt(1)] = 1e-6
+    threshold: Annotated[float, Gt(0), Lt(1)] | None = None
     margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
     weights: Weights = "per_joint"
     iterations: Annotated[int, Ge(1)] = 3
@@ -92,7 +92,8 @@ class Consistent:
         if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):
             raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, ('nominal', 'none'))}")
         for name in ("threshold", "margin"):
-            if not 0 < getattr(self, name) < 1:
+            value = getattr(self, name)
+            if value is not None and not 0 < value < 1:
                 raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-6.")
         for name, sides in self._intervals().items():
             _check_sides(name, *sides)
@@ -107,12 +108,13 @@ class Consistent:
         ModelError where the program cannot be solved.
         """
         model, compressed = problem.model, problem.regression.compressed
-        weights = joint_weights(compressed, self.weights, self.iterations)
+        weights = joint_weights(compressed, self.weights, self.iterations, model.parameters, self.threshold)
         factor = compressed.stacked(weights)
         bodies = bodies_of(model.parameters)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        known = read(factor, scale, self.threshold, compressed.total)
+        directions = rank_of(factor, model.parameters, self.threshold)
+        known = read(factor, scale, directions, compressed.total)
         constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
@@ -123,18 +125,19 @@ class Consistent:
         costs = _costs(known, constraints, start, excess) if self.costs else {}
         return Estimate(
             value=value,
-            covariance=_covariance(known),
+            covariance=directions.covariance(known.variance),
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
             sigma=np.sqrt(compressed.residual(value) / np.maximum(compressed.rows - 1, 1)),
             rank=known.rank,
-            condition=known.condition,
+            condition=directions.condition,
             samples=compressed.samples,
             notes=_notes(known, provenance, gap),
             provenance=provenance,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
             costs=costs,
             weights=None if self.weights == "equal" else weights,
+            directions=directions,
         )
 
     def quick(self) -> Consistent:
@@ -174,7 +177,7 @@ class Consistent:
         """Return the bodies to keep close in the log-det sense: free ones whose prior is itself a possible body."""
         if self.distance == "euclidean":
             return []
-        free = [body for body in constraints.bodies if (known.share[body.columns] > FREE).any()]
+        free = [body for body in constraints.bodies if known.directions.lost[body.columns].any()]
         known_bodies = [body for body in free if not np.isnan(prior[body.columns]).any()]
         return [body for body in known_bodies if np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin]
 
@@ -212,7 +215,7 @@ def _snapped(theta: Array, constraints: Constraints) -> Array:
 def _provenance(
     theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
 ) -> tuple[Provenance, ...]:
-    free = known.share > FREE
+    free = known.directions.lost
     at = np.zeros(len(theta), dtype=bool)
     for body in constraints.bodies:
         if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
@@ -225,15 +228,6 @@ def _provenance(
     chosen = np.select([at, ~free, prior], [0, 1, 2], 3)
     order = (Provenance.BOUND, Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
     return tuple(order[k] for k in chosen)
-
-
-def _covariance(known: Information) -> Array:
-    """Return the covariance of the informed part, with infinite variance where the data do not decide."""
-    out = known.covariance.copy()
-    free = known.share > FREE
-    out[free, :] = out[:, free] = 0.0
-    out[free, free] = np.inf
-    return out
 
 
 def _costs(known: Information, constraints: Constraints, start: Array, excess: float) -> dict[str, float]:

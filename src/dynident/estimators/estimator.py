@@ -14,6 +14,7 @@ from dynident.diagnostics import Note
 from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
 from dynident.model import Model
+from dynident.rank import Rank
 from dynident.regression import Regression
 
 __all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Provenance", "quick"]
@@ -61,7 +62,8 @@ class Estimate:
     were multiplied with, None where all count the same; ``sample_weights`` holds for each motion of the regression what
     its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
     of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
-    where the errors of the motion count, too.
+    where the errors of the motion count, too; ``directions`` are those that the data determine, of which the rank is
+    the number.
     """
 
     value: Array
@@ -81,6 +83,7 @@ class Estimate:
     sample_weights: tuple[Array, ...] = ()
     slopes: tuple[Array, ...] = ()
     information: Array | None = None
+    directions: Rank | None = None
 
     @property
     def std(self) -> Array:

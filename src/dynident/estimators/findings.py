@@ -1,4 +1,4 @@
-"""What a likelihood's end tells besides its values: covariance and rank, and its notes."""
+"""What a likelihood's end tells besides its values: its notes."""
 
 from __future__ import annotations
 
@@ -12,35 +12,14 @@ from dynident.estimators.estimator import Provenance
 from dynident.estimators.notes import NotAlone, NotByData, NotWhite, RankDeficient, ScatterLarger
 from dynident.likelihood import Fitted, Search, whiteness
 
-__all__ = ["covariance_of", "inverted", "residual_notes", "undetermined"]
+__all__ = ["residual_notes", "undetermined"]
 
 Array = NDArray[np.float64]
-NULL = 1e-12  # relative information below which a direction counts as not excited
 APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is noted
 BORNE = 20.0  # parts of the recordings that must bear a parameter to tell its sandwich
 SURE = 4.0  # standard deviations of the sandwich's own chance that make a difference one
 EXACT = 1e-3  # residuals, relative to the largest torque, that are as good as none
 COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability, that make residuals not white
-
-
-def inverted(information: Array) -> tuple[Array, int, float, NDArray[np.bool_]]:
-    """Return the pseudo-inverse (p, p), rank, condition, and which parameters are not determined alone (p)."""
-    scale = np.sqrt(np.maximum(np.diag(information), 0.0))
-    empty = scale <= 1e-15 * scale.max()
-    scale[empty] = 1.0
-    values, vectors = np.linalg.eigh(np.where(empty | empty[:, None], 0.0, information / np.outer(scale, scale)))
-    kept = values > NULL * values[-1]
-    half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-    lost = (vectors[:, ~kept] ** 2).sum(axis=1) > 1e-6
-    condition = float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else np.inf
-    return half @ half.T, int(kept.sum()), condition, lost
-
-
-def covariance_of(inverse: Array, lost: NDArray[np.bool_]) -> Array:
-    """Return the covariance (p, p): the inverse, with an infinite variance of what is not determined."""
-    covariance = np.where(lost | lost[:, None], 0.0, inverse)
-    covariance[lost, lost] = np.inf
-    return covariance
 
 
 def residual_notes(

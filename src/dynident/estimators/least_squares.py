@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
 
@@ -13,72 +14,70 @@ from dynident.diagnostics import Note
 from dynident.errors import ConfigError, choices
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.notes import RankDeficient
+from dynident.rank import Rank, rank_of
 from dynident.regression import Compressed
+from dynident.terms.term import Parameter
 
 __all__ = ["Fit", "LeastSquares", "Weights", "check_weights", "joint_weights", "solve"]
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
-ROUNDING = 1e-15  # a column this small beside the largest is rounding error
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
 
-    ``inverse`` (p, p) = (X' X)^-1 on the determined subspace; ``rss`` the sum of squared residuals; ``groups`` the
-    indices of parameters that cannot be told apart, one tuple for each independent group, empty at full rank.
+    ``rss`` is the sum of squared residuals, ``directions`` the rank and what goes with it.
     """
 
     value: Array
-    inverse: Array
     rss: float
-    rank: int
-    condition: float
-    groups: tuple[tuple[int, ...], ...]
+    directions: Rank
 
     @property
-    def undetermined(self) -> Array:
-        """Indices of the parameters in any of the groups."""
-        return np.array(sorted({k for group in self.groups for k in group}), dtype=int)
+    def rank(self) -> int:
+        """Number of directions that the data determine."""
+        return self.directions.rank
+
+    @property
+    def inverse(self) -> Array:
+        """(X' X)^-1 on the determined directions (p, p)."""
+        return self.directions.inverse
+
+    @property
+    def condition(self) -> float:
+        """Ratio of the largest to the smallest singular value of the scaled columns."""
+        return self.directions.condition
+
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Parameters that cannot be told apart, by index."""
+        return self.directions.groups
 
 
-def solve(factor: Array, tolerance: float = 1e-12) -> Fit:
-    """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y].
+def solve(factor: Array, rank: Rank | None = None) -> Fit:
+    """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y], on the directions that ``rank`` determines.
 
-    The columns are scaled to norm one, but for those below 1e-15 of the largest, which are rounding error and count as
-    zero; singular values below ``tolerance`` times the largest count as zero.
-    ``condition`` is the ratio of the largest to the smallest of all singular values (inf where one is zero).
+    ``rank`` is that of the factor, by default the numerical one. ``condition`` is the ratio of the largest to the
+    smallest of all singular values of the scaled columns (inf where one is zero).
     """
-    p = len(factor) - 1
-    scale = np.linalg.norm(factor[:, :p], axis=0)
-    empty = scale <= ROUNDING * scale.max()
-    scale[empty] = 1.0
-    R, y = np.where(empty, 0.0, factor[:p, :p]) / scale, factor[:p, p]
-    U, s, Vt = np.linalg.svd(R)
-    rank = int((s > tolerance * s[0]).sum()) if s[0] > 0 else 0
-    V, kept = np.where(empty, 0.0, Vt[:rank]).T, s[:rank]  # a zero column has no share in any direction
-    value = np.linalg.solve(R, y) if rank == p else V @ ((U[:, :rank].T @ y) / kept)
-    half = V / kept / scale[:, None]
+    rank = rank or rank_of(factor)
+    p, r = len(factor) - 1, rank.rank
+    R, y = factor[:p, :p] / rank.scale, factor[:p, p]
+    known = rank.vectors[:, :r]
+    value = np.linalg.solve(R, y) if r == p else known @ ((rank.left[:, :r].T @ y) / rank.values[:r])
     rest = float(np.sum((y - R @ value) ** 2)) + float(factor[p, p] ** 2)
-    with np.errstate(over="ignore"):
-        condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
-    return Fit(value / scale, half @ half.T, rest, rank, condition, _groups(Vt[rank:]))
+    return Fit(value / rank.scale, rest, rank)
 
 
-def _groups(null: Array) -> tuple[tuple[int, ...], ...]:
-    """Return the sets of columns that a null space (k, p) ties together: the components of its projector's graph."""
-    if not len(null):
-        return ()
-    from scipy.sparse.csgraph import connected_components
-
-    tied = np.abs(null.T @ null) > 1e-6
-    _, label = connected_components(tied, directed=False)
-    involved = tied.any(axis=1)
-    return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
-
-
-def joint_weights(compressed: Compressed, weights: Weights, iterations: int, tolerance: float = 1e-12) -> Array:
+def joint_weights(
+    compressed: Compressed,
+    weights: Weights,
+    iterations: int,
+    parameters: Sequence[Parameter] = (),
+    tolerance: float | None = None,
+) -> Array:
     """Return the weight (n) of each joint: one, or with "per_joint" one over the standard deviation of its residual.
 
     The deviations are those of the fit with the previous weights, from equal ones on, until they change by less than
@@ -92,7 +91,8 @@ def joint_weights(compressed: Compressed, weights: Weights, iterations: int, tol
     # a joint that the model explains to rounding must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     for _ in range(iterations):
-        theta = solve(compressed.stacked(found), tolerance).value
+        factor = compressed.stacked(found)
+        theta = solve(factor, rank_of(factor, parameters, tolerance)).value
         deviation = np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1))
         previous, found = found, 1.0 / np.maximum(deviation, floor)
         if np.allclose(found, previous, rtol=0.01, atol=0.0):
@@ -112,18 +112,18 @@ def check_weights(weights: str, iterations: int) -> None:
 class LeastSquares:
     """theta = (X' X)^-1 X' y, eq. (11), all joints weighing the same, or with ``weights`` "per_joint" as their noise.
 
-    ``tolerance``: relative to the largest singular value of the column-scaled regressor, below which a direction counts
-    as not excited. The covariance is s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors
-    of equal variance and an exactly known regressor; correlated residuals make it too small.
+    The rank is that of ``rank_of``, ``tolerance`` its limit (None: the precision of the model). The covariance is
+    s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors of equal variance and an exactly known
+    regressor; correlated residuals make it too small.
     """
 
-    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-12
+    tolerance: Annotated[float, Gt(0), Lt(1)] | None = None
     weights: Weights = "equal"
     iterations: Annotated[int, Ge(1)] = 3
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)
-        if not 0 < self.tolerance < 1:
+        if self.tolerance is not None and not 0 < self.tolerance < 1:
             raise ConfigError(
                 f"tolerance of the rank is {self.tolerance}; give a number between 0 and 1, such as 1e-12."
             )
@@ -131,15 +131,13 @@ class LeastSquares:
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; where the rank is deficient a note names the parameters that cannot be told apart."""
         compressed, model = problem.regression.compressed, problem.model
-        weights = joint_weights(compressed, self.weights, self.iterations, self.tolerance)
-        fit = solve(compressed.stacked(weights), self.tolerance)
-        covariance = fit.inverse * (fit.rss / max(compressed.total - fit.rank, 1))
-        for k in fit.undetermined:
-            covariance[k, :] = covariance[:, k] = 0.0
-            covariance[k, k] = np.inf
+        parameters = model.parameters
+        weights = joint_weights(compressed, self.weights, self.iterations, parameters, self.tolerance)
+        factor = compressed.stacked(weights)
+        fit = solve(factor, rank_of(factor, parameters, self.tolerance))
         return Estimate(
             value=fit.value,
-            covariance=covariance,
+            covariance=fit.directions.covariance(fit.rss / max(compressed.total - fit.rank, 1)),
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
             sigma=np.sqrt(compressed.residual(fit.value) / np.maximum(compressed.rows - 1, 1)),
@@ -147,6 +145,7 @@ class LeastSquares:
             condition=fit.condition,
             samples=compressed.samples,
             notes=_notes(fit, model.names),
+            directions=fit.directions,
             weights=None if self.weights == "equal" else weights,
         )
 

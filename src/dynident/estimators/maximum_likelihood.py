@@ -14,11 +14,12 @@ from dynident.diagnostics import Note
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators.consistent import Consistent
 from dynident.estimators.estimator import Estimate, Problem, Provenance
-from dynident.estimators.findings import covariance_of, inverted, residual_notes, undetermined
+from dynident.estimators.findings import residual_notes, undetermined
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.measured import feasible, misfit, recordings, usual_noise
 from dynident.estimators.notes import Failed, MovingStart, NotConverged, SmoothSigns
 from dynident.likelihood import Fitted, Search, Settings, Sigma, demands, has_sign
+from dynident.rank import Rank, rank_of
 from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
@@ -91,7 +92,7 @@ class MaximumLikelihood:
 
     def quick(self) -> LeastSquares:
         """Return least squares: the search for the trajectory takes too long to be repeated."""
-        return LeastSquares(tolerance=1e-8)
+        return LeastSquares()
 
 
 @dataclass(eq=False)
@@ -145,8 +146,13 @@ class _Run:
             search.reweight(settings.huber)
             fitted = search.run()
         bodies = not search.settings.newton  # some of their parameters are never determined
-        lost = inverted(fitted.information)[3].any() and not bodies
+        lost = bool(self.directions(fitted).lost.any()) and not bodies
         return fitted if fitted.converged and not lost else self.again(fitted)
+
+    def directions(self, fitted: Fitted) -> Rank:
+        """Return what the information determines of the directions that the smoothed motions show."""
+        factor = self.problem.regression.compressed.stacked(1.0 / self.search.sigma.tau)
+        return rank_of(factor, self.problem.model.parameters).within(fitted.information)
 
     def again(self, fitted: Fitted) -> Fitted:
         """Search once more from well inside of what physics allows, and keep the more likely end."""
@@ -183,8 +189,9 @@ class _Run:
         """Return the estimate that belongs to a fit: covariance, intervals and notes."""
         model, search = self.problem.model, self.search
         tau = search.left()[1]
-        inverse, rank, condition, lost = inverted(fitted.information)
-        covariance = covariance_of(inverse, lost)
+        directions = self.directions(fitted)
+        inverse, rank, lost = directions.inverse, directions.rank, directions.lost
+        covariance = directions.covariance()
         provenance = self.provenance(lost) if bodies_of(model.parameters) else ()
         notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, lost, tau))
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
@@ -197,7 +204,7 @@ class _Run:
             units=tuple(parameter.unit for parameter in model.parameters),
             sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
             rank=rank,
-            condition=condition,
+            condition=directions.condition,
             samples=sum(map(len, search.given.logs)),
             notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
             provenance=provenance,
@@ -205,6 +212,7 @@ class _Run:
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
             weights=1.0 / search.sigma.tau,
             information=fitted.information,
+            directions=directions,
         )
 
     def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynident.constraints import Constraints
 from dynident.constraints.cone import Optimum, minimise
 from dynident.errors import ConfigError, ModelError
+from dynident.rank import Rank
 
 __all__ = ["Information", "fit", "read"]
 
@@ -25,20 +26,19 @@ class Information:
 
     ``base`` (p): the least-squares solution without a free part; ``informed`` (p, k): steps of ``unit`` in the weighted
     residual, so that the squared error is rss + unit^2 |d|^2; ``free`` (p, p - k): directions that the data do not
-    determine, orthonormal in units of the parameters' ``scale`` (p); ``share`` (p): the part of each parameter that is
-    free, from 0 to 1; ``covariance`` (p, p) of the informed part; ``torque``: the norm of the weighted torque.
+    determine, orthonormal in units of the parameters' ``scale`` (p); ``directions``: the rank that divides them;
+    ``variance`` of the weighted residual; ``torque``: the norm of the weighted torque.
     """
 
     base: Array
     informed: Array
     free: Array
-    share: Array
     scale: Array
-    covariance: Array
+    directions: Rank
     unit: float
     rss: float
     torque: float
-    condition: float
+    variance: float
 
     @property
     def rank(self) -> int:
@@ -54,39 +54,30 @@ class Information:
         return 100.0 * float(np.sqrt(self.rss + self.unit**2 * excess)) / self.torque if self.torque > 0 else 0.0
 
 
-def read(factor: Array, scale: Array, threshold: float, rows: int) -> Information:
-    """Divide the parameters' space by the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
+def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
+    """Divide the parameters' space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
 
-    Singular values of the column-scaled factor below ``threshold`` times the largest count as free, as do columns whose
-    effect at the parameter's usual size ``scale`` (p) is rounding error beside the largest.
+    ``scale`` (p) is the usual size of each parameter.
     """
-    p = len(factor) - 1
-    effect = np.linalg.norm(factor[:, :p], axis=0)
-    empty = effect * scale <= 1e-13 * (effect * scale).max(initial=0.0)
-    unit = np.where(empty, 1.0 / scale, effect)
-    R, y = np.where(empty, 0.0, factor[:p, :p] / unit), factor[:p, p]
-    U, s, Vt = np.linalg.svd(R)
-    k = int((s > threshold * s[0]).sum()) if s[0] > 0 else 0
-    target = U[:, :k].T @ y
-    rss = float(np.sum((y - U[:, :k] @ target) ** 2) + factor[p, p] ** 2)
+    p, k = len(factor) - 1, rank.rank
+    y = factor[:p, p]
+    target = rank.left[:, :k].T @ y
+    rss = float(np.sum((y - rank.left[:, :k] @ target) ** 2) + factor[p, p] ** 2)
     torque = float(np.linalg.norm(factor[:, p]))
     # exact data have no noise to measure by: a tiny share of the torque instead
     step = max(np.sqrt(rss / max(rows - k, 1)), 1e-5 * torque / np.sqrt(rows)) or 1.0
-    half = Vt[:k].T / s[:k] / unit[:, None]
-    free, _ = np.linalg.qr(Vt[k:].T / (unit * scale)[:, None])
-    with np.errstate(over="ignore"):
-        condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
+    half = rank.determined / rank.values[:k]
+    free, _ = np.linalg.qr(rank.free / scale[:, None])
     return Information(
         base=half @ target,
         informed=half * step,
         free=free * scale[:, None],
-        share=np.sum(Vt[k:] ** 2, axis=0),
         scale=scale,
-        covariance=half @ half.T * (rss / max(rows - k, 1)),
+        directions=rank,
         unit=float(step),
         rss=rss,
         torque=torque,
-        condition=condition,
+        variance=rss / max(rows - k, 1),
     )
 
 

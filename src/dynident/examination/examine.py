@@ -22,7 +22,7 @@ from dynident.terms.term import HasGravity
 
 __all__ = ["Examination", "examine"]
 
-PLAIN = LeastSquares(tolerance=1e-8)
+PLAIN = LeastSquares()
 WORTH = 0.03  # share of the error that a leaning base must explain to be worth a word
 
 

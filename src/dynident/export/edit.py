@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+from dynident.terms.robot_xml import exact
+
 __all__ = ["Node", "Text"]
 
 _START = re.compile(rb"""<[^\s/>]+(?:\s+[^\s=/>]+\s*=\s*(?:"[^"]*"|'[^']*'))*\s*/?>""")
@@ -89,6 +91,13 @@ class Text:
                 self._replace(*spans[key], quoteattr(value))
         if added:
             self._replace(last, last, added)
+
+    def sharpen(self, node: Node, key: str, count: int = 3) -> None:
+        """Write the last ``count`` numbers (rad) of an attribute as the angles that they are read as."""
+        words = node.attributes.get(key, "").split()
+        new = [repr(exact(word)) if exact(word) != float(word) else word for word in words[-count:]]
+        if new != words[-count:]:
+            self.set(node, {key: " ".join([*words[:-count], *new])})
 
     def drop(self, node: Node, keys: tuple[str, ...]) -> None:
         """Take attributes away, as far as the element has them."""

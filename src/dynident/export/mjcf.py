@@ -27,7 +27,8 @@ NOTHING = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 def identified_mjcf(identified: Identified) -> Written:
     """Return the robot's MJCF with ``<inertial>``, ``armature``, ``damping`` and ``frictionloss`` as identified, the
-    gravity of the identification, and without the compiler settings that would change inertias.
+    gravity of the identification, rounded angles as they were read, and without the compiler settings that would
+    change inertias.
 
     Raises ModelError where the model was read from no MJCF, and for a body or a friction that cannot be real.
     """
@@ -36,8 +37,13 @@ def identified_mjcf(identified: Identified) -> Written:
         raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
     found, shares = drives(identified, armature=True), link_inertias(bodies, values)
     text, joints = Text(bodies.xml), {joint.name for joint in bodies.joints}
+    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
+    radian = [one["angle"] for one in compilers if "angle" in one][-1:] == ["radian"]
     for node in _nodes(text):
         name = node.attributes.get("name", "")
+        if node.tag == "body" and radian:
+            text.sharpen(node, "euler")
+            text.sharpen(node, "axisangle", 1)
         if node.tag == "body" and name in shares.links:
             _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
         elif node.tag == "joint" and name in joints:

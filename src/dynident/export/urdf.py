@@ -24,6 +24,8 @@ TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1,
 def identified_urdf(identified: Identified) -> Written:
     """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified; all else stays, byte by byte.
 
+    But for rounded angles of joints: they are written as what they were read as, such as pi for 3.14159.
+
     Inertias are about the centre of mass with the axes of the link (the specification of ROS,
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model was read from no URDF, and for a body or a friction
     that cannot be real.
@@ -35,6 +37,8 @@ def identified_urdf(identified: Identified) -> Written:
     text = Text(bodies.xml)
     for node in text.root.children:
         name = node.attributes.get("name", "")
+        if node.tag == "joint" and (origin := node.find("origin")) is not None:
+            text.sharpen(origin, "rpy")
         if node.tag == "link" and name in shares.links:
             _set_inertia(text, node, shares.links[name])
         elif node.tag == "joint" and name in (joint.name for joint in bodies.joints):

@@ -22,6 +22,8 @@ from dynident.terms.robot_xml import (
     RobotFile,
     RobotJoint,
     Tied,
+    angles,
+    corrected,
     known,
     motion,
     numbers,
@@ -44,6 +46,7 @@ KINDS: dict[str, Literal["fixed", "revolute", "prismatic"]] = {
     "free": "fixed",
 }
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+ANGULAR = ("euler", "axisangle")
 ALTERED = ("balanceinertia", "boundmass", "boundinertia", "settotalmass", "inertiafromgeom")
 
 
@@ -104,11 +107,9 @@ class _Reader:
     def _orientation(self, key: str, attributes: Attributes, where: str) -> Array:
         counts = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
         values = numbers(attributes, key, "", where, counts[key])
-        scale = np.pi / 180 if self.degrees else 1.0
-        if key == "euler":
-            return self._euler(values * scale, where)
-        if key == "axisangle":
-            return rotation(unit(values[:3], where), values[3] * scale)
+        if key in ANGULAR:
+            turns = np.deg2rad(values) if self.degrees else angles(attributes, key, "", where, counts[key])
+            return self._euler(turns, where) if key == "euler" else rotation(unit(values[:3], where), turns[3])
         if key == "quat":
             half = float(np.linalg.norm(values[1:]))
             axis = values[1:] / half if half else np.array([0.0, 0.0, 1.0])
@@ -218,6 +219,7 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         for body in world.findall("body"):
             reader.body(body, WORLD, np.zeros(3), world.get("childclass", "main"))
     unique((joint.name for joint in reader.joints), "joint", source)
+    read = [body for body in bodies if body.get("name") in reader.links]
     return RobotFile(
         format="mjcf",
         source=source,
@@ -226,9 +228,17 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         joints=tuple(reader.joints),
         constraints=(*_equalities(root), *_tendons(root)),
         gravity=tuple(numbers(_merged(root, "option"), "gravity", "0 0 -9.81", f"{source}, <option>", 3).tolist()),
-        notes=_notes(root, compiler),
+        notes=(*_notes(root, compiler), *(() if reader.degrees else _corrected(read))),
         origins=reader.origins,
     )
+
+
+def _corrected(bodies: list[Element]) -> tuple[str, ...]:
+    """Say which angles in rad are taken as the exact ones."""
+    keys = ((body, key) for body in bodies for key in ANGULAR if key in body.attrib)
+    last = {"euler": -3, "axisangle": -1}  # the words that are angles
+    pairs = ((repr(body.get("name", "")), " ".join(body.attrib[key].split()[last[key] :])) for body, key in keys)
+    return corrected("euler, axisangle", pairs)
 
 
 def _moved_back(joint: RobotJoint, reference: float) -> RobotJoint:

@@ -15,7 +15,19 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
 from dynident.inertia import from_physical
-from dynident.terms.robot_xml import Limits, RobotFile, RobotJoint, known, numbers, placement, rotation, unique, unit
+from dynident.terms.robot_xml import (
+    Limits,
+    RobotFile,
+    RobotJoint,
+    angles,
+    corrected,
+    known,
+    numbers,
+    placement,
+    rotation,
+    unique,
+    unit,
+)
 
 __all__ = ["read_urdf"]
 
@@ -50,7 +62,9 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     for joint in found:
         if joint.follows:
             known(joint.follows[0], (x.name for x in found), f"{source}, <mimic> of joint {joint.name!r}")
-    return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found)
+    origins = ((repr(joint.get("name")), joint.find("origin")) for joint in joints)
+    notes = corrected("rpy", ((name, origin.get("rpy", "")) for name, origin in origins if origin is not None))
+    return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=notes)
 
 
 def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
@@ -85,7 +99,7 @@ def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
 def _origin(element: Element | None, where: str) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3) of an <origin>: roll, pitch, yaw about fixed axes."""
     x, y, z = np.eye(3)
-    roll, pitch, yaw = numbers(element, "rpy", "0 0 0", where, 3)
+    roll, pitch, yaw = angles(element, "rpy", "0 0 0", where, 3)
     return rotation(z, yaw) @ rotation(y, pitch) @ rotation(x, roll), numbers(element, "xyz", "0 0 0", where, 3)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Literal, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -20,6 +21,9 @@ __all__ = [
     "RobotFile",
     "RobotJoint",
     "Tied",
+    "angles",
+    "corrected",
+    "exact",
     "known",
     "motion",
     "numbers",
@@ -32,6 +36,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 HUGE = 1e30  # no length, mass or angle of a robot is as large, and squares of larger ones overflow
+STEP, QUARTER = np.pi / 12, np.pi / 2  # 15 and 90 degrees
+SAID = 1e-8  # rad: an angle that is off by more than this is named in the notes
 DEEPEST = 300  # levels of nesting: no arm needs more, and readers that recurse would fail
 
 
@@ -158,6 +164,39 @@ def numbers(element: Element | Mapping[str, str] | None, key: str, default: str,
         wanted = f"a number below {HUGE:g}" if count == 1 else f"{count} numbers below {HUGE:g}"
         raise ModelError(f"{where}: {key} = {text!r}, expected {wanted}, such as {default or '0'!r}.")
     return values
+
+
+def angles(element: Element | Mapping[str, str] | None, key: str, default: str, where: str, count: int = 1) -> Array:
+    """Return ``numbers`` in rad, rounded multiples of 15 degrees taken as what they stand for (``exact``)."""
+    numbers(element, key, default, where, count)
+    text = default if element is None else (element.get(key) or default)
+    return np.array([exact(word) for word in text.split()])
+
+
+def exact(word: str) -> float:
+    """Return the number, or the multiple of 15 degrees in rad that it is printed for: pi for 3.1416, 3.1415 and 3.14.
+
+    A printed angle stands for one that it differs from by less than a unit in its last place, be it rounded or cut
+    off. Three places at least are needed, or two for right angles.
+    """
+    value, printed = float(word), Decimal(word).normalize().as_tuple()
+    if not isinstance(printed.exponent, int) or printed.exponent > -2:
+        return value
+    step = QUARTER if printed.exponent == -2 else STEP
+    near = float(np.round(value / step) * step)
+    return near if near and abs(value - near) < 10.0**printed.exponent else value
+
+
+def corrected(what: str, pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return a note on the angles of ``pairs`` (name of a joint or body, text) that ``exact`` changes, if any."""
+    changed = [
+        f"{word} of {name} as {exact(word):.10g}"
+        for name, text in pairs
+        for word in text.split()
+        if abs(exact(word) - float(word)) > SAID
+    ]
+    said = f"rounded angles ({what}) are read as the multiples of 15 deg that they stand for: {', '.join(changed)}"
+    return (said,) if changed else ()
 
 
 def unit(vector: Array, where: str) -> Array:

@@ -1,0 +1,246 @@
+"""One rank: for files with rounded angles that of the exact file, everywhere; and intervals that hold with it."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from dynident.basis import basis_of, structural_basis
+from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.export import Identified, export, random_states
+from dynident.identify import Identification, Recipe, identify
+from dynident.log import Log, Motion
+from dynident.model import Model
+from dynident.reach import reach
+from dynident.regression import Regression
+from dynident.terms import Bodies, Coulomb, Offset, RotorInertia, Viscous
+from tests.robots import joint, link, urdf
+
+Array = NDArray[np.float64]
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+DIGITS = (3, 4, 5, 6, 7)
+RIGHT, HALF = np.pi / 2, np.pi
+Frame = tuple[tuple[float, float, float], tuple[float, float, float]]
+ARMS: dict[str, tuple[Frame, ...]] = {
+    "2R": (((0.0, 0.0, 0.1), (RIGHT, 0.0, 0.0)), ((0.4, 0.0, 0.0), (HALF, 0.0, 0.0))),
+    "wrist": (
+        ((0.0, 0.0, 0.67), (0.0, 0.0, 0.0)),
+        ((0.0, 0.15, 0.0), (-RIGHT, 0.0, 0.0)),
+        ((0.43, 0.0, -0.09), (0.0, 0.0, 0.0)),
+        ((0.02, 0.43, 0.0), (-RIGHT, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (RIGHT, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (-RIGHT, 0.0, 0.0)),
+    ),
+    "bent": (
+        ((0.0, 0.0, 0.16), (HALF, 0.0, HALF)),
+        ((0.0, 0.002, -0.12), (-RIGHT, 0.0, HALF)),
+        ((0.0, -0.41, 0.0), (0.0, HALF, 0.0)),
+        ((0.0, 0.21, -0.011), (-RIGHT, 0.0, HALF)),
+        ((0.0, -0.037, -0.064), (HALF / 3, 0.0, HALF)),
+        ((0.0, -0.037, -0.064), (HALF / 3, 0.0, HALF)),
+    ),
+}
+"""Frames (xyz, rpy) of the joints: planar; with offset shoulder and spherical wrist; with a wrist bent by 60 deg."""
+SIZES = ((0.75, 0.05), (0.99, 0.12), (0.68, 0.07), (0.43, 0.04), (0.43, 0.04), (0.73, 0.05))  # kg, m
+
+
+def arm(kind: str, digits: int | None = None, off: float = 0.0, seed: int = 7) -> str:
+    """The text of a URDF, its angles printed with so many digits, or none of them quite exact; bodies at random."""
+    rng = np.random.default_rng(seed)
+    frames = ARMS[kind]
+    names = ["base", *(f"l{k + 1}" for k in range(len(frames)))]
+    parts = [link("base", 1.0)]
+    for name, (mass, length) in zip(names[1:], SIZES, strict=False):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        tensor = mass * length**2 * turn @ np.diag([1.0, 0.8, 0.5]) @ turn.T
+        parts.append(link(name, mass * rng.uniform(0.8, 1.2), tuple(length * rng.uniform(-1, 1, 3)), tensor=tensor))
+    for k, (xyz, rpy) in enumerate(frames):
+        turned = [x + off if x else 0.0 for x in rpy]
+        printed = turned if digits is None else [round(x, digits) for x in turned]
+        parts.append(joint(f"j{k + 1}", "continuous", names[k], names[k + 1], xyz, tuple(printed)))
+    return urdf(*parts)
+
+
+def driven(text: str, *, nominal: bool = True) -> Model:
+    bodies = Bodies(text)
+    joints, n = bodies.joints, len(bodies.joints)
+
+    def values(*x: float) -> tuple[float, ...] | None:
+        return x[:n] if nominal else None
+
+    return Model(
+        (
+            bodies,
+            RotorInertia(joints, values=values(0.3, 0.4, 0.2, 0.05, 0.05, 0.04)),
+            Viscous(joints, values=values(1.2, 2.0, 1.0, 0.5, 0.4, 0.4)),
+            Coulomb(joints, values=values(0.9, 1.5, 0.8, 0.3, 0.3, 0.3)),
+            Offset(joints, values=values(0.1, -0.1, 0.05, 0.02, 0.01, -0.03)),
+        )
+    )
+
+
+def moved(model: Model, t: Array) -> Motion:
+    """A sum of five sines for each joint, exact, with the torque of the model's nominal values."""
+    rng, n = np.random.default_rng(3), len(model.joints)
+    q, dq, ddq = np.zeros((3, len(t), n))
+    for k in range(1, 6):
+        w, (a, b) = 0.2 * np.pi * k, rng.normal(size=(2, n)) * 0.7 / k
+        sine, cosine = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
+        q, dq, ddq = q + a * sine - b * cosine, dq + w * (a * cosine + b * sine), ddq - w**2 * (a * sine - b * cosine)
+    names = tuple(x.name for x in model.joints)
+    tau = model.torque(q, dq, ddq, model.values)
+    return Motion(t, q, dq, ddq, tau, names, np.ones(len(t), dtype=bool), "simulation")
+
+
+def recorded(motion: Motion, seed: int, sigma_q: float = 2e-5, share: float = 0.05) -> Log:
+    rng = np.random.default_rng(seed)
+    q = motion.q + sigma_q * rng.standard_normal(motion.q.shape)
+    tau = motion.tau + share * motion.tau.std(axis=0) * rng.standard_normal(motion.q.shape)
+    return Log(motion.t, q, tau, motion.joints, f"run {seed}")
+
+
+@cache
+def exact(kind: str) -> int:
+    return structural_basis(driven(arm(kind))).rank
+
+
+def fitted(model: Model, estimator: Estimator) -> Identification:
+    log = recorded(moved(model, np.arange(2000) * 0.005), 0)
+    return identify(model, [log], recipe=Recipe(estimator=estimator))
+
+
+@pytest.mark.parametrize("angle", ["3.14159", "3.1416", "3.14", "3.141592653589793", "3.1415900001"])
+@pytest.mark.parametrize("estimator", [LeastSquares(), Consistent()], ids=lambda x: type(x).__name__)
+def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, estimator: Estimator) -> None:
+    """The last but one of the angles is none that a printed one could stand for: 2.7e-6 rad away from pi."""
+    text = arm("2R").replace(f'rpy="{HALF!r} 0.0 0.0"', f'rpy="{angle} 0 0"')
+    assert angle in text
+    found = fitted(driven(text), estimator)
+    rank = exact("2R")
+    assert found.basis is not None
+    assert found.structural is not None
+    assert (found.estimate.rank, found.basis.rank, found.structural.rank) == (rank, rank, rank)
+    assert len(found.basis.independent) == rank
+    assert f"rank {rank} of {len(found.model.names)}" in found.estimate.status
+    assert np.abs(found.estimate.value).max() < 10
+    assert found.missing == ()
+    assert found.logs[0].relative_error < 7
+
+
+def test_the_bound_has_as_many_parameters() -> None:
+    model = driven(arm("2R", 5))
+    found = reach(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
+    assert len(found.names) == exact("2R")
+    assert np.isfinite(found.std["now"]).all()
+
+
+@pytest.mark.parametrize("kind", ARMS)
+@pytest.mark.parametrize("off", [3e-6, -7e-6])
+def test_angles_that_stand_for_nothing_but_are_nearly_right_add_no_rank(kind: str, off: float) -> None:
+    """Such as a compiler makes of 3.14159: there is no printed number to go by, but their effect is too small."""
+    model = driven(arm(kind, off=off))
+    on_data = basis_of(
+        Regression(model, (moved(model, np.arange(1500) * 0.01),)).compressed.stacked(), model.parameters
+    )
+    assert (structural_basis(model).rank, on_data.rank) == (exact(kind), exact(kind))
+
+
+@pytest.mark.parametrize("kind", ARMS)
+@pytest.mark.parametrize("digits", DIGITS)
+def test_files_with_rounded_angles_have_the_rank_of_the_exact_file(kind: str, digits: int) -> None:
+    model = driven(arm(kind, digits))
+    motion = moved(model, np.arange(1500) * 0.01)
+    regression = Regression(model, (motion,))
+    on_data = basis_of(regression.compressed.stacked(), model.parameters)
+    estimates = [one(Problem(model, (motion,), regression)) for one in (LeastSquares(), Consistent(costs=False))]
+    ranks = {structural_basis(model).rank, on_data.rank, *(estimate.rank for estimate in estimates)}
+    assert ranks == {exact(kind)}
+    assert on_data.gap > 1e6
+
+
+@pytest.mark.parametrize("digits", DIGITS)
+@pytest.mark.parametrize(
+    "file",
+    ["tx40/tx40_mdh_modified.urdf", "double_pendulum/double_pendulum.urdf", "lwr4/kuka_lwr4.urdf", "panda/panda.urdf"],
+)
+def test_so_have_measured_robots(file: str, digits: int) -> None:
+    if not (SHARED / file).exists():
+        pytest.skip("the measured robots lie beside the checkout, and are not there")
+    text = (SHARED / file).read_text()
+
+    def rounded(match: re.Match[str]) -> str:
+        return 'rpy="' + " ".join(repr(round(float(word), digits)) for word in match[1].split()) + '"'
+
+    def rank(xml: str) -> int:
+        used = tuple(f"panda_joint{k}" for k in range(1, 8)) if "finger" in xml else None
+        movable = Bodies(xml, used)
+        return structural_basis(Model((movable, RotorInertia(movable.joints)))).rank
+
+    assert rank(re.sub(r'rpy="([^"]*)"', rounded, text)) == rank(text)
+
+
+def test_a_tilt_that_no_printed_right_angle_is_stays() -> None:
+    """0.02 rad, and 1.55: both are angles of their own, and add to what acts on the torque."""
+    text = arm("2R")
+    tilted = text.replace(f'rpy="{HALF!r} 0.0 0.0"', 'rpy="3.12 0.02 0"')
+    assert structural_basis(driven(tilted)).rank > exact("2R")
+    assert Bodies(tilted).file.notes == ()
+
+
+def test_a_rounded_angle_is_told_and_written_as_it_was_read() -> None:
+    model = driven(arm("2R", 4))
+    bodies = model.terms[0]
+    assert isinstance(bodies, Bodies)
+    (note,) = (note for note in bodies.notes if "rounded" in note)
+    assert "3.1416 of 'j2' as 3.141592654" in note
+    assert model.values is not None
+    made = export(Identified(model, model.values), "urdf", random_states(2, np.random.default_rng(0)))
+    assert made.ready, made.refusal
+    assert made.written is not None
+    assert repr(np.pi) in made.written.text
+    assert "3.1416 " not in made.written.text
+
+
+def test_angles_of_an_mjcf_too() -> None:
+    xml = """<mujoco><compiler angle="radian"/><worldbody>
+    <body name="a"><inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><joint name="one"/>
+    <body name="b" pos="0.4 0 0" euler="3.1416 0 0"><inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/>
+    <joint name="two"/><body name="c" pos="0.2 0 0" axisangle="1 0 0 1.571">
+    <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><joint name="three"/></body></body></body>
+    </worldbody></mujoco>"""
+    rounded, exact = Bodies(xml), Bodies(xml.replace("3.1416", repr(HALF)).replace("1.571", repr(RIGHT)))
+    for one, other in zip(rounded.arm.bodies, exact.arm.bodies, strict=True):
+        np.testing.assert_array_equal(one.placement, other.placement)
+    assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
+    model = Model((rounded,))
+    assert model.values is not None
+    made = export(Identified(model, model.values), "mjcf", random_states(3, np.random.default_rng(0)))
+    assert made.ready, made.refusal
+    assert made.written is not None
+    assert f'euler="{HALF!r} 0 0"' in made.written.text
+    assert f'axisangle="1 0 0 {RIGHT!r}"' in made.written.text
+
+
+@pytest.mark.parametrize("digits", [4, None])
+def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wrist(digits: int | None) -> None:
+    """95 % intervals, from a robot file with other bodies than the true ones, over several recordings."""
+    true = driven(arm("bent", digits))
+    model = driven(arm("bent", digits, seed=8), nominal=False)
+    motion = moved(true, np.arange(4000) * 0.005)
+    inside, total, worst = 0, 0, 0.0
+    for seed in range(6):
+        found = identify(model, [recorded(motion, seed)], recipe=Recipe(estimator=Consistent(costs=False)))
+        basis, std = found.basis, found.base_std_hac
+        assert basis is not None
+        assert found.structural is not None
+        assert std is not None
+        assert (found.estimate.rank, basis.rank, found.structural.rank) == (exact("bent"),) * 3
+        error = np.abs(basis.to_base(found.estimate.value) - basis.to_base(true.values)) / std
+        inside, total, worst = inside + int((error < 1.96).sum()), total + len(error), max(worst, error.max())
+    assert worst < 4.5
+    # the errors of one recording are correlated, so that they count as a third of their number
+    assert inside / total > binom.ppf(0.005, total // 3, 0.95) / (total // 3)

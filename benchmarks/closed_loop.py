@@ -20,23 +20,21 @@ import numpy as np
 from arm import LINKS, urdf
 from scipy.special import ndtri
 
-from dynident.basis import Basis, base_std, informed_std, structural_basis
-from dynident.bound import information
-from dynident.calibration import pair
-from dynident.estimators import Consistent, Estimator, LeastSquares, MaximumLikelihood, Problem
+from dynident.bounds import information
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.identification import pair
 from dynident.io.recipe import FACTORS
 from dynident.log import Log, Motion
-from dynident.model import Model
-from dynident.regression import Regression
+from dynident.models import Coulomb, Model, RigidBodies, Viscous
+from dynident.regression import BaseParameters, Regression, base_std, informed_std, structural_base_parameters
 from dynident.report.wording import status_words
 from dynident.smoothers import Smoother, Spline
-from dynident.terms import Bodies, Coulomb, Viscous
-from dynident.uncertainty import robust_covariance
+from dynident.validation import robust_covariance
 
 PERIOD, RATE = 10.0, 500.0  # s, Hz
 ESTIMATORS = {
     "least squares": LeastSquares(),
-    "consistent": Consistent(costs=False),
+    "consistent": PhysicallyConsistent(costs=False),
     "maximum likelihood": MaximumLikelihood(),
 }
 COUNT = 2 * np.pi / 2**17  # rad
@@ -44,7 +42,7 @@ LOW_PASS = 0.2  # share of a new sample in the filtered position, whose distance
 
 
 def arm(joints: int) -> Model:
-    bodies = Bodies(urdf(LINKS[6 - joints : 6], turn=1))
+    bodies = RigidBodies(urdf(LINKS[6 - joints : 6], turn=1))
     viscous = Viscous(bodies.joints, values=(0.5,) * joints)
     return Model((bodies, viscous, Coulomb(bodies.joints, values=(0.4,) * joints, width=0.02)))
 
@@ -79,7 +77,7 @@ def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[tuple[Mo
     slow, states, views, torques = x[:, :n].copy(), [], [], []
 
     def rate(x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.concatenate([x[:, n:], model.forward(x[:, :n], x[:, n:], tau, theta)], axis=1)
+        return np.concatenate([x[:, n:], model.forward_dynamics(x[:, :n], x[:, n:], tau, theta)], axis=1)
 
     for k in range(len(t)):
         seen = COUNT * np.round((x[:, :n] + dither) / COUNT) - dither
@@ -96,7 +94,7 @@ def simulate(model: Model, rngs: Sequence[np.random.Generator]) -> list[tuple[Mo
     out, usable = [], np.ones(len(t), dtype=bool)
     for state, seen, tau in zip(*(np.stack(part, axis=1) for part in (states, views, torques)), strict=True):
         q, dq = state[:, :n], state[:, n:]
-        ddq = model.forward(q, dq, tau, theta)
+        ddq = model.forward_dynamics(q, dq, tau, theta)
         out.append((Motion(t, q, dq, ddq, tau, names, usable, "closed loop"), seen))
     return out
 
@@ -110,7 +108,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7)
     given = parser.parse_args()
     model = arm(given.joints)
-    truth, basis = np.asarray(model.values), structural_basis(model)
+    truth, basis = np.asarray(model.values), structural_base_parameters(model)
     rngs = np.random.default_rng(given.seed).spawn(given.runs)
     runs = simulate(model, rngs)
     S = information(model, truth, runs[0][0], COUNT / np.sqrt(12), given.noise, substeps=1)
@@ -132,20 +130,20 @@ class Result:
     status: str
 
 
-def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: Basis) -> Result:
+def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: BaseParameters) -> Result:
     began = time.process_time()
     found = estimator(problem)
     took = time.process_time() - began
     if found.information is not None:
         std = informed_std(basis, found.information)
     else:
-        std = base_std(basis, problem.regression.compressed, found.sigma, found.weights)
+        std = base_std(basis, problem.regression.triangular_factors, found.sigma, found.weights)
     hac = robust_covariance(problem.regression, found.value, found.weights, basis.independent)
     both = np.stack([std, np.sqrt(np.diag(hac))])
     return Result(basis.combination @ (found.value - truth), both, took, status_words(found))
 
 
-def tell(name: str, results: list[Result], least: np.ndarray, basis: Basis) -> None:
+def tell(name: str, results: list[Result], least: np.ndarray, basis: BaseParameters) -> None:
     error, std = np.array([one.error for one in results]), np.array([one.std for one in results])
     N, r = error.shape
     ratio, spread = np.sqrt((error**2).mean(axis=0)) / least, error.std(axis=0, ddof=1) / least
@@ -172,8 +170,8 @@ def recorded(motion: Motion, seen: np.ndarray, noise: float, colour: float, rng:
 
 def posed(model: Model, log: Log, smoother: Smoother) -> Problem:
     motions = (smoother(log),)
-    delay = 0.5 / RATE  # a torque that is held belongs to the middle of its period
-    return Problem(model, motions, Regression(model, motions), (log,), delay)
+    time_offset = 0.5 / RATE  # a torque that is held belongs to the middle of its period
+    return Problem(model, motions, Regression(model, motions), (log,), time_offset)
 
 
 if __name__ == "__main__":

@@ -17,16 +17,14 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from arm import LINKS, urdf
 
-from dynident.basis import structural_basis
-from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.log import Motion
-from dynident.model import Model
-from dynident.regression import Regression
-from dynident.terms import Bodies, Coulomb, Offset, Viscous
+from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
+from dynident.regression import Regression, structural_base_parameters
 
 
 def model() -> Model:
-    bodies = Bodies(urdf(LINKS))
+    bodies = RigidBodies(urdf(LINKS))
     friction = [term(bodies.joints, values=(0.5,) * len(bodies.joints)) for term in (Viscous, Coulomb, Offset)]
     return Model((bodies, *friction))
 
@@ -45,7 +43,7 @@ def problem(arm: Model, noise: float, samples: int = 5000) -> Problem:
     names = tuple(joint.name for joint in arm.joints)
     motion = Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
     posed = Problem(arm, (motion,), Regression(arm, (motion,)))
-    _ = posed.regression.compressed
+    _ = posed.regression.triangular_factors
     return posed
 
 
@@ -60,10 +58,10 @@ def seconds(call: Callable[[], object], repeat: int = 7) -> float:
 
 def main() -> None:
     arm = model()
-    basis = structural_basis(arm)
-    took = seconds(lambda: structural_basis(arm), 3)
+    basis = structural_base_parameters(arm)
+    took = seconds(lambda: structural_base_parameters(arm), 3)
     print(f"structural rank {basis.rank} of {len(basis.names)}, gap {basis.gap:.0e}: {1e3 * took:.1f} ms", flush=True)
-    fit = Consistent(costs=False)
+    fit = PhysicallyConsistent(costs=False)
     estimators: dict[str, Estimator] = {
         "least squares, per joint": LeastSquares(weights="per_joint"),
         "consistent, entropic": fit,

@@ -17,12 +17,12 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from scipy.special import ndtri
 
-from dynident.article import LEVELS, SCENARIOS, ArmScenario
-from dynident.bound import bound
+from dynident.bounds import cramer_rao_bound
 from dynident.estimators import MaximumLikelihood, Problem
-from dynident.gallery import two_link_arm
+from dynident.models.gallery import two_link_arm
 from dynident.regression import Regression
 from dynident.smoothers import Spline
+from dynident.studies import LEVELS, SCENARIOS, ArmScenario
 
 FAMILY = 0.01  # chance that any mean error of a whole table is called a bias where there is none
 
@@ -85,7 +85,7 @@ def main(arguments: list[str] | None = None) -> None:
         scenario = SCENARIOS[name]
         for level in levels:
             done = repeat(scenario, level, given.runs, given.seed, given.start)
-            variance = bound(
+            variance = cramer_rao_bound(
                 arm, arm.values, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=given.start == "rest"
             )
             tell(name, level, done, np.sqrt(np.diag(variance)), len(names) * len(levels))

@@ -34,10 +34,9 @@ def record(folder: Path, n: int) -> Path:
     """Write robot, log (1 kHz, five sines a joint, noise on both) and configuration; return the configuration."""
     import polars as pl
 
-    from dynident.model import Model
-    from dynident.terms import Bodies, Coulomb, Offset, RotorInertia, Viscous
+    from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
 
-    bodies = Bodies(arm())
+    bodies = RigidBodies(arm())
     joints = bodies.joints
     model = Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)))
     usual = {"rotor": 0.3, "viscous": 1.0, "coulomb": 0.8}

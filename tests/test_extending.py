@@ -10,21 +10,20 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from dynident.calibration import find_delay
 from dynident.cli import main
 from dynident.errors import ConfigError, InputError
-from dynident.estimators import Consistent, LeastSquares, MaximumLikelihood, Problem, quick
-from dynident.gallery import slider
-from dynident.identify import Recipe, identify
+from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem, quick
+from dynident.identification import Recipe, find_time_offset, identify
 from dynident.io.config import load_model, parse_config
 from dynident.io.recipe import build_recipe
 from dynident.io.saved import read_result
-from dynident.io.tables import Table, read_columns
+from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
+from dynident.models.gallery import slider
 from dynident.regression import Regression
-from dynident.smoothers import Delayed, Spline, undelayed
+from dynident.smoothers import Spline, TimeShifted, unshifted
 from dynident.testing.estimator import known_motion, truth
-from dynident.uncertainty import robust_covariance
+from dynident.validation import robust_covariance
 from tests.robots import ARM
 
 PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
@@ -74,7 +73,7 @@ def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     found = {row["name"]: row["value"] for row in result["parameters"]}
     np.testing.assert_allclose(list(found.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
     saved = read_result(out / "result.json")
-    assert repr(undelayed(saved.smoother)) == "SavitzkyGolay(width=0.08, order=4)"
+    assert repr(unshifted(saved.smoother)) == "SavitzkyGolay(width=0.08, order=4)"
 
 
 def test_a_mistake_in_it_is_an_error_with_its_place(folder: Path) -> None:
@@ -106,7 +105,7 @@ def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> No
     terms = ["viscous", "coulomb", {"kind": "stribeck.py:Stribeck", "v": 0.05, "on": ["shoulder"]}]
     text = yaml.safe_dump(yaml.safe_load(slide(folder).read_text()) | {"model": {"file": "arm.urdf", "terms": terms}})
     model = load_model(parse_config(text, folder).model, folder)
-    assert [type(term).__name__ for term in model.terms] == ["Bodies", "Viscous", "Coulomb", "Stribeck"]
+    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Viscous", "Coulomb", "Stribeck"]
     assert model.names[-1] == "Fs_shoulder"
     assert model.terms[-1].v == 0.05
     text = text.replace("v: 0.05", "speed: 1")
@@ -136,7 +135,7 @@ def test_a_reader_of_a_package_reads(folder: Path, monkeypatch: pytest.MonkeyPat
     )
     np.arange(6.0).tofile(folder / "log.raw")
     table = read_columns(folder / "log.raw")
-    assert isinstance(table, Table)
+    assert isinstance(table, DataTable)
     np.testing.assert_array_equal(table.column("tau"), [2.0, 5.0])
     np.arange(5.0).tofile(folder / "log.raw")
     with pytest.raises(InputError, match=r"log.raw: is not a readable .raw file"):
@@ -180,20 +179,20 @@ def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:
             return LeastSquares()(problem)
 
     model = slider(values=(5.0, 8.0, 3.0, 0.5))
-    find_delay(model, [known_motion(model)], Own())
+    find_time_offset(model, [known_motion(model)], Own())
     assert len(calls) > 5
     assert quick(LeastSquares(1e-9)) == LeastSquares(1e-9)
-    assert quick(Consistent(margin=1e-4)) == Consistent(margin=1e-4, costs=False)
+    assert quick(PhysicallyConsistent(margin=1e-4)) == PhysicallyConsistent(margin=1e-4, costs=False)
     assert isinstance(quick(MaximumLikelihood()), LeastSquares)
 
 
-def test_a_motion_knows_its_delay() -> None:
+def test_a_motion_knows_its_time_offset() -> None:
     motion = known_motion(slider(values=(5.0, 8.0, 3.0, 0.5)))
     log = Log(motion.t, motion.q, motion.tau, motion.joints)
-    assert Spline()(log).delay == 0.0
-    assert Delayed(Spline(), 0.003)(log).delay == 0.003
-    assert Delayed(Delayed(Spline(), 0.003), -0.001)(log).delay == pytest.approx(0.002)
-    assert undelayed(Delayed(Delayed(Spline(), 0.003), -0.001)) == Spline()
+    assert Spline()(log).time_offset == 0.0
+    assert TimeShifted(Spline(), 0.003)(log).time_offset == 0.003
+    assert TimeShifted(TimeShifted(Spline(), 0.003), -0.001)(log).time_offset == pytest.approx(0.002)
+    assert unshifted(TimeShifted(TimeShifted(Spline(), 0.003), -0.001)) == Spline()
 
 
 def test_weights_of_samples_are_those_of_rows() -> None:
@@ -202,8 +201,8 @@ def test_weights_of_samples_are_those_of_rows() -> None:
     motion = known_motion(model, noise=0.1)
     half = motion.between(stop=5.0)
     weights = (half.mask[:, None].astype(float),)
-    all_rows = Regression(model, (motion,), weights=weights).compressed.stacked()
-    some = Regression(model, (half,)).compressed.stacked()
+    all_rows = Regression(model, (motion,), weights=weights).triangular_factors.stacked()
+    some = Regression(model, (half,)).triangular_factors.stacked()
     np.testing.assert_allclose(all_rows.T @ all_rows, some.T @ some, rtol=1e-9, atol=1e-9)
     with pytest.raises(ConfigError, match=r"weights have shapes"):
         Regression(model, (motion,), weights=(np.ones(3),))

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynident.errors import ConfigError
-from dynident.estimators import Consistent, LeastSquares, MaximumLikelihood
+from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.io.parts import build, schemas
 from dynident.io.settings import Config
+from dynident.models import Coulomb, Joint, Offset, RotorInertia, Viscous
 from dynident.parts import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
-from dynident.smoothers import Butterworth, Delayed, Difference, Spline
+from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
-from dynident.terms import Coulomb, Joint, Offset, RotorInertia, Viscous
 
 JOINTS = (Joint("a"), Joint("b", "prismatic"))
 SMOOTHING = [
@@ -35,16 +35,18 @@ SMOOTHING = [
     Spline(Fixed(lam=1e-7)),
     Spline(Fixed(p=math.inf)),
     Spline(Fixed(p=(1.0, 2.0))),
-    Delayed(Spline(GCV()), -0.0021),
-    Delayed(Delayed(Difference(), 0.1), 0.2),
+    TimeShifted(Spline(GCV()), -0.0021),
+    TimeShifted(TimeShifted(Difference(), 0.1), 0.2),
 ]
 ESTIMATING = [
     LeastSquares(),
     LeastSquares(1e-9, "per_joint", 5),
-    Consistent(),
-    Consistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
-    Consistent(total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"),
-    Consistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
+    PhysicallyConsistent(),
+    PhysicallyConsistent(total_mass=12.0, bounds={"Fv_a": (None, 3.0), "Fc_a": (0.1, math.inf)}, prior={"a.mass": 2.0}),
+    PhysicallyConsistent(
+        total_mass=(None, 20.0), centre_of_mass={"arm": ((0.0, 0.0, 0.0), (0.1, 0.2, 0.3))}, prior="none"
+    ),
+    PhysicallyConsistent(inertia=False, distance="euclidean", margin=1e-4, costs=False),
     MaximumLikelihood(),
     MaximumLikelihood("test", 40.0, True, 1.345, profile=None, rate=None),
 ]
@@ -179,7 +181,7 @@ def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
     told = SMOOTHERS.describe(part)
     assert told == {"kind": f"{tmp_path / 'sg.py'}:SavitzkyGolay", "width": 0.05, "order": 4}
     assert build(SMOOTHERS, told, "smoother", tmp_path / "elsewhere") == part
-    delayed = Delayed(part, 0.01)
+    delayed = TimeShifted(part, 0.01)
     assert build(SMOOTHERS, SMOOTHERS.describe(delayed), "smoother", tmp_path) == delayed
     with pytest.raises(ConfigError, match=r"smoother: .*names a file, which only a configuration may do"):
         build(SMOOTHERS, told, "smoother")
@@ -256,7 +258,7 @@ WRONG = {
     "no kind": ({}, ("needs a `kind`: spline, difference, butterworth",)),
     "no mapping": ("spline", ("smoother: a mapping",)),
     "nested": (
-        {"kind": "delayed", "delay": 0, "smoother": {"kind": "butterworth", "cutoffs": [1, -1, 1]}},
+        {"kind": "time_shifted", "time_offset": 0, "smoother": {"kind": "butterworth", "cutoffs": [1, -1, 1]}},
         ("smoother: smoother.cutoffs[1]: should be greater than 0; got -1",),
     ),
 }

@@ -149,8 +149,8 @@ class Motion:
     """A log's motion with its derivatives: what a smoother makes of a ``Log``, or the truth of a simulation.
 
     ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
-    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report); ``delay`` (s) is how
-    much later than the stamps of the torque the motion was recorded.
+    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report); ``time_offset`` (s) is
+    how much later than the stamps of the torque the motion was recorded.
     """
 
     t: Array
@@ -162,7 +162,7 @@ class Motion:
     mask: NDArray[np.bool_]
     source: str = "log"
     smoothing: Mapping[str, Any] = field(default_factory=dict)
-    delay: float = 0.0
+    time_offset: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", _times(self.t, self.source))
@@ -182,17 +182,18 @@ class Motion:
         """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""
         return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))
 
-    def delayed(self, delay: float, rows: NDArray[np.intp] | None = None) -> Motion:
-        """Return the motion as it is ``delay`` (s) later than each torque: at t + delay, with the torque of t.
+    def shifted(self, time_offset: float, rows: NDArray[np.intp] | None = None) -> Motion:
+        """Return the motion as it is ``time_offset`` (s) later than each torque: at t + ``time_offset``, with the
+        torque of t.
 
         Between samples ddq is taken as a straight line, as that of a cubic spline is, and dq and q are its integrals.
         The mask loses the samples whose motion lies outside the recording. ``rows`` (increasing indices, at least two)
         picks samples.
         """
-        if delay == 0.0 and rows is None:
+        if time_offset == 0.0 and rows is None:
             return self
         rows = np.arange(len(self)) if rows is None else rows
-        at = self.t[rows] + delay
+        at = self.t[rows] + time_offset
         k = np.clip(np.searchsorted(self.t, at, side="right") - 1, 0, len(self) - 2)
         h, s = (self.t[k + 1] - self.t[k])[:, None], (at - self.t[k])[:, None]
         start, slope = self.ddq[k], (self.ddq[k + 1] - self.ddq[k]) / h
@@ -200,8 +201,8 @@ class Motion:
         dq = self.dq[k] + (start + slope * s / 2) * s
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
-        late, tau = self.delay + delay, self.tau[rows]
-        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, delay=late)
+        late, tau = self.time_offset + time_offset, self.tau[rows]
+        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late)
 
 
 def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:

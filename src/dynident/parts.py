@@ -182,16 +182,16 @@ SMOOTHERS = Family(
         "spline": "dynident.smoothers.spline:Spline",
         "difference": "dynident.smoothers.difference:Difference",
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
-        "delayed": "dynident.smoothers.delayed:Delayed",
+        "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
 )
 TERMS = Family(
     "term",
     {
-        "rotor": "dynident.terms.motor:RotorInertia",
-        "viscous": "dynident.terms.friction:Viscous",
-        "coulomb": "dynident.terms.friction:Coulomb",
-        "offset": "dynident.terms.friction:Offset",
+        "rotor": "dynident.models.motor:RotorInertia",
+        "viscous": "dynident.models.friction:Viscous",
+        "coulomb": "dynident.models.friction:Coulomb",
+        "offset": "dynident.models.friction:Offset",
     },
     members=("joints", "parameters", "regressor", "partials"),
     given=("joints",),
@@ -200,8 +200,8 @@ ESTIMATORS = Family(
     "estimator",
     {
         "least_squares": "dynident.estimators.least_squares:LeastSquares",
-        "consistent": "dynident.estimators.consistent:Consistent",
-        "maximum_likelihood": "dynident.estimators.maximum_likelihood:MaximumLikelihood",
+        "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
+        "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
 )
 READERS = Family(

@@ -7,9 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
-from dynident.estimators import Consistent
-from dynident.inertia import to_pseudo
-from dynident.model import Model
+from dynident.estimators import PhysicallyConsistent
+from dynident.models import Model, to_pseudo
 from tests.estimators.welded import Drag, Welded, problem, random_body, single, turned
 
 Array = NDArray[np.float64]
@@ -29,7 +28,7 @@ def welded() -> Model:
 def test_friction_and_rotor_inertia_are_not_negative_unless_switched_off(role: str) -> None:
     off: dict[str, Any] = {role: False}
     posed = problem(single(None, (role, 3)), np.append(BODY, -0.2), 0.01)
-    found, freed = Consistent()(posed), Consistent(**off)(posed)
+    found, freed = PhysicallyConsistent()(posed), PhysicallyConsistent(**off)(posed)
     assert found.value[10] == 0.0
     assert found.provenance[10] == "bound"
     assert found.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")] > 0
@@ -54,7 +53,7 @@ LIMITS: list[tuple[dict[str, Any], Any]] = [
 def test_limits_are_met(setting: dict[str, Any], met: Any) -> None:
     """The truth breaks each of them: 2 kg, its centre at about 0.1 m, viscous friction 0.5."""
     posed = problem(single(None, ("viscous", 3)), np.append(BODY, 0.5), 0.01)
-    found = Consistent(**setting)(posed)
+    found = PhysicallyConsistent(**setting)(posed)
     assert met(found.value), found.value
     assert smallest(found.value) > 0
     assert found.costs["all"] > 0
@@ -66,7 +65,7 @@ def test_total_mass_settles_what_the_data_leave_free() -> None:
     both = np.concatenate((BODY, random_body(np.random.default_rng(2), mass=5.0)))
     posed = problem(model, both, 0.01)
     bounds = {"b2.mass": (4.5, 4.6)}
-    found = Consistent(bounds=bounds, prior="none")(posed)
+    found = PhysicallyConsistent(bounds=bounds, prior="none")(posed)
     assert 4.5 <= found.value[10] <= 4.6
     assert found.value[0] + found.value[10] == pytest.approx(7.0, abs=0.01)
     assert found.costs["all"] < 1e-4
@@ -92,7 +91,7 @@ def test_contradictions_are_named(setting: dict[str, Any], words: list[str]) -> 
     model = welded()
     posed = problem(model, np.concatenate((BODY, BODY)), 0.1)
     with pytest.raises(ConfigError, match="contradict each other") as raised:
-        Consistent(**setting)(posed)
+        PhysicallyConsistent(**setting)(posed)
     for word in words:
         assert word in str(raised.value)
 
@@ -117,10 +116,10 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 @pytest.mark.parametrize(("setting", "words"), WRONG, ids=[words[:30] for _, words in WRONG])
 def test_wrong_settings_are_named(setting: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        Consistent(**setting)(problem(single(), BODY))
+        PhysicallyConsistent(**setting)(problem(single(), BODY))
 
 
 def test_total_mass_needs_a_body() -> None:
     joints = single().joints
     with pytest.raises(ConfigError, match=r"total mass \(1.0, 1.0\): the model has no body"):
-        Consistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))
+        PhysicallyConsistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))

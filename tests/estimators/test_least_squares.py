@@ -9,14 +9,12 @@ from scipy.stats import t as student
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, Problem
-from dynident.estimators.least_squares import Fit, solve
+from dynident.estimators.least_squares import LeastSquaresSolution, solve
 from dynident.estimators.notes import RankDeficient
-from dynident.gallery import two_link_arm
 from dynident.log import Motion
-from dynident.model import Model
-from dynident.rank import rank_of
-from dynident.regression import Block, Regression, compress
-from dynident.terms import Coulomb, Joint, Offset, Viscous
+from dynident.models import Coulomb, Joint, Model, Offset, Viscous
+from dynident.models.gallery import two_link_arm
+from dynident.regression import Regression, RegressorBlock, rank_of, triangularise
 
 Array = NDArray[np.float64]
 ROWS, COLUMNS = 60, 6
@@ -27,8 +25,8 @@ def data(seed: int = 0) -> tuple[Array, Array]:
     return rng.normal(size=(ROWS, COLUMNS)), rng.normal(size=ROWS)
 
 
-def fitted(X: Array, y: Array, **settings: Any) -> Fit:
-    factor = compress(iter([Block(X[:, None], y[:, None])]), 1, X.shape[1]).stacked()
+def fitted(X: Array, y: Array, **settings: Any) -> LeastSquaresSolution:
+    factor = triangularise(iter([RegressorBlock(X[:, None], y[:, None])]), 1, X.shape[1]).stacked()
     return solve(factor, rank_of(factor, **settings))
 
 

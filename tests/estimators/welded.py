@@ -7,12 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Problem
-from dynident.inertia import from_pseudo, moved
 from dynident.log import Motion
-from dynident.model import Model
+from dynident.models import INERTIAL, Joint, Model, Parameter, Partials, Term, from_pseudo, moved
 from dynident.regression import Regression
-from dynident.terms import Joint
-from dynident.terms.term import INERTIAL, Parameter, Partials, Term
 
 Array = NDArray[np.float64]
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)

@@ -11,10 +11,8 @@ import sympy as sp
 
 from dynident.errors import ModelError
 from dynident.export import Identified, export, identified_module, random_states
-from dynident.gallery import MODELS
-from dynident.model import Model
-from dynident.terms import Coulomb, Lagrangian, Unknown, Viscous
-from dynident.terms.term import Joint
+from dynident.models import Coulomb, Joint, Lagrangian, Model, Unknown, Viscous
+from dynident.models.gallery import MODELS
 from tests.export.test_robot_files import arm
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.export import export, identified_urdf, prove, random_states, spread
+from dynident.export import export, identified_urdf, identified_yaml, prove, random_states, spread
 from dynident.export.formats import Urdf
-from dynident.export.parameters import identified_yaml
 from dynident.log import Motion
 from dynident.parts import EXPORTERS
 from tests.export.test_robot_files import STATES, arm

@@ -7,9 +7,7 @@ import pytest
 
 from dynident.errors import ModelError
 from dynident.export import Identified, export, identified_mjcf, identified_urdf, random_states
-from dynident.inertia import from_physical
-from dynident.model import Model
-from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
+from dynident.models import Coulomb, CoupledMotor, Model, Offset, RigidBodies, RotorInertia, Viscous, from_physical
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
 STATES = random_states(3, np.random.default_rng(0), 30)
@@ -17,9 +15,9 @@ BODY = from_physical(3.0, [0.01, 0.02, 0.1], np.diag([0.2, 0.3, 0.4]))
 
 
 def arm(text=ARM, body=BODY, width=0.0, viscous=1.0, **options):
-    bodies = Bodies(text, **options)
+    bodies = RigidBodies(text, **options)
     joints, n = bodies.joints, len(bodies.joints)
-    motor = Coupling(joints, {joints[0].name: 1, joints[-1].name: 6}, "motor", viscous=False, coulomb=False)
+    motor = CoupledMotor(joints, {joints[0].name: 1, joints[-1].name: 6}, "motor", viscous=False, coulomb=False)
     terms = (bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints, width=width), Offset(joints), motor)
     friction = [*[0.5] * n, *[viscous] * n, *[2.0] * n, *[-0.3] * n, 0.01]
     return Identified(Model(terms, name="arm"), np.concatenate([np.tile(body, n), friction]))
@@ -39,7 +37,7 @@ def test_mjcf_holds_rotor_inertia_and_gravity():
         "offset_shoulder", "offset_rail", "offset_twist", "Ia_motor",
     ]  # fmt: skip
     assert '<option gravity="0.0 9.81 0.0"/>' in written.text
-    again = Bodies(written.text, gravity=(0.0, 9.81, 0.0))
+    again = RigidBodies(written.text, gravity=(0.0, 9.81, 0.0))
     assert again.armature == {"shoulder": 0.5, "rail": 0.5, "twist": 0.5}  # over the default classes
     assert again.notes == ()
 
@@ -111,7 +109,7 @@ def test_a_root_that_is_not_declared_is_no_obstacle():
 
 def test_values_that_are_not_identified_stay_those_of_the_file():
     text = ARM.replace('<axis xyz="1.0 0.0 0.0"/>', '<axis xyz="1.0 0.0 0.0"/><dynamics friction="0.7"/>')
-    bodies = Bodies(text)
+    bodies = RigidBodies(text)
     model = Model((bodies, Viscous(bodies.joints, on=("rail",))), name="arm")
     made = export(Identified(model, np.concatenate([np.tile(BODY, 3), [0.25]])), "urdf", STATES)
     assert made.ready, made.refusal
@@ -148,7 +146,7 @@ def test_the_other_format_is_refused():
         identified_urdf(arm(ARM_MJCF))
     with pytest.raises(ModelError, match="`urdf`"):
         identified_mjcf(arm(ARM))
-    joints = Bodies(ARM).joints
+    joints = RigidBodies(ARM).joints
     with pytest.raises(ModelError, match="not made of a robot file"):
         identified_urdf(Identified(Model((Viscous(joints),)), np.ones(3)))
     with pytest.raises(ModelError, match="did you mean 'urdf'"):

@@ -19,8 +19,8 @@ from dynident.estimators import LeastSquares
 from dynident.io.config import load_model, parse_config, read_config
 from dynident.io.fields import unit_factor
 from dynident.io.settings import check_joints
+from dynident.models import Joint
 from dynident.smoothers import Spline
-from dynident.terms.term import Joint
 
 FULL = """
 model: gallery:slider
@@ -38,7 +38,7 @@ validation:
 gaps: split
 smoother: {kind: spline, rule: constraint, sigma: 1e-6}
 estimator: {kind: least_squares, tolerance: 1e-10}
-parallel: {decimate: 10, cutoff: null, order: 4}
+filter: {decimate: 10, cutoff: null, order: 4}
 """
 SLIDER = (Joint("slider", "prismatic"),)
 
@@ -67,7 +67,7 @@ def test_a_full_configuration(tmp_path):
     assert config.torque["slider"].gain == "gtau"
     assert config.smoother.sigma == 1e-6
     assert config.estimator.tolerance == 1e-10  # PyYAML reads these two as texts
-    assert config.parallel.decimate == 10
+    assert config.filter.decimate == 10
     assert pickle.loads(pickle.dumps(config)) == config
 
 
@@ -81,8 +81,8 @@ def test_settings_can_be_recorded_as_json():
 
 
 def test_defaults():
-    config = parse_config(changed(gaps=..., smoother=..., estimator=..., parallel=..., validation=...))
-    assert (config.gaps, config.parallel, config.validation) == ("error", None, ())
+    config = parse_config(changed(gaps=..., smoother=..., estimator=..., filter=..., validation=...))
+    assert (config.gaps, config.filter, config.validation) == ("error", None, ())
     assert config.smoother == Spline.Settings(rule="torque")
     assert config.estimator == LeastSquares()
 
@@ -179,7 +179,7 @@ MISTAKES = {
         ("estimator.tolerance", "less than 1", "got 2"),
     ),
     "estimator kind": (changed(estimator={"kind": "least_square"}), ("did you mean 'least_squares'",)),
-    "decimate": (changed(parallel={"decimate": "10.5"}), ("parallel.decimate: a whole number", "'10.5'")),
+    "decimate": (changed(filter={"decimate": "10.5"}), ("filter.decimate: a whole number", "'10.5'")),
     "doubled key": (FULL + "gaps: error\n", ("line 18", "'gaps' is given twice")),
     "doubled inner key": ("time: {rate: 1, rate: 2}", ("line 1", "'rate' is given twice")),
     "YAML": ("time: {rate: 1\nposition: 2", ("line 2", "valid YAML")),
@@ -263,7 +263,7 @@ def test_units(unit, dimension, factor):
 ARM = """
 from __future__ import annotations
 from dataclasses import dataclass
-from dynident.gallery import pendulum
+from dynident.models.gallery import pendulum
 
 @dataclass
 class Size:

@@ -60,7 +60,9 @@ def test_a_wrong_item_is_not_told_again_as_a_list_that_is_too_short():
 
 
 def test_only_functions_of_the_file_itself_are_choices_but_imported_ones_serve(tmp_path):
-    source = "from dynident.gallery import pendulum\nfrom pathlib import Path\n\ndef arm():\n    return pendulum()\n"
+    source = (
+        "from dynident.models.gallery import pendulum\nfrom pathlib import Path\n\ndef arm():\n    return pendulum()\n"
+    )
     (tmp_path / "mine.py").write_text(source)
     with pytest.raises(ModelError, match=r"did you mean 'arm'\? Known: 'arm'\.$"):
         load_model("mine.py:amr", tmp_path)

@@ -10,7 +10,7 @@ import pytest
 from dynident.errors import ConfigError, InputError
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
-from dynident.terms.term import Joint
+from dynident.models import Joint
 from tests.io.files import npz, written
 
 ELBOW = (Joint("elbow"),)
@@ -120,7 +120,7 @@ def test_rows_written_twice_are_left_out(tmp_path):
 def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
     text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
     assert "the arm stands still from 0 to" in read(tmp_path, text).warnings[0]
-    assert read(tmp_path, text, "slow: 0.01").warnings == ()
+    assert read(tmp_path, text, "min_speed: 0.01").warnings == ()
 
 
 def test_a_window_past_the_end_is_a_warning(tmp_path):

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.diagnostics import Remark
-from dynident.errors import ConfigError, InputError
-from dynident.gallery import slider
+from dynident.errors import ConfigError, InputError, Remark
 from dynident.io.project import HASH_OF, parse_project, read_project, run
-from tests.test_cli import configure, settings, write_log
+from dynident.models.gallery import slider
+from tests.cli.test_cli import configure, settings, write_log
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from dynident.errors import InputError
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
 from dynident.io.tables import read_columns
-from dynident.terms.term import Joint
+from dynident.models import Joint
 from tests.io.bags import KINDS, State, ramp, write_bag
 from tests.io.test_tables import reads_or_explains
 

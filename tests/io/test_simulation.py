@@ -9,7 +9,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
 from dynident.io.recipe import build_recipe
-from dynident.terms.term import Joint
+from dynident.models import Joint
 from tests.io.files import npz, written
 
 SLIDER = (Joint("slider", "prismatic"),)

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError, InputError
-from dynident.io.tables import Table, read_columns
+from dynident.io.tables import DataTable, read_columns
 from tests.io.files import mat, npz, parquet, written
 
 TEXTS = {
@@ -131,7 +131,7 @@ def test_a_width_that_does_not_fit_is_worded(tmp_path, data, width, fragment):
 
 
 def test_columns_and_scalars_are_matched_by_name():
-    table = Table({"q_meas": np.ones(2)}, {"gtau": 3.0, "bad": np.nan}, "a.mat", {"x": "is odd."})
+    table = DataTable({"q_meas": np.ones(2)}, {"gtau": 3.0, "bad": np.nan}, "a.mat", {"x": "is odd."})
     assert table.constant("gtau") == 3
     for read, fragment in (
         (

@@ -7,8 +7,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from dynident.estimators.least_squares import Fit, solve
-from dynident.regression import Block, compress
+from dynident.estimators.least_squares import LeastSquaresSolution, solve
+from dynident.regression import RegressorBlock, triangularise
 from tests.laws.strd import PROBLEMS, Certified
 
 every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda problem: problem.name)
@@ -38,10 +38,10 @@ def digits(found: Iterable[Any], certified: Sequence[str], scale: float = 1.0) -
     return float(smallest)
 
 
-def streamed(problem: Certified) -> Fit:
+def streamed(problem: Certified) -> LeastSquaresSolution:
     rows = np.array_split(problem.X[:, None], 4), np.array_split(np.array(problem.y, float)[:, None], 4)
-    blocks = (Block(Y, tau) for Y, tau in zip(*rows, strict=True))
-    return solve(compress(blocks, 1, len(problem.coefficients)).stacked())
+    blocks = (RegressorBlock(Y, tau) for Y, tau in zip(*rows, strict=True))
+    return solve(triangularise(blocks, 1, len(problem.coefficients)).stacked())
 
 
 @every_problem

@@ -5,14 +5,19 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from dynident.estimators import Consistent, Estimate, Estimator, LeastSquares, MaximumLikelihood, Problem
-from dynident.model import Model
+from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.models import Model
 from dynident.parts import ESTIMATORS as FAMILY
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
 from dynident.testing.estimator import MODELS, Check, is_frozen_configuration
 from dynident.testing.settings import builds_itself_from_its_settings
 
-ESTIMATORS: list[Estimator] = [LeastSquares(), LeastSquares(weights="per_joint"), Consistent(), MaximumLikelihood()]
+ESTIMATORS: list[Estimator] = [
+    LeastSquares(),
+    LeastSquares(weights="per_joint"),
+    PhysicallyConsistent(),
+    MaximumLikelihood(),
+]
 every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
 
 

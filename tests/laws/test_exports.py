@@ -12,10 +12,19 @@ from hypothesis import strategies as st
 
 from dynident.export import Identified, export, identified_mjcf, identified_module, identified_urdf, prove
 from dynident.export.identified import link_inertias
-from dynident.inertia import flaws, from_physical, moved
-from dynident.model import Model
-from dynident.terms import Bodies, Coulomb, Coupling, Offset, RotorInertia, Viscous
-from tests.laws.test_bodies import Peer, few, random_body, random_robot, states
+from dynident.models import (
+    Coulomb,
+    CoupledMotor,
+    Model,
+    Offset,
+    RigidBodies,
+    RotorInertia,
+    Viscous,
+    consistency_violations,
+    from_physical,
+    moved,
+)
+from tests.laws.test_rigid_bodies import Peer, few, random_body, random_robot, states
 from tests.robots import ARM, ARM_MJCF, words
 
 seeds = st.integers(0, 2**32 - 1)
@@ -58,7 +67,7 @@ def test_urdf_read_by_pinocchio(seed, count, scale):
     used = joints[: 1 + len(joints) // 2]
     locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
     gravity = tuple(rng.normal(scale=9.81, size=3))
-    one = identified(Bodies(text, used, locked, gravity), rng, scale)
+    one = identified(RigidBodies(text, used, locked, gravity), rng, scale)
     written = identified_urdf(one)
     state = states(rng, len(used), 20)
     peer = Peer(pinocchio.buildModelFromXML(written.text), used, gravity, still=locked)
@@ -73,7 +82,7 @@ def test_urdf_read_by_pinocchio(seed, count, scale):
 def test_links_sum_to_the_body_and_none_is_impossible(seed, count):
     rng = np.random.default_rng(seed)
     text, joints = random_robot(rng, count, massless=0.0)
-    bodies = Bodies(text, joints[:1])
+    bodies = RigidBodies(text, joints[:1])
     values = physical(rng, 1, rng.choice([0.01, 1.0, 100.0]))
     links = link_inertias(bodies, values).links
     (body,) = bodies.arm.chosen
@@ -81,7 +90,7 @@ def test_links_sum_to_the_body_and_none_is_impossible(seed, count):
     for link, frame in zip(body.links, body.frames, strict=True):
         theta = links.get(link, bodies.file.links[link])
         assert theta is not None
-        assert flaws(theta) == ()
+        assert consistency_violations(theta) == ()
         total += moved(theta, frame)
     np.testing.assert_allclose(total, values[0], rtol=1e-9, atol=1e-9 * np.abs(values).max())
 
@@ -127,7 +136,7 @@ def test_mjcf_read_by_mujoco(seed, count):
     text, joints = random_mjcf(rng, count)
     used = joints[: 1 + len(joints) // 2]
     locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
-    one = with_rotors(Bodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
+    one = with_rotors(RigidBodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
     proof = prove(identified_mjcf(one), one, states(rng, len(used), 20))
     assert proof.readers.keys() == {"MuJoCo", "dynident"}
     assert proof.agreement <= CLOSE
@@ -140,10 +149,10 @@ def test_mjcf_read_by_dynident_and_pinocchio(tmp_path_factory, seed, count):
     text, joints = random_mjcf(rng, count)
     text = re.sub(r' ref="[^"]*"', "", text)  # Pinocchio gives it another meaning
     gravity = tuple(rng.normal(scale=9.81, size=3))
-    one = with_rotors(Bodies(text, joints, gravity=gravity), rng)
+    one = with_rotors(RigidBodies(text, joints, gravity=gravity), rng)
     written = identified_mjcf(one)
     state = states(rng, len(joints), 20)
-    again = Bodies(written.text, joints, gravity=gravity)
+    again = RigidBodies(written.text, joints, gravity=gravity)
     assert again.notes == ()
     theta = np.array([p.value for p in again.parameters])
     assert_same(again.regressor(*state) @ theta, one.bodies[0].regressor(*state) @ one.bodies[1].ravel())
@@ -160,9 +169,9 @@ def test_numpy_module_holds_any_values(seed, count):
     """Impossible bodies, negative friction, couplings, offsets, softened signs; one sample or many."""
     rng = np.random.default_rng(seed)
     text, joints = random_robot(rng, count)
-    bodies = Bodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3)))
+    bodies = RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3)))
     known = bodies.joints
-    motor = Coupling(known, dict.fromkeys(joints, 2.0), "motor", offset=True, dead_band=0.3)
+    motor = CoupledMotor(known, dict.fromkeys(joints, 2.0), "motor", offset=True, dead_band=0.3)
     terms = (bodies, RotorInertia(known), Viscous(known), Coulomb(known, width=0.1), Offset(known), motor)
     model = Model(terms, name='a "quoted"\n name')
     theta = rng.normal(size=len(model.parameters))
@@ -199,7 +208,7 @@ DRESSED = (
 @pytest.mark.parametrize(("text", "kind"), [(DRESSED, "urdf"), (ARM_MJCF, "mjcf")])
 def test_all_else_stays_byte_by_byte(text, kind):
     rng = np.random.default_rng(0)
-    one = identified(Bodies(text), rng, scale=50.0)
+    one = identified(RigidBodies(text), rng, scale=50.0)
     made = export(one, kind, states(rng, 3, 20))
     assert made.ready
     edited = re.compile(

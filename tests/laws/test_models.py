@@ -10,10 +10,20 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import cumulative_simpson
 
-from dynident.gallery import two_link_arm
-from dynident.model import Model
-from dynident.simulation import simulate
-from dynident.terms import Bodies, Coulomb, Coupling, Joint, Lagrangian, Offset, RotorInertia, Unknown, Viscous
+from dynident.models import (
+    Coulomb,
+    CoupledMotor,
+    Joint,
+    Lagrangian,
+    Model,
+    Offset,
+    RigidBodies,
+    RotorInertia,
+    Unknown,
+    Viscous,
+    simulate,
+)
+from dynident.models.gallery import two_link_arm
 from dynident.testing import TERM_CHECKS, check_term
 from dynident.testing.term import states
 from tests.robots import ARM, ARM_MJCF
@@ -82,10 +92,10 @@ TERMS = {
     "coulomb dead band": lambda: Coulomb(JOINTS, dead_band=0.3),
     "offset": lambda: Offset(JOINTS, on=("rail",)),
     "rotor inertia": lambda: RotorInertia(JOINTS, on=("wrist", "base")),
-    "coupling": lambda: Coupling(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", offset=True, width=0.4),
-    "coupling of slides": lambda: Coupling(JOINTS, {"rail": 2.0}, "motor", coulomb=False),
-    "bodies of a urdf": lambda: Bodies(ARM, joints_used=("twist", "shoulder", "rail")),
-    "bodies of an mjcf": lambda: Bodies(ARM_MJCF, locked={"rail": 0.2}),
+    "coupling": lambda: CoupledMotor(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", offset=True, width=0.4),
+    "coupling of slides": lambda: CoupledMotor(JOINTS, {"rail": 2.0}, "motor", coulomb=False),
+    "bodies of a urdf": lambda: RigidBodies(ARM, joints_used=("twist", "shoulder", "rail")),
+    "bodies of an mjcf": lambda: RigidBodies(ARM_MJCF, locked={"rail": 0.2}),
 }
 every_term = pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
 every_arm = pytest.mark.parametrize("arm", LAGRANGIANS.values(), ids=LAGRANGIANS)
@@ -166,7 +176,7 @@ def test_forward_dynamics_invert_the_inverse_dynamics(arm):
     @given(arrays(float, (3, 1, n), elements=st.floats(-3.0, 3.0)))
     def holds(state):
         q, dq, ddq = state
-        back = model.forward(q, dq, model.torque(q, dq, ddq, theta), theta)
+        back = model.forward_dynamics(q, dq, model.torque(q, dq, ddq, theta), theta)
         np.testing.assert_allclose(back, ddq, rtol=1e-9, atol=1e-9)
 
     holds()

@@ -13,8 +13,7 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
-from dynident.model import Model
-from dynident.terms import Bodies, Coulomb, Offset, RotorInertia, Viscous
+from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
 
 URDF = """<robot name="arm">
   <link name="base"/>
@@ -32,7 +31,7 @@ CONSTANT, RATIO = 0.05, {"shoulder": 100.0, "elbow": 50.0}  # N m/A, motor turns
 
 
 def truth() -> tuple[Model, np.ndarray]:
-    bodies = Bodies(URDF)
+    bodies = RigidBodies(URDF)
     joints = bodies.joints
     rotor = RotorInertia(joints, values=(0.05, 0.03))
     friction = (Viscous(joints, values=(1.0, 0.5)), Coulomb(joints, values=(0.8, 0.4)))
@@ -137,8 +136,8 @@ def test_motor_angles_through_a_transmission(folder: Path) -> None:
 
 
 def test_slow_samples_can_be_left_out(folder: Path) -> None:
-    everything = identify(folder, parallel={"decimate": 5})
-    faster = identify(folder, parallel={"decimate": 5}, slow={"elbow": 0.3})
+    everything = identify(folder, filter={"decimate": 5})
+    faster = identify(folder, filter={"decimate": 5}, min_speed={"elbow": 0.3})
     (a,), (b,) = everything["train"].values(), faster["train"].values()
     assert b["relative_error_filtered"] < a["relative_error_filtered"]
     assert b["relative_error"] == pytest.approx(a["relative_error"], rel=0.2)
@@ -149,7 +148,7 @@ def test_slow_samples_can_be_left_out(folder: Path) -> None:
     [
         ({"model": "amr.urdf"}, "arm.urdf"),
         ({"model": {"file": "arm.urdf", "joints": ["sholder"]}}, "did you mean 'shoulder'"),
-        ({"slow": {"wrist": 0.1}}, "no joint 'wrist'"),
+        ({"min_speed": {"wrist": 0.1}}, "no joint 'wrist'"),
         ({"zero": {"wrist": 0.1}}, "no joint 'wrist'"),
         ({"transmission": {"shoulder": {"elbow": 2}, "elbow": {"elbow": 3}}}, "singular"),
         ({"transmission": {"shoulder": {"wrist": 2}}}, "no joint 'wrist'"),

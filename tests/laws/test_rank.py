@@ -9,16 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from dynident.basis import basis_of, structural_basis
-from dynident.estimators import Consistent, Estimator, LeastSquares, Problem
+from dynident.bounds import accuracy_bound
+from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import RankDeficient
 from dynident.export import Identified, export, random_states
-from dynident.identify import Identification, Recipe, identify
+from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
-from dynident.model import Model
-from dynident.reach import reach
-from dynident.regression import Regression
-from dynident.terms import Bodies, Coulomb, Offset, RotorInertia, Viscous
+from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.regression import Regression, base_parameters, structural_base_parameters
 from tests.robots import joint, link, urdf
 
 Array = NDArray[np.float64]
@@ -67,7 +65,7 @@ def arm(kind: str, digits: int | None = None, off: float = 0.0, seed: int = 7) -
 
 
 def driven(text: str, *, nominal: bool = True) -> Model:
-    bodies = Bodies(text)
+    bodies = RigidBodies(text)
     joints, n = bodies.joints, len(bodies.joints)
 
     def values(*x: float) -> tuple[float, ...] | None:
@@ -106,7 +104,7 @@ def recorded(motion: Motion, seed: int, sigma_q: float = 2e-5, share: float = 0.
 
 @cache
 def exact(kind: str) -> int:
-    return structural_basis(driven(arm(kind))).rank
+    return structural_base_parameters(driven(arm(kind))).rank
 
 
 def fitted(model: Model, estimator: Estimator) -> Identification:
@@ -115,27 +113,27 @@ def fitted(model: Model, estimator: Estimator) -> Identification:
 
 
 @pytest.mark.parametrize("angle", ["3.14159", "3.1416", "3.14", "3.141592653589793", "3.1415900001"])
-@pytest.mark.parametrize("estimator", [LeastSquares(), Consistent()], ids=lambda x: type(x).__name__)
+@pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=lambda x: type(x).__name__)
 def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, estimator: Estimator) -> None:
     """The last but one of the angles is none that a printed one could stand for: 2.7e-6 rad away from pi."""
     text = arm("2R").replace(f'rpy="{HALF!r} 0.0 0.0"', f'rpy="{angle} 0 0"')
     assert angle in text
     found = fitted(driven(text), estimator)
     rank = exact("2R")
-    assert found.basis is not None
+    assert found.base_parameters is not None
     assert found.structural is not None
-    assert (found.estimate.rank, found.basis.rank, found.structural.rank) == (rank, rank, rank)
-    assert len(found.basis.independent) == rank
+    assert (found.estimate.rank, found.base_parameters.rank, found.structural.rank) == (rank, rank, rank)
+    assert len(found.base_parameters.independent) == rank
     said = [(note.rank, note.parameters) for note in found.estimate.notes if isinstance(note, RankDeficient)]
     assert said == [(rank, len(found.model.names))]
     assert np.abs(found.estimate.value).max() < 10
-    assert found.missing == ()
+    assert found.unexcited == ()
     assert found.logs[0].relative_error < 7
 
 
 def test_the_bound_has_as_many_parameters() -> None:
     model = driven(arm("2R", 5))
-    found = reach(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
+    found = accuracy_bound(model, [recorded(moved(model, np.arange(1000) * 0.005), 0)])
     assert len(found.names) == exact("2R")
     assert np.isfinite(found.std["now"]).all()
 
@@ -145,10 +143,10 @@ def test_the_bound_has_as_many_parameters() -> None:
 def test_angles_that_stand_for_nothing_but_are_nearly_right_add_no_rank(kind: str, off: float) -> None:
     """Such as a compiler makes of 3.14159: there is no printed number to go by, but their effect is too small."""
     model = driven(arm(kind, off=off))
-    on_data = basis_of(
-        Regression(model, (moved(model, np.arange(1500) * 0.01),)).compressed.stacked(), model.parameters
+    on_data = base_parameters(
+        Regression(model, (moved(model, np.arange(1500) * 0.01),)).triangular_factors.stacked(), model.parameters
     )
-    assert (structural_basis(model).rank, on_data.rank) == (exact(kind), exact(kind))
+    assert (structural_base_parameters(model).rank, on_data.rank) == (exact(kind), exact(kind))
 
 
 @pytest.mark.parametrize("kind", ARMS)
@@ -157,9 +155,11 @@ def test_files_with_rounded_angles_have_the_rank_of_the_exact_file(kind: str, di
     model = driven(arm(kind, digits))
     motion = moved(model, np.arange(1500) * 0.01)
     regression = Regression(model, (motion,))
-    on_data = basis_of(regression.compressed.stacked(), model.parameters)
-    estimates = [one(Problem(model, (motion,), regression)) for one in (LeastSquares(), Consistent(costs=False))]
-    ranks = {structural_basis(model).rank, on_data.rank, *(estimate.rank for estimate in estimates)}
+    on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
+    estimates = [
+        one(Problem(model, (motion,), regression)) for one in (LeastSquares(), PhysicallyConsistent(costs=False))
+    ]
+    ranks = {structural_base_parameters(model).rank, on_data.rank, *(estimate.rank for estimate in estimates)}
     assert ranks == {exact(kind)}
     assert on_data.gap > 1e6
 
@@ -179,8 +179,8 @@ def test_so_have_measured_robots(file: str, digits: int) -> None:
 
     def rank(xml: str) -> int:
         used = tuple(f"panda_joint{k}" for k in range(1, 8)) if "finger" in xml else None
-        movable = Bodies(xml, used)
-        return structural_basis(Model((movable, RotorInertia(movable.joints)))).rank
+        movable = RigidBodies(xml, used)
+        return structural_base_parameters(Model((movable, RotorInertia(movable.joints)))).rank
 
     assert rank(re.sub(r'rpy="([^"]*)"', rounded, text)) == rank(text)
 
@@ -189,14 +189,14 @@ def test_a_tilt_that_no_printed_right_angle_is_stays() -> None:
     """0.02 rad, and 1.55: both are angles of their own, and add to what acts on the torque."""
     text = arm("2R")
     tilted = text.replace(f'rpy="{HALF!r} 0.0 0.0"', 'rpy="3.12 0.02 0"')
-    assert structural_basis(driven(tilted)).rank > exact("2R")
-    assert Bodies(tilted).file.notes == ()
+    assert structural_base_parameters(driven(tilted)).rank > exact("2R")
+    assert RigidBodies(tilted).file.notes == ()
 
 
 def test_a_rounded_angle_is_told_and_written_as_it_was_read() -> None:
     model = driven(arm("2R", 4))
     bodies = model.terms[0]
-    assert isinstance(bodies, Bodies)
+    assert isinstance(bodies, RigidBodies)
     (note,) = (note for note in bodies.notes if "rounded" in note)
     assert "3.1416 of 'j2' as 3.141592654" in note
     assert model.values is not None
@@ -214,7 +214,7 @@ def test_angles_of_an_mjcf_too() -> None:
     <joint name="two"/><body name="c" pos="0.2 0 0" axisangle="1 0 0 1.571">
     <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><joint name="three"/></body></body></body>
     </worldbody></mujoco>"""
-    rounded, exact = Bodies(xml), Bodies(xml.replace("3.1416", repr(HALF)).replace("1.571", repr(RIGHT)))
+    rounded, exact = RigidBodies(xml), RigidBodies(xml.replace("3.1416", repr(HALF)).replace("1.571", repr(RIGHT)))
     for one, other in zip(rounded.arm.bodies, exact.arm.bodies, strict=True):
         np.testing.assert_array_equal(one.placement, other.placement)
     assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
@@ -235,8 +235,8 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     motion = moved(true, np.arange(4000) * 0.005)
     inside, total, worst = 0, 0, 0.0
     for seed in range(6):
-        found = identify(model, [recorded(motion, seed)], recipe=Recipe(estimator=Consistent(costs=False)))
-        basis, std = found.basis, found.base_std_hac
+        found = identify(model, [recorded(motion, seed)], recipe=Recipe(estimator=PhysicallyConsistent(costs=False)))
+        basis, std = found.base_parameters, found.base_std_hac
         assert basis is not None
         assert found.structural is not None
         assert std is not None

@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def level(*more: str) -> str:
     """The LWR4 on a base taken as level, with more terms."""
     model = yaml.safe_load((ROOT / "examples" / "lwr4.yaml").read_text())["model"]
-    return yaml.safe_dump({"model": model | {"lean": "none", "terms": [*model["terms"], *more]}})
+    return yaml.safe_dump({"model": model | {"base_tilt": "none", "terms": [*model["terms"], *more]}})
 
 
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:
@@ -102,7 +102,7 @@ def test_tx40(folder: Path) -> None:
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
-def test_emps_with_its_delay(folder: Path) -> None:
+def test_emps_with_its_time_offset(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
     plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
     assert errors(late, "validation")[0] < 0.85 * errors(plain, "validation")[0]
@@ -121,7 +121,7 @@ def test_emps_by_maximum_likelihood(folder: Path) -> None:
 
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
-    plain = f"parallel: null\n{UNSIMULATED}"
+    plain = f"filter: null\n{UNSIMULATED}"
     reached = {one["name"]: one["std"] for one in identify(folder, "emps", plain)["parameters"]}
     file = folder / "bound.json"
     done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])

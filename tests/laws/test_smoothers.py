@@ -10,7 +10,7 @@ import pytest
 
 from dynident.log import Log, Motion
 from dynident.parts import SMOOTHERS as FAMILY
-from dynident.smoothers import Butterworth, Delayed, Difference, Smoother, Spline
+from dynident.smoothers import Butterworth, Difference, Smoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 from dynident.testing import SMOOTHER_CHECKS, check_smoother
 from dynident.testing.smoother import known_motion, recorded
@@ -27,7 +27,7 @@ SMOOTHERS = [
     Spline(REML()),
     Spline(Fixed(lam=1e-7)),
     Spline(Interpolation()),
-    Delayed(Spline(), 0.0),
+    TimeShifted(Spline(), 0.0),
 ]
 NOISY = [s for s in SMOOTHERS if isinstance(s, Spline)]
 
@@ -49,15 +49,15 @@ def test_splines_take_irregular_times_as_they_are(smoother: Spline) -> None:
     assert np.abs(made.ddq - true)[made.mask].max() < 3e-2 * np.abs(true).max()
 
 
-@pytest.mark.parametrize("delay", [0.003, -0.0071, 0.25])
-def test_a_delayed_spline_is_the_spline_at_later_times(delay: float) -> None:
+@pytest.mark.parametrize("time_offset", [0.003, -0.0071, 0.25])
+def test_a_shifted_spline_is_the_spline_at_later_times(time_offset: float) -> None:
     """Between samples a cubic spline's second derivative is straight: the shift is exact."""
     log = recorded(1e-4, jitter=0.3)
     fit = smooth(log.t, log.q)
-    made = Delayed(Spline(), delay)(log)
-    seen = (log.t + delay >= log.t[0]) & (log.t + delay <= log.t[-1])
+    made = TimeShifted(Spline(), time_offset)(log)
+    seen = (log.t + time_offset >= log.t[0]) & (log.t + time_offset <= log.t[-1])
     for order, found in enumerate((made.q, made.dq, made.ddq)):
-        expected = fit(log.t[seen] + delay, order)
+        expected = fit(log.t[seen] + time_offset, order)
         assert np.abs(found[seen] - expected).max() < 1e-9 * np.abs(expected).max()
     assert not made.mask[~seen].any()
     np.testing.assert_array_equal(made.tau, log.tau)
@@ -71,7 +71,7 @@ class Careless:
         return replace(Spline()(log), mask=np.ones(len(log), dtype=bool))
 
 
-@pytest.mark.parametrize("smoother", [Delayed(Spline(), 0.2), Careless()], ids=repr)
+@pytest.mark.parametrize("smoother", [TimeShifted(Spline(), 0.2), Careless()], ids=repr)
 def test_a_smoother_that_breaks_a_promise_is_found(smoother: Smoother) -> None:
     with pytest.raises(AssertionError):
         check_smoother(smoother)

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from dynident.cli import main
 from dynident.io.config import load_model
-from dynident.model import Model
+from dynident.models import Model
 
 ROOT = Path(__file__).parents[2]
 ARM = """<robot name="arm">

@@ -6,13 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dynident.diagnostics import Remark
+from dynident.errors import Remark
 from dynident.estimators.notes import NotAlone
 from dynident.log import Motion
-from dynident.model import MassMatrixCheck
-from dynident.residuals import examine
-from dynident.terms.robot_xml import Limits
-from dynident.terms.term import Joint, Parameter
+from dynident.models import Joint, MassMatrixCheck, Parameter
+from dynident.models.robot_file import Limits
+from dynident.validation import residual_test
 
 PARAMETERS = (
     Parameter("theta1", "kg m^2", "m1 lc1^2 + I1 + m2 l1^2", 0.0340),
@@ -105,9 +104,10 @@ def log_validation(name, role, joints, filtered):
         per_joint={joint: 3.5 + j for j, joint in enumerate(joints)},
         per_joint_filtered={},
         effort_share={joints[0]: 0.4},
-        explained=dict.fromkeys(joints, 0.99),
+        r2=dict.fromkeys(joints, 0.99),
         residuals={
-            joint: examine(0.02 * rng.standard_normal(len(held)), held.dq[:, j], 0.01) for j, joint in enumerate(joints)
+            joint: residual_test(0.02 * rng.standard_normal(len(held)), held.dq[:, j], 0.01)
+            for j, joint in enumerate(joints)
         },
     )
 
@@ -144,18 +144,18 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
             for i, name in enumerate(logs)
         ),
         warnings=warnings,
-        basis=None,
+        base_parameters=None,
         base_std=None,
         structural=None,
-        missing=(),
+        unexcited=(),
         std_hac=None,
         base_std_hac=None,
         mass=MassMatrixCheck(0.5, np.array([0.0, 1.0]), True),
         runs=(),
         recorded=(),
-        delay=0.0,
+        time_offset=0.0,
         pairing=None,
-        lean=None,
+        base_tilt=None,
         settings={"smoother": "spline", "estimator": "least squares"},
         versions={"dynident": "0.1.0", "numpy": "2.0"},
     )

@@ -5,16 +5,16 @@ from functools import cache
 
 import numpy as np
 
+from dynident.bounds import AccuracyBound, Measure, Origin, accuracy_bound
 from dynident.log import Log
-from dynident.reach import Measure, Origin, Reach, reach
 from dynident.report.bound import bound_findings, bound_page, bound_table
-from tests.test_reach import swing
+from tests.bounds.test_accuracy import swing
 
 
 @cache
-def found() -> Reach:
+def found() -> AccuracyBound:
     model, log = swing(sigma_q=1e-3)
-    return reach(model, [log], sigma_q=1e-3, sigma_tau=0.05)
+    return accuracy_bound(model, [log], sigma_q=1e-3, sigma_tau=0.05)
 
 
 def limited(position_share: float, **changes) -> str:
@@ -53,5 +53,5 @@ def test_misfit_is_told_from_the_sensor() -> None:
 def test_names_are_escaped() -> None:
     model, log = swing()
     strange = Log(log.t, log.q, log.tau, log.joints, "<script>alert(1)</script>")
-    page = bound_page(reach(model, [strange]))
+    page = bound_page(accuracy_bound(model, [strange]))
     assert "<script>alert" not in page

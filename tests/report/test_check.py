@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dynident.basis import Missing
-from dynident.calibration import Delay, Lean
-from dynident.diagnostics import Finding, Severity, Topic
-from dynident.examination import Examination
-from dynident.examination.motion import Rank
+from dynident.checks import CheckResult, ExcitedRank, Finding, Topic
+from dynident.errors import Severity
+from dynident.identification import BaseTilt, TimeOffset
+from dynident.regression import UnexcitedParameters
 from dynident.report.check import check_dict, check_summary, check_tables
 
 
 def rows(*findings: Finding) -> dict[str, list[tuple[str, ...]]]:
-    return {table.caption: list(table.rows) for table in check_tables(Examination(findings))}
+    return {table.caption: list(table.rows) for table in check_tables(CheckResult(findings))}
 
 
 def test_like_findings_are_one_row() -> None:
@@ -21,7 +20,7 @@ def test_like_findings_are_one_row() -> None:
         for joint in ("a", "b")
     ]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
-    assert check_summary(Examination(tuple(made))) == "1 warning."
+    assert check_summary(CheckResult(tuple(made))) == "1 warning."
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
@@ -30,7 +29,7 @@ def test_several_statements_on_one_place_stay_apart() -> None:
 
 
 def test_the_gravest_first_and_counted() -> None:
-    found = Examination(
+    found = CheckResult(
         (
             Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),
             Finding(Severity.INFO, None, "so.", Topic.LOST, "one"),
@@ -39,32 +38,32 @@ def test_the_gravest_first_and_counted() -> None:
     assert list(rows(*found.findings)) == ["Errors", "Good to know"]
     assert found.failed
     assert check_summary(found) == "1 error."
-    assert check_summary(Examination(())) == "No errors and no warnings."
+    assert check_summary(CheckResult(())) == "No errors and no warnings."
 
 
 def test_the_dictionary_is_plain() -> None:
-    found = check_dict(Examination((Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),)))
+    found = check_dict(CheckResult((Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),)))
     assert found["findings"][0]["topic"] == "gap"
     assert found["rank"] is None
     assert [type(found["findings"][0][key]) for key in ("severity", "topic")] == [str, str]
 
 
 def test_nouns_of_findings_are_worded() -> None:
-    delay, lean = Delay(0.005, 4.0, 2.0), Lean(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0)
-    missing = Missing(("Fv_b",), ("b",))
-    found = Examination(
+    time_offset, tilt = TimeOffset(0.005, 4.0, 2.0), BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0)
+    missing = UnexcitedParameters(("Fv_b",), ("b",))
+    found = CheckResult(
         (
             Finding(Severity.WARNING, None, missing, Topic.NOT_EXCITED),
-            Finding(Severity.INFO, None, delay, Topic.DELAY),
-            Finding(Severity.INFO, None, lean, Topic.LEAN),
+            Finding(Severity.INFO, None, time_offset, Topic.DELAY),
+            Finding(Severity.INFO, None, tilt, Topic.LEAN),
         ),
-        rank=Rank(3, 2, 3, 10.0, (missing,)),
+        rank=ExcitedRank(3, 2, 3, 10.0, (missing,)),
     )
     shown = [one["message"] for one in check_dict(found)["findings"]]
     assert shown == [row[1] for table in check_tables(found) for row in table.rows]
     assert shown[0] == "Fv_b: not excited by these data; move b."
     assert shown[1].startswith("delay: positions come 5 ms later")
     assert shown[1].endswith("instead of 4 %.")
-    assert shown[2].startswith("The base leans by 1.15 deg")
-    assert shown[2].endswith("If it may stand so, set `lean: estimate` in the model.")
+    assert shown[2].startswith("The base is tilted by 1.15 deg")
+    assert shown[2].endswith("If it may stand so, set `base_tilt: estimate` in the model.")
     assert check_dict(found)["rank"]["missing"][0]["words"] == shown[0]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynident.export import export, random_states
-from dynident.inertia import from_physical
+from dynident.models import from_physical
 from dynident.report.exports import export_notes, export_results, export_section
 from dynident.report.page import render
 from tests.export.test_robot_files import STATES, arm

@@ -9,22 +9,16 @@ import pytest
 import rich.console
 from plotly.offline import get_plotlyjs
 
-from dynident.basis import Basis, Missing
-from dynident.diagnostics import Severity
+from dynident.errors import Severity
 from dynident.estimators import Provenance
 from dynident.estimators.notes import RankDeficient
 from dynident.log import Log, Motion
-from dynident.report.identification import (
-    identification_notes,
-    identification_page,
-    identification_tables,
-    result_dict,
-)
+from dynident.models import INERTIAL, Parameter
+from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.report import identification_notes, identification_page, identification_tables, result_dict
 from dynident.report.wording import Line
-from dynident.terms.term import INERTIAL, Parameter
-
-from .conftest import identification_of
-from .test_page import EVIL, Outline
+from tests.report.conftest import identification_of
+from tests.report.test_page import EVIL, Outline
 
 
 def body(identification):
@@ -229,10 +223,10 @@ def robot(bodies=5, basis=True):
         combination = np.eye(p)[:42]
         combination[3, 50] = 2.0
         values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
-        found.basis = Basis(found.estimate.names, 42, values, independent, combination, np.ones(p))
+        found.base_parameters = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
         found.base_std = np.full(42, 0.5)
         found.structural = SimpleNamespace(rank=44)
-        found.missing = (Missing(("Izz4",), ("elbow",)),)
+        found.unexcited = (UnexcitedParameters(("Izz4",), ("elbow",)),)
     return found
 
 
@@ -281,7 +275,7 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
 def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
     found = robot()
     found.estimate.provenance = ()
-    found.basis.combination[3, 50] = 1.0
+    found.base_parameters.combination[3, 50] = 1.0
     page = body(found)
     for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
         row = re.search(rf'<td class="words">{name}</td>.*?<td class="words">([^<]*)</td></tr>', page)

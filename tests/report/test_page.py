@@ -17,8 +17,8 @@ from dynident.report.page import (
     Figure,
     Fold,
     Gallery,
-    Section,
-    Table,
+    PageSection,
+    PageTable,
     number,
     pairs,
     render,
@@ -89,14 +89,14 @@ def test_number(value, digits, text):
 
 def test_a_row_that_does_not_fit_is_named():
     with pytest.raises(ValueError, match="Table 'errors': row 1 has 1 cells for 2 columns"):
-        Table((Column("a"), Column("b")), (("1", "2"), ("1",)), "errors")
+        PageTable((Column("a"), Column("b")), (("1", "2"), ("1",)), "errors")
 
 
 def test_neighbouring_columns_share_a_heading():
-    table = Table((Column("a"), Column("own", "raw"), Column("printed", "raw"), Column("own", "spline")), ())
+    table = PageTable((Column("a"), Column("own", "raw"), Column("printed", "raw"), Column("own", "spline")), ())
     assert table.groups == (("", 1), ("raw", 2), ("spline", 1))
     assert pairs("setting", [("x", "1")]).groups == ()
-    page = render("t", "l", [Section("s", (table,))])
+    page = render("t", "l", [PageSection("s", (table,))])
     assert '<th colspan="2" scope="colgroup">raw</th>' in page
 
 
@@ -107,10 +107,10 @@ def test_every_kind_of_block_is_shown():
         Facts((("4.2 %", "error"), ("3", "joints", "of `7`, +- 1")), large=True),
         Fold("more", ("hidden",)),
         Code("a: 1\nb: 2"),
-        Table((Column("name", numeric=False), Column("value", muted=True)), (("a-b", "-1e-5"), ("c", "-"))),
-        Section("Inner", (Markup("<em>kept</em>"), figure())),
+        PageTable((Column("name", numeric=False), Column("value", muted=True)), (("a-b", "-1e-5"), ("c", "-"))),
+        PageSection("Inner", (Markup("<em>kept</em>"), figure())),
     )
-    page = render("Title", "Lead", [Section("One", blocks, Badge("good", "good")), Section("Two", ())])
+    page = render("Title", "Lead", [PageSection("One", blocks, Badge("good", "good")), PageSection("Two", ())])
     outline = Outline(page)
     assert "<p>plain &amp; simple, 3\u00a0%</p>" in page
     assert "<li>second</li>" in page
@@ -131,7 +131,7 @@ def test_a_gallery_offers_each_option_once():
     views = tuple(((log, joint), (figure(f"{log} {joint}"),)) for log in ("a", "b") for joint in ("x", "y", "z"))
     gallery = Gallery(("log", "joint"), views)
     assert gallery.options == (("log", ("a", "b")), ("joint", ("x", "y", "z")))
-    page = render("t", "l", [Section("s", (gallery,))])
+    page = render("t", "l", [PageSection("s", (gallery,))])
     assert re.findall(r'data-at="([^"]*)"', page) == [f"{i} {j} " for i in range(2) for j in range(3)]
     outline = Outline(page)
     assert (outline.count("button"), outline.count("figure")) == (5, 6)
@@ -139,26 +139,26 @@ def test_a_gallery_offers_each_option_once():
 
 
 def test_a_table_without_titles_has_no_head():
-    page = render("t", "l", [Section("s", (pairs("", [("file", "arm.urdf")]),))])
+    page = render("t", "l", [PageSection("s", (pairs("", [("file", "arm.urdf")]),))])
     assert "<tr hidden>" in page
-    assert "<tr hidden>" not in render("t", "l", [Section("s", (pairs("setting", [("a", "b")]),))])
+    assert "<tr hidden>" not in render("t", "l", [PageSection("s", (pairs("setting", [("a", "b")]),))])
 
 
 def test_plotly_is_embedded_once_and_only_where_there_is_a_figure():
-    with_two = render("t", "l", [Section("s", (figure(), Section("inner", (figure(),))))])
+    with_two = render("t", "l", [PageSection("s", (figure(), PageSection("inner", (figure(),))))])
     assert with_two.count(get_plotlyjs()) == 1
     assert Outline(with_two).count("figure") == 2
-    without = render("t", "l", [Section("s", ("text",))])
+    without = render("t", "l", [PageSection("s", ("text",))])
     assert len(without) < 20_000
     assert Outline(without).scripts == []
 
 
 def test_names_cannot_break_out_of_texts_tables_and_figures():
-    table = Table((Column(EVIL, EVIL, numeric=False),), ((EVIL,),), EVIL)
+    table = PageTable((Column(EVIL, EVIL, numeric=False),), ((EVIL,),), EVIL)
     quoted = f"`{EVIL}`"
-    blocks = (EVIL, (quoted,), Facts(((EVIL, EVIL, quoted),)), table, figure(EVIL), Section(EVIL, (EVIL,)))
+    blocks = (EVIL, (quoted,), Facts(((EVIL, EVIL, quoted),)), table, figure(EVIL), PageSection(EVIL, (EVIL,)))
     blocks += (Fold(EVIL, (Code(EVIL),)), Gallery((EVIL,), (((EVIL,), (EVIL,)), ((quoted,), (quoted,)))))
-    page = render(EVIL, EVIL, [Section(EVIL, blocks, Badge(EVIL, "bad"))])
+    page = render(EVIL, EVIL, [PageSection(EVIL, blocks, Badge(EVIL, "bad"))])
     outline = Outline(page)
     assert outline.count("script") == 3
     assert outline.count("b") == 0
@@ -168,7 +168,7 @@ def test_names_cannot_break_out_of_texts_tables_and_figures():
 
 
 def test_the_page_asks_the_network_for_nothing():
-    page = render("t", "l", [Section("s", (figure(),))])
+    page = render("t", "l", [PageSection("s", (figure(),))])
     outline = Outline(page)
     own = page.replace(get_plotlyjs(), "")
     assert not re.search(r"https?:|//[a-z]|@import|url\(", own)
@@ -192,7 +192,7 @@ def printed(table, width=80):
 
 
 def test_terminal_tables_show_names_as_they_are():
-    table = Table((Column("name", numeric=False), Column("own", "raw")), (("[bold]x[/]", "∞"),), "[red]caption")
+    table = PageTable((Column("name", numeric=False), Column("own", "raw")), (("[bold]x[/]", "∞"),), "[red]caption")
     shown = printed(table)
     assert "[bold]x[/]" in shown
     assert "[red]caption" in shown
@@ -201,5 +201,5 @@ def test_terminal_tables_show_names_as_they_are():
 
 def test_terminal_tables_wrap_words_before_they_lose_numbers():
     columns = (Column("name", numeric=False), *(Column("value") for _ in range(4)))
-    shown = printed(Table(columns, (("a long name of a thing", *("123456789",) * 4),)), width=60)
+    shown = printed(PageTable(columns, (("a long name of a thing", *("123456789",) * 4),)), width=60)
     assert shown.count("123456789") == 4

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 import rich.console
 
-from dynident.report.study import findings, study_page, study_tables, study_text
-
-from .conftest import TRUE, Case, Reproduction, cases
+from dynident.report import findings, study_page, study_tables, study_text
+from tests.report.conftest import TRUE, Case, Reproduction, cases
 
 
 def text_of(*renderables, width=80):

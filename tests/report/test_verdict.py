@@ -6,12 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dynident.control import Broken, Driver
-from dynident.report.identification import identification_page, result_dict
+from dynident.report import identification_page, result_dict
 from dynident.report.verdict import verdict_text
-
-from .conftest import identification_of
-from .test_page import EVIL
+from dynident.validation import Broken, Driver
+from tests.report.conftest import identification_of
+from tests.report.test_page import EVIL
 
 
 def run(name="reach.csv", joints=("shoulder", "elbow"), failure=None):

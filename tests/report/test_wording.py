@@ -5,21 +5,42 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.basis import Missing
-from dynident.calibration import Delay, Lean
-from dynident.control import Broken, Driver, Failure, RunsAway, Singular
-from dynident.diagnostics import Note, Remark, Severity
+from dynident.bounds import Measure, Origin
+from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.gallery import two_link_arm
-from dynident.reach import Measure, Origin
+from dynident.identification import (
+    BaseTilt,
+    Choice,
+    HeldOut,
+    LargestResidual,
+    Reason,
+    Remedy,
+    Step,
+    TimeOffset,
+    Use,
+    Verdict,
+    WorstRun,
+)
+from dynident.identification.verdict import reasons as why
+from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals
+from dynident.models.gallery import two_link_arm
+from dynident.regression import UnexcitedParameters
 from dynident.report import advice
 from dynident.report.wording import Line, note_lines, words
-from dynident.residuals import Cause, FrictionLevel, HighFrequency, LowFrequency, Reversals, Ripple
-from dynident.selection import Choice
 from dynident.smoothers import Difference, Spline
-from dynident.verdict import HeldOut, LargestResidual, Reason, Remedy, Use, Verdict, WorstRun
-from dynident.verdict import reasons as why
-from dynident.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
+from dynident.validation import (
+    Broken,
+    Cause,
+    Driver,
+    Failure,
+    FrictionLevel,
+    HighFrequency,
+    LowFrequency,
+    Reversals,
+    Ripple,
+    RunsAway,
+    Singular,
+)
 
 
 def kinds(base: type) -> list[type]:
@@ -96,32 +117,36 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
-            Missing(("Fv_b", "Fc_b"), ("b",), still=("b",)),
+            UnexcitedParameters(("Fv_b", "Fc_b"), ("b",), still=("b",)),
             "Fv_b; Fc_b: not excited by these data; move b (standing still in these data: b).",
         ),
-        (Missing(("x",), ("a", "b")), "x: not excited by these data; move a, b each by itself."),
-        (Missing(("x",), ("a", "b"), together=True), "x: not excited by these data; move a, b at the same time."),
+        (UnexcitedParameters(("x",), ("a", "b")), "x: not excited by these data; move a, b each by itself."),
+        (
+            UnexcitedParameters(("x",), ("a", "b"), together=True),
+            "x: not excited by these data; move a, b at the same time.",
+        ),
         (Reversals(), "friction around reversals"),
         (FrictionLevel(), "friction whose level is not that of the fit (it follows the sign of the velocity)"),
         (Ripple(26.04), "a ripple at 26 Hz"),
         (LowFrequency(), "something slower than 5 Hz, that is the model or its parameters"),
-        (HighFrequency(), "something faster than 5 Hz, that is noise, ripple, elasticity or a delay"),
+        (HighFrequency(), "something faster than 5 Hz, that is noise, ripple, elasticity or a time offset"),
         (RunsAway(0.1234), "the simulated position runs away after 0.123 s"),
         (Singular(), "the mass matrix is singular"),
         (Broken("no torque"), "no torque"),
         (
-            Delay(0.005, 4.0, 2.0),
+            TimeOffset(0.005, 4.0, 2.0),
             "positions come 5 ms later than torques; taken into account, the training error is 2 % instead of 4 %",
         ),
         (
-            Delay(-0.005, 4.0, 2.0),
+            TimeOffset(-0.005, 4.0, 2.0),
             "torques come 5 ms later than positions; taken into account, the training error is 2 % instead of 4 %",
         ),
-        (Delay(0.0, 4.0, 4.0), "none that lowers the training error (4 %)"),
+        (TimeOffset(0.0, 4.0, 4.0), "none that lowers the training error (4 %)"),
         (
-            Lean(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
+            BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
             (
-                "the base leans by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); taken into account, the "
+                "the base is tilted by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); taken into account, "
+                "the "
                 "training error is 2 % instead of 4 %"
             ),
         ),
@@ -182,7 +207,7 @@ def test_a_noun_without_words_is_an_error() -> None:
         ),
         (
             SlowReversals(("a", "b")),
-            "a, b: record slow motion through zero speed, or try `coulomb_width` or `slow`.",
+            "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
         ),
         (
             CheckRipple(("a",)),

@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from dynident.errors import ConfigError, InputError
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, SmoothingSpline, smooth
-
-from .reference import second_derivative
+from tests.splines.reference import second_derivative
 
 RULES = [Constraint(), Constraint(S=50.0), Fixed(lam=1e-4), Fixed(p=1e3), GCV(), REML(), Interpolation()]
 

@@ -10,7 +10,7 @@ import click
 from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
-    from dynident.reach import TorqueNoise
+    from dynident.bounds import TorqueNoise
 
 __all__ = ["bound"]
 

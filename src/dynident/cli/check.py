@@ -11,7 +11,7 @@ import click
 from dynident.cli.terminal import FILE, console, status, tell
 
 if TYPE_CHECKING:
-    from dynident.examination import Examination
+    from dynident.checks import CheckResult
 
 __all__ = ["check"]
 
@@ -42,24 +42,23 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
         raise SystemExit(1)
 
 
-def _examined(path: Path, say: Callable[[str], None]) -> Examination:
+def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
     """Examine one file; one that cannot be used is an error among the findings, so that the others are examined."""
-    from dynident.diagnostics import Finding, Severity, Topic
-    from dynident.errors import DynidentError
-    from dynident.examination import Examination
+    from dynident.checks import CheckResult, Finding, Topic
+    from dynident.errors import DynidentError, Severity
     from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
         return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
     except DynidentError as error:
-        return Examination((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
+        return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
 
 
-def _robot(path: Path) -> Examination:
-    from dynident.examination import Examination, examine_robot, link_facts
+def _robot(path: Path) -> CheckResult:
+    from dynident.checks import CheckResult, check_robot, link_facts
     from dynident.io.robot import read_robot
-    from dynident.terms.bodies import read_robot_file
+    from dynident.models.rigid_bodies import read_robot_file
 
     file = read_robot_file(read_robot(path), path.name)
-    return Examination(examine_robot(file), links=link_facts(file))
+    return CheckResult(check_robot(file), links=link_facts(file))

@@ -12,7 +12,7 @@ from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, te
 
 if TYPE_CHECKING:
     from dynident.export import Export
-    from dynident.identify import Identification
+    from dynident.identification import Identification
 
 __all__ = ["identify"]
 

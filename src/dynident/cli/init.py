@@ -10,7 +10,7 @@ import click
 from dynident.cli.terminal import FILE, console, status, tell
 
 if TYPE_CHECKING:
-    from dynident.io.draft import Draft
+    from dynident.io.config_draft import ConfigDraft
 
 __all__ = ["init"]
 
@@ -27,8 +27,8 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     one log together are joined by a plus: q.csv+tau.csv.
     """
     from dynident.errors import InputError
-    from dynident.io.draft import draft, same_columns
-    from dynident.io.guess import guess
+    from dynident.io.column_mapping import map_columns
+    from dynident.io.config_draft import draft_config, same_columns
     from dynident.io.results import write_text
     from dynident.io.sources import read_joints, read_source
 
@@ -40,14 +40,14 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
         for log in logs:
             say(f"reading {log}")
             sources.append(read_source(log))
-    found = guess(sources[0].table, joints, sources[0].ros)
+    found = map_columns(sources[0].table, joints, sources[0].ros)
     same_columns(found, sources)
-    written = draft(robot, joints, found, sources, out.parent)
+    written = draft_config(robot, joints, found, sources, out.parent)
     tell(console(), "Configuration", write_text(out, written.text))
     _remarks(written, out, [note for source in sources for note in source.table.notes])
 
 
-def _remarks(written: Draft, out: Path, notes: list[str]) -> None:
+def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
     """Print what is to be filled in and to be confirmed, and what comes next."""
     screen = console()
 

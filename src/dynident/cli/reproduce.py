@@ -33,9 +33,9 @@ def reproduce(
     scenario: str, runs: int, seed: int, methods: str, workers: int, out: Path | None, json_file: Path | None
 ) -> None:
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the printed numbers and the bound."""
-    from dynident import article
     from dynident.io.results import probe_folder, write_json, write_text
-    from dynident.report.study import study_page, study_text
+    from dynident.report import study_page, study_text
+    from dynident.studies import article
 
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)

@@ -29,7 +29,7 @@ def tell(console: Console, what: str, path: Path) -> None:
 
 def say_line(screen: Console, line: Line) -> None:
     """Print a line, in yellow where it is a warning."""
-    from dynident.diagnostics import Severity
+    from dynident.errors import Severity
 
     style = "yellow" if line.severity is Severity.WARNING else None
     screen.print(line.text, style=style, soft_wrap=True, highlight=False, markup=False)

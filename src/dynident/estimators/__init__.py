@@ -1,16 +1,16 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
-from dynident.estimators.consistent import Consistent
 from dynident.estimators.estimator import Estimate, Estimator, Problem, Provenance, quick
 from dynident.estimators.least_squares import LeastSquares
-from dynident.estimators.maximum_likelihood import MaximumLikelihood
+from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
+from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 
 __all__ = [
-    "Consistent",
     "Estimate",
     "Estimator",
     "LeastSquares",
     "MaximumLikelihood",
+    "PhysicallyConsistent",
     "Problem",
     "Provenance",
     "quick",

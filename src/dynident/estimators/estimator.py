@@ -10,12 +10,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Note
+from dynident.errors import Note
 from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
-from dynident.model import Model
-from dynident.rank import Rank
-from dynident.regression import Regression
+from dynident.models import Model
+from dynident.regression import Rank, Regression
 
 __all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Provenance", "quick"]
 
@@ -36,14 +35,14 @@ class Problem:
     """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
 
     ``logs`` may be empty: the positions of the motions then stand for the measured ones. The motions are those that the
-    logs show ``delay`` (s) late; the logs themselves are as stamped.
+    logs show ``time_offset`` (s) late; the logs themselves are as stamped.
     """
 
     model: Model
     motions: tuple[Motion, ...]
     regression: Regression
     logs: tuple[Log, ...] = ()
-    delay: float = 0.0
+    time_offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class HasQuick(Protocol):
-    """An estimator with a stand-in for searches that try many values, such as that of the delay."""
+    """An estimator with a stand-in for searches that try many values, such as that of the time offset."""
 
     def quick(self) -> Estimator:
         """Return an estimator of the same kind of error, as fast as least squares."""

@@ -10,22 +10,20 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
-from dynident.diagnostics import Note
-from dynident.errors import ConfigError, choices
+from dynident.errors import ConfigError, Note, choices
 from dynident.estimators.estimator import Estimate, Problem
 from dynident.estimators.notes import RankDeficient
-from dynident.rank import Rank, rank_of
-from dynident.regression import Compressed
-from dynident.terms.term import Parameter
+from dynident.models import Parameter
+from dynident.regression import Rank, TriangularFactors, rank_of
 
-__all__ = ["Fit", "LeastSquares", "Weights", "check_weights", "joint_weights", "solve"]
+__all__ = ["LeastSquares", "LeastSquaresSolution", "Weights", "check_weights", "joint_weights", "solve"]
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class LeastSquaresSolution:
     """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
 
     ``rss`` is the sum of squared residuals, ``directions`` the rank and what goes with it.
@@ -56,7 +54,7 @@ class Fit:
         return self.directions.groups
 
 
-def solve(factor: Array, rank: Rank | None = None) -> Fit:
+def solve(factor: Array, rank: Rank | None = None) -> LeastSquaresSolution:
     """Solve min |X theta - y| from the R factor (p + 1, p + 1) of [X | y], on the directions that ``rank`` determines.
 
     ``rank`` is that of the factor, by default the numerical one. ``condition`` is the ratio of the largest to the
@@ -68,11 +66,11 @@ def solve(factor: Array, rank: Rank | None = None) -> Fit:
     known = rank.vectors[:, :r]
     value = np.linalg.solve(R, y) if r == p else known @ ((rank.left[:, :r].T @ y) / rank.values[:r])
     rest = float(np.sum((y - R @ value) ** 2)) + float(factor[p, p] ** 2)
-    return Fit(value / rank.scale, rest, rank)
+    return LeastSquaresSolution(value / rank.scale, rest, rank)
 
 
 def joint_weights(
-    compressed: Compressed,
+    triangular: TriangularFactors,
     weights: Weights,
     iterations: int,
     parameters: Sequence[Parameter] = (),
@@ -83,17 +81,17 @@ def joint_weights(
     The deviations are those of the fit with the previous weights, from equal ones on, until they change by less than
     1 % or ``iterations`` are done: feasible generalised least squares, Gautier and Poignet (2001).
     """
-    n = len(compressed.factors)
+    n = len(triangular.factors)
     found = np.ones(n)
     if weights == "equal":
         return found
-    size = np.sqrt(np.square(compressed.factors[:, :, -1]).sum(axis=1) / np.maximum(compressed.rows, 1))
+    size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
     # a joint that the model explains to rounding must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     for _ in range(iterations):
-        factor = compressed.stacked(found)
+        factor = triangular.stacked(found)
         theta = solve(factor, rank_of(factor, parameters, tolerance)).value
-        deviation = np.sqrt(compressed.residual(theta) / np.maximum(compressed.rows, 1))
+        deviation = np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1))
         previous, found = found, 1.0 / np.maximum(deviation, floor)
         if np.allclose(found, previous, rtol=0.01, atol=0.0):
             break
@@ -130,27 +128,27 @@ class LeastSquares:
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate; where the rank is deficient a note names the parameters that cannot be told apart."""
-        compressed, model = problem.regression.compressed, problem.model
+        triangular, model = problem.regression.triangular_factors, problem.model
         parameters = model.parameters
-        weights = joint_weights(compressed, self.weights, self.iterations, parameters, self.tolerance)
-        factor = compressed.stacked(weights)
+        weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)
+        factor = triangular.stacked(weights)
         fit = solve(factor, rank_of(factor, parameters, self.tolerance))
         return Estimate(
             value=fit.value,
-            covariance=fit.directions.covariance(fit.rss / max(compressed.total - fit.rank, 1)),
+            covariance=fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1)),
             names=model.names,
             units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(compressed.residual(fit.value) / np.maximum(compressed.rows - 1, 1)),
+            sigma=np.sqrt(triangular.residual(fit.value) / np.maximum(triangular.rows - 1, 1)),
             rank=fit.rank,
             condition=fit.condition,
-            samples=compressed.samples,
+            samples=triangular.samples,
             notes=_notes(fit, model.names),
             directions=fit.directions,
             weights=None if self.weights == "equal" else weights,
         )
 
 
-def _notes(fit: Fit, names: tuple[str, ...]) -> tuple[Note, ...]:
+def _notes(fit: LeastSquaresSolution, names: tuple[str, ...]) -> tuple[Note, ...]:
     if not fit.groups:
         return ()
     lone = tuple(names[group[0]] for group in fit.groups if len(group) == 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dynident.diagnostics import Note, Severity
+from dynident.errors import Note, Severity
 
 __all__ = [
     "Averaged",

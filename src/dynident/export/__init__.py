@@ -11,9 +11,9 @@ from dynident.export.parameters import identified_yaml
 from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Export, Proof, Written
-from dynident.identify import Identification
+from dynident.identification import Identification
+from dynident.models import RigidBodies
 from dynident.parts import EXPORTERS
-from dynident.terms import Bodies
 
 __all__ = [
     "Export",
@@ -43,7 +43,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.logs))
-    formats = [term.format for term in found.model.terms if isinstance(term, Bodies)]
+    formats = [term.format for term in found.model.terms if isinstance(term, RigidBodies)]
     return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))
 
 

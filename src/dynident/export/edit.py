@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from dynident.terms.robot_xml import exact
+from dynident.models.robot_file import exact
 
 __all__ = ["Node", "Text"]
 

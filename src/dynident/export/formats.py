@@ -18,7 +18,7 @@ from dynident.export.parameters import identified_yaml
 from dynident.export.readers import by_dynident, by_mujoco, by_numpy, by_pinocchio, by_yaml
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Written
-from dynident.terms import Bodies
+from dynident.models import RigidBodies
 
 __all__ = ["Mjcf", "Numpy", "Urdf", "Yaml"]
 
@@ -102,7 +102,9 @@ class Yaml:
 
 
 def _stem(identified: Identified) -> str:
-    source = next((term.source for term in identified.model.terms if isinstance(term, Bodies)), identified.model.name)
+    source = next(
+        (term.source for term in identified.model.terms if isinstance(term, RigidBodies)), identified.model.name
+    )
     return PurePath(source).stem
 
 

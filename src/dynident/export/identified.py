@@ -10,12 +10,21 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
-from dynident.inertia import flaws, from_pseudo, moved, smallest_eigenvalue, to_pseudo
-from dynident.model import Model
-from dynident.terms import Bodies, Coulomb, RotorInertia, Viscous
-from dynident.terms.friction import PerJoint
-from dynident.terms.robot_arm import Body
-from dynident.terms.term import Term
+from dynident.models import (
+    Coulomb,
+    Model,
+    PerJoint,
+    RigidBodies,
+    RotorInertia,
+    Term,
+    Viscous,
+    consistency_violations,
+    from_pseudo,
+    moved,
+    smallest_eigenvalue,
+    to_pseudo,
+)
+from dynident.models.robot_file import ArmBody
 
 __all__ = ["Drives", "Identified", "Shares", "drives", "link_inertias"]
 
@@ -43,10 +52,10 @@ class Identified:
             start = stop
 
     @property
-    def bodies(self) -> tuple[Bodies, Array]:
+    def bodies(self) -> tuple[RigidBodies, Array]:
         """The rigid bodies and their parameters (n, 10); ModelError where the model does not come from a robot file."""
         for term, values in self.parts:
-            if isinstance(term, Bodies):
+            if isinstance(term, RigidBodies):
                 return term, values.reshape(-1, 10)
         raise ModelError(f"{self.model.name}: this model is not made of a robot file, so there is none to write.")
 
@@ -140,7 +149,7 @@ class Shares:
     notes: tuple[str, ...] = ()
 
 
-def link_inertias(bodies: Bodies, values: Array) -> Shares:
+def link_inertias(bodies: RigidBodies, values: Array) -> Shares:
     """Spread the parameters (n, 10) of the bodies over their links; the sums are exact.
 
     The other links of a body keep the inertias of the file, and its first link gets the rest. Where that rest would be
@@ -168,11 +177,11 @@ def link_inertias(bodies: Bodies, values: Array) -> Shares:
 
 def _require_physical(name: str, theta: Array) -> None:
     if smallest_eigenvalue(theta) <= 0:
-        why = "; ".join(flaws(theta)) or "it lies on the border of what mass can do"
+        why = "; ".join(consistency_violations(theta)) or "it lies on the border of what mass can do"
         raise ModelError(f"body {name!r} cannot be real: {why}; {ADVICE}.")
 
 
-def _others(bodies: Bodies, body: Body) -> dict[str, tuple[Array | None, Array]]:
+def _others(bodies: RigidBodies, body: ArmBody) -> dict[str, tuple[Array | None, Array]]:
     """Return by link, but for the first: its nominal parameters in its own frame, and its frame in the body's."""
     return {link: (bodies.file.links[link], frame) for link, frame in zip(body.links[1:], body.frames[1:], strict=True)}
 
@@ -182,13 +191,13 @@ def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> fl
     known = [moved(nominal, frame) for nominal, frame in others.values() if nominal is not None and nominal.any()]
     if not known:
         return 1.0
-    if any(flaws(nominal) for nominal in known):
+    if any(consistency_violations(nominal) for nominal in known):
         return 0.0
     largest = float(scipy.linalg.eigh(to_pseudo(sum(known, np.zeros(10))), to_pseudo(theta), eigvals_only=True)[-1])
     return 1.0 if largest <= ALL else 0.5 / largest
 
 
-def _shared_words(body: Body, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
+def _shared_words(body: ArmBody, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
     for link, (nominal, _) in others.items():
         if nominal is None:
             yield f"link {link!r}: the file left its inertia to its shapes; now {body.joint.child!r} has it"

@@ -15,7 +15,7 @@ from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, drives, link_inertias
 from dynident.export.urdf import standing, words
 from dynident.export.written import Written
-from dynident.inertia import to_physical
+from dynident.models import to_physical
 
 __all__ = ["identified_mjcf"]
 

@@ -11,9 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ModelError
 from dynident.export.identified import Identified
 from dynident.export.written import Written
-from dynident.terms import Bodies, Coulomb, Coupling, Lagrangian, Offset, RotorInertia, Viscous
-from dynident.terms.friction import PerJoint
-from dynident.terms.term import Term
+from dynident.models import (
+    Coulomb,
+    CoupledMotor,
+    Lagrangian,
+    Offset,
+    PerJoint,
+    RigidBodies,
+    RotorInertia,
+    Term,
+    Viscous,
+)
 
 __all__ = ["identified_module"]
 
@@ -33,7 +41,7 @@ def identified_module(identified: Identified) -> Written:
     motors, rigid = _Motors(names), ["0.0 * q"]
     blocks: list[str] = []
     for k, (term, values) in enumerate(identified.parts):
-        if isinstance(term, Bodies):
+        if isinstance(term, RigidBodies):
             blocks.append(_bodies(term, values, k))
             rigid.append(f"_bodies_{k}(q, dq, ddq)")
         elif isinstance(term, Lagrangian):
@@ -54,7 +62,7 @@ class _Motors:
         self._rows: list[tuple[Array, Array, tuple[float, float]]] = []
 
     def add(self, term: Term, values: Array) -> None:
-        if isinstance(term, Coupling):
+        if isinstance(term, CoupledMotor):
             coefficients = dict(term.coefficients)
             vector = np.array([coefficients.get(name, 0.0) for name in self._names])
             parts = np.zeros(4)
@@ -65,7 +73,7 @@ class _Motors:
         if not isinstance(term, PerJoint) or type(term) not in kinds:
             raise ModelError(
                 f"model.py cannot hold the term {type(term).__name__}: its formula is not known. Use the model in "
-                "Python (`dynident.model.Model`), or write the term with `Lagrangian`."
+                "Python (`dynident.models.Model`), or write the term with `Lagrangian`."
             )
         sign = (term.width, term.dead_band) if isinstance(term, Coulomb) else (0.0, 0.0)
         for name, value in zip(term.on or self._names, values.tolist(), strict=True):
@@ -88,7 +96,7 @@ class _Motors:
         return MOTORS.replace("@ROWS@", "".join(f"\n{row}" for row in rows) + ("\n" if rows else ""))
 
 
-def _bodies(term: Bodies, values: Array, k: int) -> str:
+def _bodies(term: RigidBodies, values: Array, k: int) -> str:
     """Return the constants of the kinematics and the recursion over them."""
     theta, arm = values.reshape(-1, 10), term.arm
     rows = []

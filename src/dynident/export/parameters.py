@@ -9,7 +9,7 @@ import yaml
 
 from dynident.export.identified import Identified
 from dynident.export.written import Written
-from dynident.terms import Bodies
+from dynident.models import RigidBodies
 
 __all__ = ["identified_yaml"]
 
@@ -28,7 +28,7 @@ def identified_yaml(identified: Identified) -> Written:
         "joints": [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints],
     }
     for term in model.terms:
-        if isinstance(term, Bodies):
+        if isinstance(term, RigidBodies):
             merged = {body: list(links) for body, links in term.merged.items()}
             locked = dict(term.locked if isinstance(term.locked, tuple) else term.locked.items())
             data["robot"] = {"file": term.source, "gravity": list(term.gravity), "locked": locked, "merged": merged}

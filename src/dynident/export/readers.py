@@ -13,7 +13,7 @@ from dynident.errors import DynidentError
 from dynident.export.edit import Text
 from dynident.export.exporter import States
 from dynident.export.identified import Identified
-from dynident.terms import Bodies
+from dynident.models import RigidBodies
 
 __all__ = ["by_dynident", "by_mujoco", "by_numpy", "by_pinocchio", "by_yaml"]
 
@@ -44,7 +44,7 @@ def by_dynident(text: str, identified: Identified, states: States) -> Array:
     """Read the text as an identification would."""
     bodies, _ = identified.bodies
     names = tuple(joint.name for joint in bodies.joints)
-    again = Bodies(text, names, bodies.locked, bodies.gravity, bodies.source)
+    again = RigidBodies(text, names, bodies.locked, bodies.gravity, bodies.source)
     values = [parameter.value for parameter in again.parameters]
     if None in values:
         raise DynidentError("a body has no inertia of its own")

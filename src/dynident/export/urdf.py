@@ -11,8 +11,7 @@ from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
 from dynident.export.written import Written
-from dynident.inertia import to_physical
-from dynident.terms import Bodies
+from dynident.models import RigidBodies, to_physical
 
 __all__ = ["identified_urdf", "words"]
 
@@ -54,7 +53,7 @@ def words(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def standing(bodies: Bodies, shares: Shares) -> tuple[str, ...]:
+def standing(bodies: RigidBodies, shares: Shares) -> tuple[str, ...]:
     """Say which links belong to a body only while a joint stands still, and with which inertia."""
     movable = {joint.child: joint.name for joint in bodies.file.joints if joint.kind != "fixed"}
     names = [

@@ -19,7 +19,7 @@ from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
 
 if TYPE_CHECKING:
-    from dynident.model import Model
+    from dynident.models import Model
 
 __all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
 
@@ -153,7 +153,7 @@ def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
     returns something else than a Model.
     """
     from dynident.io.robot import SUFFIXES, load_robot
-    from dynident.model import Model
+    from dynident.models import Model
 
     if isinstance(spec, str) and Path(spec).suffix.lower() in SUFFIXES:
         spec = RobotSettings.model_validate({"file": spec}, context={"folder": folder})
@@ -173,7 +173,7 @@ def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
 
 
 def _from_gallery(name: str) -> Callable[[], object]:
-    from dynident.gallery import MODELS
+    from dynident.models.gallery import MODELS
 
     if name not in MODELS:
         raise ModelError(f"model: the gallery has no {name!r}; {choices(name, MODELS)}")

@@ -9,18 +9,18 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.diagnostics import MINIMUM_SAMPLES, Finding, Severity, check, require, rest, split_gaps
-from dynident.errors import ConfigError, InputError
+from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, require, rest, split_gaps
+from dynident.errors import ConfigError, InputError, Severity
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
 from dynident.io.signals import Signals, bad_values, controller, has_torques, signals
-from dynident.io.tables import Table, read_columns
+from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
-from dynident.terms.term import Joint
+from dynident.models import Joint
 
 __all__ = [
+    "DataTable",
     "Reading",
-    "Table",
     "read_columns",
     "read_found",
     "read_logs",
@@ -121,7 +121,7 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     return Reading(tuple(logs), tuple(warnings), found.measured)
 
 
-def read_recording(spec: LogSpec) -> Table:
+def read_recording(spec: LogSpec) -> DataTable:
     """Return the table of a recording; where it has several files, their columns are named ``key.column``.
 
     Raises InputError where one of them cannot be read.
@@ -132,7 +132,7 @@ def read_recording(spec: LogSpec) -> Table:
     }
     if list(tables) == [""]:
         return tables[""]
-    return Table(
+    return DataTable(
         _keyed({key: table.columns for key, table in tables.items()}),
         _keyed({key: table.constants for key, table in tables.items()}),
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
@@ -176,9 +176,9 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
 
 def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, measured: bool) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
-    findings = check(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
+    findings = check_log(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
-    return (*findings, *rest(log)) if config.slow is None and len(log) >= MINIMUM_SAMPLES else findings
+    return (*findings, *rest(log)) if config.min_speed is None and len(log) >= MINIMUM_SAMPLES else findings
 
 
 def turning_joints(config: Config) -> frozenset[str]:

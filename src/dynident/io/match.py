@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.io.columns import Family, tokens
-from dynident.io.tables import Table
-from dynident.terms.robot_xml import Limits
+from dynident.io.tables import DataTable
+from dynident.models.robot_file import Limits
 
 __all__ = ["JointFacts", "Match", "best_pair", "finite", "headerless", "increases", "rows_of"]
 
@@ -39,7 +39,7 @@ class Match:
     question: str = ""
 
 
-def headerless(table: Table, count: int) -> list[Family]:
+def headerless(table: DataTable, count: int) -> list[Family]:
     """Return families for columns 0, 1, ...: time first, then positions, perhaps velocities, and torques."""
     names = list(table.columns)
     if not names or not all(name.isdecimal() for name in names):
@@ -55,7 +55,9 @@ def headerless(table: Table, count: int) -> list[Family]:
     ]
 
 
-def best_pair(table: Table, found: Iterable[Family], joints: Sequence[JointFacts]) -> tuple[Match | None, Match | None]:
+def best_pair(
+    table: DataTable, found: Iterable[Family], joints: Sequence[JointFacts]
+) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques: of equal length, for the most joints, measured, unfiltered.
 
     Commanded quantities are never taken, currents only for want of torques.
@@ -71,7 +73,7 @@ def _of_role(matches: Iterable[Match], *roles: str) -> list[Match]:
     return [one for one in matches if one.family.role in roles]
 
 
-def _alike(table: Table, pair: tuple[Match | None, Match | None]) -> bool:
+def _alike(table: DataTable, pair: tuple[Match | None, Match | None]) -> bool:
     """Whether there are columns, and all of one length."""
     return len({rows_of(table, one) for one in pair if one}) == 1
 
@@ -90,7 +92,7 @@ def _merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
     )
 
 
-def _rivals(table: Table, chosen: Match | None, others: Iterable[Match]) -> Match | None:
+def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> Match | None:
     """Return the match with a question, where the names of other columns say the same of as many joints."""
     if chosen is None:
         return None
@@ -149,7 +151,7 @@ def _chains(joints: Iterable[JointFacts]) -> list[dict[int, str]]:
     return sorted(({k: one[k] for k in sorted(one)} for one in chains.values()), key=len, reverse=True)
 
 
-def rows_of(table: Table, match: Match | None) -> int:
+def rows_of(table: DataTable, match: Match | None) -> int:
     """Return the length of the columns matched; None: of the first column, or 0."""
     columns = list(match.columns.values()) if match else list(table.columns)
     return len(table.columns[columns[0]]) if columns else 0

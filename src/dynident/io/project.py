@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dynident.diagnostics import Finding, Remark, Severity
-from dynident.examination import Examination, examine
-from dynident.identify import Identification, Recipe, identify
+from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
+from dynident.checks import CheckResult, Finding, run_checks
+from dynident.errors import Remark, Severity
+from dynident.identification import Identification, Recipe, identify
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.recipe import build_recipe
 from dynident.io.robot import fingerprint, model_file
 from dynident.io.settings import Config
 from dynident.log import Log
-from dynident.model import Model
-from dynident.reach import Reach, TorqueNoise, reach
+from dynident.models import Model
 
 __all__ = ["FILE", "HASH", "HASH_OF", "ORIGIN", "Project", "log_hashes", "parse_project", "read_project", "run"]
 
@@ -55,7 +55,7 @@ class Project:
     def identify(self, progress: Progress = _silent) -> Identification:
         """Identify the parameters from the recordings, with all warnings, and the hashes of all files that were read.
 
-        Raises the errors of reading and of ``dynident.identify.identify``.
+        Raises the errors of reading and of ``dynident.identification.identify``.
         """
         logs, remarks = self.logs(progress)
         hashes = log_hashes(self.config)
@@ -68,10 +68,11 @@ class Project:
         sigma_tau: Mapping[str, float] | float | None = None,
         torque: TorqueNoise = "residual",
         progress: Progress = _silent,
-    ) -> Reach:
-        """Return the accuracy that any method could reach with the training logs; arguments as in ``reach``."""
+    ) -> AccuracyBound:
+        """Return the accuracy that any method could reach with the training logs; arguments as in
+        ``accuracy_bound``."""
         logs, remarks = self.logs(progress)
-        found = reach(
+        found = accuracy_bound(
             self.model,
             logs["train"],
             self.recipe,
@@ -82,12 +83,12 @@ class Project:
         )
         return replace(found, identification=self._signed(found.identification, remarks))
 
-    def examine(self, progress: Progress = _silent) -> Examination:
+    def examine(self, progress: Progress = _silent) -> CheckResult:
         """Examine the robot file and all recordings; one that cannot be read is an error among the findings."""
         logs, found = read_found(self.config, self.model.joints, progress)
         own = tuple(Finding(Severity.WARNING, None, words, source=self.path.name) for words in self.warnings)
         turning = turning_joints(self.config)
-        return examine(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
+        return run_checks(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
 
     def _signed(
         self, found: Identification, remarks: Sequence[str], hashes: Mapping[str, str] | None = None

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dynident.identify import Recipe
+from dynident.identification import Recipe
 from dynident.io.parts import built
 from dynident.io.settings import Config, RobotSettings, TorqueInputSettings
-from dynident.regression import Parallel
+from dynident.regression import ParallelFilter
 
 __all__ = ["build_recipe"]
 
 
 def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
-    given = config.parallel
-    parallel = None if given is None else Parallel(given.decimate, given.cutoff, given.order)
-    lean = isinstance(config.model, RobotSettings) and config.model.lean == "estimate"
+    given = config.filter
+    parallel_filter = None if given is None else ParallelFilter(given.decimate, given.cutoff, given.order)
+    tilt = isinstance(config.model, RobotSettings) and config.model.base_tilt == "estimate"
     restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = built(config.smoother), built(config.estimator)
-    return Recipe(smoother, estimator, parallel, config.slow, config.delay, lean, restart)
+    return Recipe(smoother, estimator, parallel_filter, config.min_speed, config.delay, tilt, restart)

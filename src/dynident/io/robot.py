@@ -9,10 +9,8 @@ from pathlib import Path
 from dynident.errors import ModelError
 from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
-from dynident.model import Model
+from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 from dynident.parts import TERMS
-from dynident.terms import Bodies, Coupling
-from dynident.terms.term import Joint, Term
 
 __all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
 
@@ -64,12 +62,12 @@ def load_robot(settings: RobotSettings) -> Model:
     if len(settings.file) != 1:
         raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
     (path,) = settings.file.values()
-    bodies = Bodies(read_robot(path), settings.joints, settings.lock, settings.gravity, path.name)
+    bodies = RigidBodies(read_robot(path), settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
     terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
     for name, coupling in settings.couplings.items():
         terms.append(
-            Coupling(
+            CoupledMotor(
                 joints,
                 coupling.joints,
                 inertia="rotor" in coupling.terms,

@@ -11,22 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.calibration import mounted
 from dynident.errors import ConfigError, InputError, ModelError, choices
-from dynident.identify import Recipe
+from dynident.identification import Recipe, mounted
 from dynident.io.logs import Reading, read_logs
 from dynident.io.project import FILE, HASH, ORIGIN, TEXT, parse_project
 from dynident.io.robot import fingerprint
 from dynident.io.settings import Config, LogSpec
 from dynident.log import Log
-from dynident.model import Model
-from dynident.smoothers import Delayed, Smoother
+from dynident.models import Model
+from dynident.smoothers import Smoother, TimeShifted
 from dynident.validation import LogValidation, validate
 
 __all__ = ["Saved", "check_targets", "log_spec", "read_result"]
 
 Array = NDArray[np.float64]
-SMOOTHER, DELAY, LEAN = "smoother used", "delay used", "lean used"
+SMOOTHER, OFFSET, TILT = "smoother used", "delay used", "lean used"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +72,12 @@ def read_result(path: Path) -> Saved:
     _check_hash(settings, path)
     project = parse_project(settings[TEXT], Path(settings[ORIGIN]), f"{path}, its configuration")
     model = project.model
-    if LEAN in settings:
-        model = mounted(model, *_numbers(settings, LEAN, 2, path))
+    if TILT in settings:
+        model = mounted(model, *_numbers(settings, TILT, 2, path))
     value, std, verdict = _values(data["parameters"], model, path)
     smoother = _smoother(project.recipe, settings[SMOOTHER], path)
-    if DELAY in settings:
-        smoother = Delayed(smoother, *_numbers(settings, DELAY, 1, path))
+    if OFFSET in settings:
+        smoother = TimeShifted(smoother, *_numbers(settings, OFFSET, 1, path))
     return Saved(project.config, model, value, std, verdict, smoother)
 
 

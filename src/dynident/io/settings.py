@@ -25,8 +25,8 @@ from dynident.io.fields import (
     unit_factor,
 )
 from dynident.io.parts import PartReader, by_joint
+from dynident.models import Joint
 from dynident.parts import ESTIMATORS, SMOOTHERS, TERMS
-from dynident.terms.term import Joint
 
 __all__ = [
     "CascadeJoint",
@@ -34,8 +34,8 @@ __all__ = [
     "Channel",
     "Config",
     "CouplingSettings",
+    "FilterSettings",
     "LogSpec",
-    "ParallelSettings",
     "PositionChannel",
     "RobotSettings",
     "Time",
@@ -125,21 +125,21 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and per joint what else is identified.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``lean`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s, m/s)
-    smooths the sign in the Coulomb friction.
+    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s,
+    m/s) smooths the sign in the Coulomb friction.
     """
 
     file: Files
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
-    lean: Literal["none", "estimate"] = "none"
+    base_tilt: Literal["none", "estimate"] = "none"
     terms: tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
 
 
-class ParallelSettings(Section):
+class FilterSettings(Section):
     """Low-pass (``cutoff`` Hz, ``order``) and decimation, alike for the torque and all columns of the regressor."""
 
     decimate: Count = 1
@@ -217,8 +217,8 @@ class Config(Section):
     gaps: Literal["error", "split"] = "error"
     smoother: Annotated[Any, PartReader(SMOOTHERS)] = Field(default_factory=_spline)
     estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_least_squares)
-    parallel: ParallelSettings | None = None
-    slow: PositiveOrEach = None
+    filter: FilterSettings | None = None
+    min_speed: PositiveOrEach = None
     delay: Number | Literal["estimate"] = "estimate"
     simulation: Simulation | None = None
 
@@ -240,8 +240,8 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
     for name, given in by_joint(config.smoother):
         _same_names(f"smoother.{name}", given, joints)
     _known_names("zero", config.zero, joints)
-    if isinstance(config.slow, Mapping):
-        _known_names("slow", config.slow, joints)
+    if isinstance(config.min_speed, Mapping):
+        _known_names("min_speed", config.min_speed, joints)
     if isinstance(config.simulation, CascadeSettings):
         _check_cascade(config, config.simulation, joints)
     _known_names("transmission", config.transmission, joints)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.control import CascadePD
 from dynident.errors import ConfigError, InputError
 from dynident.io.fields import unit_factor
 from dynident.io.settings import POSITIONS, TORQUES, CascadeJoint, CascadeSettings, Channel, Config, LogSpec
-from dynident.io.tables import Table
-from dynident.terms.term import Joint
+from dynident.io.tables import DataTable
+from dynident.models import Joint
+from dynident.validation import CascadePD
 
 __all__ = ["Signals", "bad_values", "controller", "has_torques", "signals"]
 
@@ -26,7 +26,7 @@ _LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
 class Signals:
     """All rows of a recording: t (N) s, q and tau (N, n) in SI, and the columns they come from."""
 
-    table: Table
+    table: DataTable
     used: Mapping[str, Array]
     t: Array
     q: Array
@@ -34,13 +34,13 @@ class Signals:
     measured: bool
 
 
-def has_torques(table: Table, config: Config, joints: Sequence[Joint]) -> bool:
+def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bool:
     """Whether the table has any column of a torque."""
     known = {*table.columns, *table.constants, *table.faults}
     return any(name in known for joint in joints for name in config.torque[joint.name].terms)
 
 
-def signals(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
+def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
     Rows at both ends without all values, and rows that only say the one before again, are dropped, and a note of the
@@ -83,13 +83,13 @@ def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequen
     return CascadePD(names, signals.t, reference, kp, kv, gain, saturation, np.column_stack(extra))
 
 
-def _feedforward(table: Table, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
+def _feedforward(table: DataTable, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
     """Return what is added to the output of a joint's controller in a recording: a column, or zeros."""
     column = loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
     return np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward")
 
 
-def _require_valid(table: Table, name: str, arrays: Sequence[Array], size: int) -> None:
+def _require_valid(table: DataTable, name: str, arrays: Sequence[Array], size: int) -> None:
     if any(len(array) != size or len(bad_values(array)) for array in arrays):
         raise InputError(f"{table.source}: the {name} of the controller is not one valid number per time stamp.")
 
@@ -111,7 +111,7 @@ def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
     return gears
 
 
-def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bool) -> dict[str, Array]:
+def _used(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> dict[str, Array]:
     """Return the columns that the channels name; InputError where they differ in length."""
     sections = (("position", config.position), *((("torque", config.torque),) if measured else ()))
     used = {} if config.time.column is None else {config.time.column: table.column(config.time.column, "time")}
@@ -129,7 +129,7 @@ def _used(table: Table, config: Config, joints: Sequence[Joint], *, measured: bo
     return used
 
 
-def _tidy(table: Table, used: Mapping[str, Array], stamped: bool) -> Table:
+def _tidy(table: DataTable, used: Mapping[str, Array], stamped: bool) -> DataTable:
     """Drop what recorders leave before the start and after the end, and rows written twice."""
     values = np.column_stack(list(used.values()))
     whole = np.flatnonzero(~np.isnan(values).any(axis=1))
@@ -149,7 +149,7 @@ def _tidy(table: Table, used: Mapping[str, Array], stamped: bool) -> Table:
 
 
 def _matrix(
-    table: Table,
+    table: DataTable,
     channels: Mapping[str, Channel],
     joints: Sequence[Joint],
     section: str,
@@ -165,7 +165,7 @@ def _matrix(
     return np.column_stack(columns)
 
 
-def _linear(table: Table, channel: Channel, where: str) -> Array:
+def _linear(table: DataTable, channel: Channel, where: str) -> Array:
     """Return gain * (sum of columns times coefficients) + offset, in the channel's unit."""
     total = sum(
         (table.constant(gain, where) * table.column(name, where) for name, gain in channel.terms.items()),
@@ -174,7 +174,7 @@ def _linear(table: Table, channel: Channel, where: str) -> Array:
     return table.constant(channel.gain, where) * total + table.constant(channel.offset, where)
 
 
-def _times(table: Table, config: Config, rows: int) -> Array:
+def _times(table: DataTable, config: Config, rows: int) -> Array:
     """Return the time stamps in s; InputError where one is missing or does not increase."""
     if config.time.rate is not None:
         return np.arange(rows) / config.time.rate

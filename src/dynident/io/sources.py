@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dynident.errors import InputError, ModelError
+from dynident.io.column_mapping import widths
 from dynident.io.config import load_model
-from dynident.io.guess import widths
 from dynident.io.logs import read_recording
 from dynident.io.match import JointFacts
 from dynident.io.robot import SUFFIXES, read_robot
 from dynident.io.ros import BAGS
 from dynident.io.settings import LogSpec
-from dynident.io.tables import Table, read_columns
-from dynident.terms.bodies import read_robot_file
-from dynident.terms.robot_xml import Coupled, RobotFile
+from dynident.io.tables import DataTable, read_columns
+from dynident.models.rigid_bodies import read_robot_file
+from dynident.models.robot_file import Coupled, RobotFile
 
 __all__ = ["Source", "read_joints", "read_source"]
 
@@ -28,7 +28,7 @@ class Source:
 
     files: Mapping[str, Path]
     widths: Mapping[str, int]
-    table: Table
+    table: DataTable
 
     @property
     def ros(self) -> bool:

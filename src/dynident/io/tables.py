@@ -19,13 +19,13 @@ from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, unpanicked
 from dynident.parts import READERS
 
-__all__ = ["Table", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
+__all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class DataTable:
     """Columns and scalars of a file, as float64 and without units.
 
     ``faults`` says why a column that is in the file cannot be used, ``lines`` are the lines of the file from which
@@ -72,7 +72,7 @@ class Table:
         k = row if self.rows is None else int(self.rows[row])
         return f"row {k + 1}" if self.lines is None else f"line {self.lines[k]}"
 
-    def kept(self, keep: NDArray[np.bool_], note: str) -> Table:
+    def kept(self, keep: NDArray[np.bool_], note: str) -> DataTable:
         """Return the table with the rows that ``keep`` (N) picks in the columns of that length, and a note on it."""
         columns = {name: x[keep] if len(x) == len(keep) else x for name, x in self.columns.items()}
         rows = np.arange(len(keep)) if self.rows is None else self.rows
@@ -83,7 +83,7 @@ def _led(where: str) -> str:
     return f"{where}: " if where else ""
 
 
-def read_columns(path: str | Path, width: int | None = None) -> Table:
+def read_columns(path: str | Path, width: int | None = None) -> DataTable:
     """Read all columns of a file; ``width`` columns where a text file holds one number a line.
 
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
@@ -104,7 +104,7 @@ def read_columns(path: str | Path, width: int | None = None) -> Table:
     return table if width is None else _reshaped(table, width)
 
 
-def read_bag(path: Path) -> Table:
+def read_bag(path: Path) -> DataTable:
     """Read the joint states of a ROS bag, a file or a folder."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds()))
@@ -112,10 +112,10 @@ def read_bag(path: Path) -> Table:
     if not path.exists():
         _bytes(path)  # words the error
     columns, faults, notes = parse_bag(path)
-    return Table(columns, {}, str(path), faults, notes=notes)
+    return DataTable(columns, {}, str(path), faults, notes=notes)
 
 
-def _reader(path: Path, kind: str) -> Callable[[Path], Table]:
+def _reader(path: Path, kind: str) -> Callable[[Path], DataTable]:
     """Return the reader of the family for a file; InputError where there is none, or no such file."""
     if path.is_dir():
         return read_bag
@@ -123,7 +123,7 @@ def _reader(path: Path, kind: str) -> Callable[[Path], Table]:
         _bytes(path)  # words the error
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
-    found: Callable[[Path], Table] = READERS.get(kind)
+    found: Callable[[Path], DataTable] = READERS.get(kind)
     return found
 
 
@@ -147,7 +147,7 @@ def _content_of(path: Path) -> tuple[bytes, str]:
     return data, str(path)
 
 
-def _reshaped(table: Table, width: int) -> Table:
+def _reshaped(table: DataTable, width: int) -> DataTable:
     """Return the table of a file with one number a line, ``width`` of which make a row."""
     if len(table.columns) != 1 or table.faults:
         count = len(table.columns) + len(table.faults)
@@ -165,14 +165,14 @@ def _reshaped(table: Table, width: int) -> Table:
     return replace(table, columns=columns, lines=None if table.lines is None else table.lines[::width])
 
 
-def read_text(path: Path) -> Table:
+def read_text(path: Path) -> DataTable:
     """Read a table of text."""
     data, source = _content_of(path)
     columns, faults, lines = parse_text(data, source)
-    return Table(columns, {}, source, faults, lines)
+    return DataTable(columns, {}, source, faults, lines)
 
 
-def read_parquet(path: Path) -> Table:
+def read_parquet(path: Path) -> DataTable:
     """Read a Parquet file."""
     data, source = _content_of(path)
     import polars as pl
@@ -185,10 +185,10 @@ def read_parquet(path: Path) -> Table:
             columns[series.name] = (numbers.fill_null(np.nan) if numbers.null_count() else numbers).to_numpy()
         else:
             faults[series.name] = f"holds {series.dtype}, not numbers; convert it before."
-    return Table(columns, {}, source, faults)
+    return DataTable(columns, {}, source, faults)
 
 
-def read_npz(path: Path) -> Table:
+def read_npz(path: Path) -> DataTable:
     """Read a NumPy archive."""
     data, source = _content_of(path)
     with np.load(BytesIO(data), allow_pickle=False) as archive:
@@ -201,19 +201,19 @@ def read_npz(path: Path) -> Table:
     return _from_arrays(items.items(), source)
 
 
-def read_mat(path: Path) -> Table:
+def read_mat(path: Path) -> DataTable:
     """Read a MATLAB file."""
     data, source = _content_of(path)
     return _from_arrays((parse_hdf5(data, source) if is_hdf5(data) else parse_mat(data)).items(), source)
 
 
-def read_hdf5(path: Path) -> Table:
+def read_hdf5(path: Path) -> DataTable:
     """Read an HDF5 file."""
     data, source = _content_of(path)
     return _from_arrays(parse_hdf5(data, source).items(), source)
 
 
-def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
+def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> DataTable:
     arrays = {name: (value, np.asarray(value)) for name, value in items}
     lengths = {array.size for _, array in arrays.values() if max(array.shape, default=0) == array.size > 1}
     columns: dict[str, Array] = {}
@@ -227,7 +227,7 @@ def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> Table:
             columns |= found
         else:
             faults[name] = f"has the shape {array.shape}; time must run down the rows of a 2-D array: transpose it."
-    return Table(columns, constants, source, faults)
+    return DataTable(columns, constants, source, faults)
 
 
 def _columns(name: str, array: NDArray[Any], lengths: Set[int]) -> dict[str, Array]:

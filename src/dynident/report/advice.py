@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.control import Driver
+from dynident.identification import Remedy, Use
+from dynident.identification.verdict import reasons, steps
 from dynident.report.wording import words
-from dynident.verdict import Remedy, Use, reasons, steps
+from dynident.validation import Driver
 
 if TYPE_CHECKING:
-    from dynident.verdict import HeldOut, Verdict
+    from dynident.identification import HeldOut, Verdict
 
 __all__ = ["IN_SENTENCES", "sentences"]
 
@@ -109,7 +110,7 @@ def _(step: steps.Sharpen) -> str:
 
 @words.register
 def _(step: steps.SlowReversals) -> str:
-    return f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `slow`."
+    return f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`."
 
 
 @words.register

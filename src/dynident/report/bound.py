@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident import plot
-from dynident.reach import Measure, Origin
-from dynident.report.page import Block, Column, Facts, Figure, Section, Table, number, pairs, render
+from dynident.bounds import Measure, Origin
+from dynident.report import figures
+from dynident.report.page import Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
 from dynident.report.wording import settings_of, words
 
 if TYPE_CHECKING:
-    from dynident.reach import Reach
+    from dynident.bounds import AccuracyBound
 
 __all__ = ["bound_dict", "bound_findings", "bound_page", "bound_table", "noise_table"]
 
@@ -36,7 +36,7 @@ _WHAT = (
 )
 
 
-def bound_table(found: Reach, short: bool = False) -> Table:
+def bound_table(found: AccuracyBound, short: bool = False) -> PageTable:
     """Return the table of least standard deviations; ``short`` for a terminal: the worst of many."""
     rows = range(len(found.names))
     if short and len(found.names) > FULL_LIST:
@@ -54,10 +54,10 @@ def bound_table(found: Reach, short: bool = False) -> Table:
     title = "Least standard deviations of the base parameters, and what better ones would buy"
     if len(cells) < len(found.names):
         title += f" (the worst {len(cells)} of {len(found.names)})"
-    return Table(tuple(columns), tuple(cells), title)
+    return PageTable(tuple(columns), tuple(cells), title)
 
 
-def noise_table(found: Reach) -> Table:
+def noise_table(found: AccuracyBound) -> PageTable:
     """Return the noise by joint that the bound is taken for, beside the torque's own scatter."""
     joints, noise = found.identification.model.joints, found.noise
     rows = tuple(
@@ -66,19 +66,19 @@ def noise_table(found: Reach) -> Table:
     )
     heads = ("position noise", "torque noise", "torque scatter, sample to sample")
     origins = "; ".join(f"{what}: {text}" for what, text in _origins(found).items())
-    return Table((Column("joint", numeric=False), *map(Column, heads)), rows, f"Noise, SI ({origins})")
+    return PageTable((Column("joint", numeric=False), *map(Column, heads)), rows, f"Noise, SI ({origins})")
 
 
-def _origins(found: Reach) -> dict[str, str]:
+def _origins(found: AccuracyBound) -> dict[str, str]:
     return {"positions": words(found.noise.positions), "torques": words(found.noise.torques)}
 
 
-def bound_findings(found: Reach) -> list[str]:
+def bound_findings(found: AccuracyBound) -> list[str]:
     """Return what limits in plain sentences: all parameters together, what is bought, the worst ones, and warnings."""
     return [*_overall(found), *_worst(found), *_cautions(found)]
 
 
-def _overall(found: Reach) -> Iterator[str]:
+def _overall(found: AccuracyBound) -> Iterator[str]:
     relative, count = found.relative, len(found.names)
     well, lost = int((relative <= WELL).sum()), int((relative > LOST).sum())
     tail = f"; {lost} cannot be told from zero" if lost else ""
@@ -106,12 +106,12 @@ def _overall(found: Reach) -> Iterator[str]:
         )
 
 
-def _worst(found: Reach) -> Iterator[str]:
+def _worst(found: AccuracyBound) -> Iterator[str]:
     for k in np.argsort(-found.relative, kind="stable")[:WORDS]:
         yield f"{_label(found, int(k))}: {_why(found, int(k))}"
 
 
-def _why(found: Reach, k: int) -> str:
+def _why(found: AccuracyBound, k: int) -> str:
     now, relative = float(found.std["now"][k]), float(found.relative[k])
     if not np.isfinite(now):
         return "not determined by this motion at any noise level; excite it."
@@ -133,20 +133,20 @@ def _why(found: Reach, k: int) -> str:
     return said
 
 
-def _first(found: Reach, k: int) -> tuple[str, str, float]:
+def _first(found: AccuracyBound, k: int) -> tuple[str, str, float]:
     """Return the noise that limits a parameter most, the change that mends it, and its share of the variance."""
     share = float(np.nan_to_num(found.position_share[k]))
     return ("position noise", "bit", share) if share > MAINLY else ("torque noise", "torque", 1 - share)
 
 
-def _limit(found: Reach, k: int) -> str:
+def _limit(found: AccuracyBound, k: int) -> str:
     if not np.isfinite(found.std["now"][k]):
         return "motion"
     name, _, share = _first(found, k)
     return f"{name.removesuffix(' noise')} {100 * share:.0f} %" + (", motion" if found.inflation[k] > TIED else "")
 
 
-def _cautions(found: Reach) -> Iterator[str]:
+def _cautions(found: AccuracyBound) -> Iterator[str]:
     joints = [joint.name for joint in found.identification.model.joints]
     ratio = found.noise.tau / found.noise.sensor
     worst = int(ratio.argmax())
@@ -170,7 +170,7 @@ def _cautions(found: Reach) -> Iterator[str]:
         )
 
 
-def _colour(found: Reach) -> float:
+def _colour(found: AccuracyBound) -> float:
     """Return by how much the residuals' correlation would raise the bound of slow effects, the median over joints."""
     factors = [
         np.sqrt(max(test.decorrelation / float(np.diff(log.motion.t).mean()), 1.0))
@@ -180,7 +180,7 @@ def _colour(found: Reach) -> float:
     return float(np.median(factors)) if factors else 1.0
 
 
-def _label(found: Reach, k: int) -> str:
+def _label(found: AccuracyBound, k: int) -> str:
     """Return a base parameter's formula, or, where it is long, its first parameter and how many follow."""
     name = found.names[k]
     if len(name) <= SHORT:
@@ -189,7 +189,7 @@ def _label(found: Reach, k: int) -> str:
     return f"{lead} (+{len(rest)} more)"
 
 
-def bound_page(found: Reach) -> str:
+def bound_page(found: AccuracyBound) -> str:
     """Return the bound as one HTML page: findings, table, figure, noise, settings."""
     relative, fact = found.relative, found.identification
     well = int((relative <= WELL).sum())
@@ -205,29 +205,32 @@ def bound_page(found: Reach) -> str:
         "Least standard deviation of each base parameter in % of its value, logarithmic: now and after each change; "
         "the cross is the standard error of the fit itself, which allows for correlated residuals."
     )
-    blocks: tuple[Block, ...] = (facts, tuple(bound_findings(found)))
+    blocks: tuple[PageBlock, ...] = (facts, tuple(bound_findings(found)))
     sections = [
-        Section("What could be reached", blocks),
-        Section(
-            "Bound", (_WHAT, bound_table(found), *_formulas(found), Figure(plot.bound_figure(found, labels), caption))
+        PageSection("What could be reached", blocks),
+        PageSection(
+            "Bound",
+            (_WHAT, bound_table(found), *_formulas(found), Figure(figures.bound_figure(found, labels), caption)),
         ),
-        Section("Noise", (noise_table(found),)),
-        Section("Warnings", (tuple(map(words, fact.warnings)) or "None.",)),
-        Section("Settings and versions", tuple(_settings(found))),
+        PageSection("Noise", (noise_table(found),)),
+        PageSection("Warnings", (tuple(map(words, fact.warnings)) or "None.",)),
+        PageSection("Settings and versions", tuple(_settings(found))),
     ]
     logs = ", ".join(log.name for log in fact.logs)
     return render(f"What could be reached with {fact.model.name}", f"Least standard deviations from {logs}.", sections)
 
 
-def _formulas(found: Reach) -> Iterator[Block]:
+def _formulas(found: AccuracyBound) -> Iterator[PageBlock]:
     """Yield what the shortened names stand for, where there are any."""
     cut = [(_label(found, k), name) for k, name in enumerate(found.names) if _label(found, k) != name]
     if cut:
         columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
-        yield Table(columns, tuple(cut), "Base parameters: the combinations that act on the torque each in its own way")
+        yield PageTable(
+            columns, tuple(cut), "Base parameters: the combinations that act on the torque each in its own way"
+        )
 
 
-def _settings(found: Reach) -> Iterator[Block]:
+def _settings(found: AccuracyBound) -> Iterator[PageBlock]:
     settings = settings_of(found.identification)
     configuration = settings.pop("configuration", None)
     yield pairs("setting", list(settings.items()))
@@ -236,7 +239,7 @@ def _settings(found: Reach) -> Iterator[Block]:
     yield pairs("program", list(found.identification.versions.items()))
 
 
-def bound_dict(found: Reach) -> dict[str, Any]:
+def bound_dict(found: AccuracyBound) -> dict[str, Any]:
     """Return everything as plain values. Standard deviations are in the parameters' units, shares from 0 to 1."""
     joints = [joint.name for joint in found.identification.model.joints]
     parameters = [

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.calibration import Delay, Lean
-from dynident.diagnostics import Severity
-from dynident.report.page import Column, Table, number
+from dynident.errors import Severity
+from dynident.identification import BaseTilt, TimeOffset
+from dynident.report.page import Column, PageTable, number
 from dynident.report.wording import words
 
 if TYPE_CHECKING:
-    from dynident.diagnostics import Channel, Finding, Timing
-    from dynident.examination import Agreement, Examination, Excitation
-    from dynident.examination.motion import Rank
+    from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
 
 __all__ = ["check_dict", "check_summary", "check_tables"]
 
@@ -26,18 +24,18 @@ MOST_NAMES = 8
 WORD = Column("", numeric=False)
 
 
-def check_summary(examination: Examination) -> str:
+def check_summary(examination: CheckResult) -> str:
     """Return the outcome in one sentence."""
     counts = Counter(finding.severity for finding in (group[0] for group in _groups(examination.findings)))
     told = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
     return f"{' and '.join(told) or 'No errors and no warnings'}."
 
 
-def check_tables(examination: Examination) -> list[Table]:
+def check_tables(examination: CheckResult) -> list[PageTable]:
     """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
     groups = _groups(examination.findings)
     tables = [
-        Table((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
+        PageTable((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
         for severity, title in TITLES.items()
         if (rows := [_row(group) for group in groups if group[0].severity == severity])
     ]
@@ -52,7 +50,7 @@ def check_tables(examination: Examination) -> list[Table]:
     return tables
 
 
-def check_dict(examination: Examination) -> dict[str, Any]:
+def check_dict(examination: CheckResult) -> dict[str, Any]:
     """Return everything as plain values: findings, and facts on logs, joints, rank and links."""
     return {
         "findings": [_plain(finding) for finding in examination.findings],
@@ -81,16 +79,16 @@ def _plain(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _rank(rank: Rank) -> dict[str, Any]:
+def _rank(rank: ExcitedRank) -> dict[str, Any]:
     return {**asdict(rank), "missing": [{**asdict(one), "words": words(one)} for one in rank.missing]}
 
 
 def _message(finding: Finding) -> str:
     said = words(finding.message)
-    if isinstance(finding.message, Delay):
+    if isinstance(finding.message, TimeOffset):
         return f"delay: {said}."
-    if isinstance(finding.message, Lean):
-        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `lean: estimate` in the model."
+    if isinstance(finding.message, BaseTilt):
+        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
     return said
 
 
@@ -125,7 +123,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST_NAMES]) + more
 
 
-def _time_table(timings: Mapping[str, Timing]) -> Table:
+def _time_table(timings: Mapping[str, Timing]) -> PageTable:
     heads = ("samples", "length, s", "rate, Hz", "jitter, %", "longest step, ms", "lost", "noise if even")
     rows = tuple(
         (
@@ -140,17 +138,17 @@ def _time_table(timings: Mapping[str, Timing]) -> Table:
         )
         for name, one in timings.items()
     )
-    return Table((Column("log", numeric=False), *map(Column, heads)), rows, "Time")
+    return PageTable((Column("log", numeric=False), *map(Column, heads)), rows, "Time")
 
 
-def _motion_table(examination: Examination) -> Table:
+def _motion_table(examination: CheckResult) -> PageTable:
     heads = (
         ("from", "position"), ("to", "position"), ("peak", "speed"), ("rms", "speed"), ("peak", "acceleration"),
         ("rms", "acceleration"), ("turns", ""), ("slow, %", ""), ("peak", "torque"), ("follows file", "torque"),
     )  # fmt: skip
     rows = tuple(map(_motion_row, examination.excitations, examination.agreements))
     columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return Table(columns, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)")
+    return PageTable(columns, rows, "Motion in training, SI (peak: 99.9 %; min_speed: below 2 % of the peak speed)")
 
 
 def _motion_row(moved: Excitation, torque: Agreement) -> tuple[str, ...]:
@@ -168,15 +166,15 @@ def _motion_row(moved: Excitation, torque: Agreement) -> tuple[str, ...]:
     return (moved.joint, *cells, str(moved.reversals), slow, number(moved.torque, 3), follows)
 
 
-def _rank_table(examination: Examination) -> Table:
+def _rank_table(examination: CheckResult) -> PageTable:
     found = examination.rank
     assert found is not None  # noqa: S101 -- made together with the excitations
     row = (str(found.count), str(found.structural), str(found.on_data), number(found.condition, 3))
     heads = ("parameters", "rank any motion shows", "rank of these motions", "condition")
-    return Table(tuple(map(Column, heads)), (row,), "What the training shows of the model")
+    return PageTable(tuple(map(Column, heads)), (row,), "What the training shows of the model")
 
 
-def _channel_table(name: str, channels: Sequence[Channel]) -> Table:
+def _channel_table(name: str, channels: Sequence[ChannelFacts]) -> PageTable:
     heads = (
         ("noise", "position"), ("step", "position"), ("noise/step", "position"),
         ("repeats, %", "position"), ("still, %", "position"),
@@ -184,17 +182,17 @@ def _channel_table(name: str, channels: Sequence[Channel]) -> Table:
     )  # fmt: skip
     rows = tuple(tuple(_channel_row(one)) for one in channels)
     columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return Table(columns, rows, f"Channels of {name}, SI")
+    return PageTable(columns, rows, f"Channels of {name}, SI")
 
 
-def _channel_row(one: Channel) -> Iterator[str]:
+def _channel_row(one: ChannelFacts) -> Iterator[str]:
     yield one.joint
     yield from (number(one.noise, 2), number(one.resolution, 3), number(one.noise / one.resolution, 2))
     yield from (number(100 * one.repeats, 2), number(100 * one.still, 2))
     yield from (number(one.rms, 3), number(one.torque_noise, 2), number(one.torque_resolution, 3))
 
 
-def _link_table(examination: Examination) -> Table:
+def _link_table(examination: CheckResult) -> PageTable:
     heads = ("mass, kg", "centre at, m", "smallest", "middle", "largest")
     groups = ("", "", *["moments"] * 3)
     rows = [
@@ -203,7 +201,7 @@ def _link_table(examination: Examination) -> Table:
     ]
     rows.append(("all", number(sum(x.mass for x in examination.links)), *[""] * 4))
     columns = (Column("link", numeric=False), *(Column(head, group) for head, group in zip(heads, groups, strict=True)))
-    return Table(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
+    return PageTable(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
 
 
 def _count(value: int, word: str) -> str:

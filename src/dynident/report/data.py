@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident import plot
-from dynident.examination.motion import Excitation, excitation
-from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number, pairs
+from dynident.checks import Excitation
+from dynident.checks.motion import excitation
+from dynident.report import figures
+from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number, pairs
 from dynident.report.wording import settings_of
 from dynident.report.words import ROLES, count, labelled, logs_of, points
 
 if TYPE_CHECKING:
-    from dynident.identify import Identification
+    from dynident.identification import Identification
     from dynident.log import Motion
 
 __all__ = ["data_section", "excitation_table", "smoothing_section"]
@@ -38,10 +39,10 @@ _HEADS = {
 }
 
 
-def data_section(identification: Identification) -> Section:
+def data_section(identification: Identification) -> PageSection:
     """Return the section of the robot and the logs: what was found before the fit, joints, recordings."""
-    blocks: list[Block] = [pairs("", list(_facts(identification)), "Robot")]
-    return Section("Robot and data", (*blocks, _joint_table(identification), _log_table(identification)))
+    blocks: list[PageBlock] = [pairs("", list(_facts(identification)), "Robot")]
+    return PageSection("Robot and data", (*blocks, _joint_table(identification), _log_table(identification)))
 
 
 def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
@@ -54,7 +55,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
     for term in model.terms:
         if gravity := getattr(term, "gravity", None):
             yield "gravity in the base frame", f"({', '.join(number(float(x)) for x in gravity)}) m/s²"
-    for key, meaning in (("lean", "lean of the base"), ("delay", "delay of the positions")):
+    for key, meaning in (("lean", "tilt of the base"), ("delay", "delay of the positions")):
         if key in settings:
             yield meaning, settings[key]
     for key, meaning in (
@@ -66,7 +67,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
             yield meaning, settings[key]
 
 
-def _joint_table(identification: Identification) -> Table:
+def _joint_table(identification: Identification) -> PageTable:
     limits = identification.model.limits
     heads = [Column("joint", numeric=False), Column("kind", numeric=False)]
     if limits:
@@ -79,14 +80,14 @@ def _joint_table(identification: Identification) -> Table:
             named = ("lower", unit), ("upper", unit), ("velocity", f"{unit}/s"), ("effort", joint.effort)
             cells += [_with_unit(getattr(limit, key, None), unit) for key, unit in named]
         rows.append(tuple(cells))
-    return Table(tuple(heads), tuple(rows), "Joints")
+    return PageTable(tuple(heads), tuple(rows), "Joints")
 
 
 def _with_unit(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{number(value)} {unit}"
 
 
-def _log_table(identification: Identification) -> Table:
+def _log_table(identification: Identification) -> PageTable:
     heads = ("rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s")
     columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
     rows = []
@@ -104,10 +105,10 @@ def _log_table(identification: Identification) -> Table:
             number(float(t[-1] - used[-1]), 2),
         ]
         rows.append((log.name, ROLES.get(log.role, log.role), *cells))
-    return Table(columns, tuple(rows), "Recordings")
+    return PageTable(columns, tuple(rows), "Recordings")
 
 
-def excitation_table(identification: Identification) -> tuple[Block, ...]:
+def excitation_table(identification: Identification) -> tuple[PageBlock, ...]:
     """Return how the joints move in training, how far they go beyond it when held out, and the words for it."""
     train, held = ([log.motion for log in logs_of(identification, role)] for role in ("train", "validation"))
     limits = identification.model.limits
@@ -132,7 +133,7 @@ def excitation_table(identification: Identification) -> tuple[Block, ...]:
         {getattr(joint, key): None for joint in identification.model.joints} for key in ("unit", "effort")
     )
     caption = f"Motion in training; {' or '.join(lengths)}, s, {' or '.join(efforts)}"
-    return _EXCITATION, Table(columns, tuple(rows), caption)
+    return _EXCITATION, PageTable(columns, tuple(rows), caption)
 
 
 def _excited(moved: Excitation, limit: Any, limited: bool) -> list[str]:
@@ -154,20 +155,22 @@ def _ratio(one: float, other: float) -> str:
     return number(one / other if other > 0 else None, 2)
 
 
-def smoothing_section(identification: Identification) -> Section:
+def smoothing_section(identification: Identification) -> PageSection:
     """Return the section of the smoothing: a table, and the motion of one log and joint at a time."""
     fine, views = points(identification), []
     for label, k in labelled(identification):
         log, recorded = identification.logs[k], identification.recorded[k] if identification.recorded else None
         for joint in identification.model.joints:
-            figure = plot.motion_figure(log.motion, joint.name, joint.unit, fine, recorded, identification.delay)
+            figure = figures.motion_figure(
+                log.motion, joint.name, joint.unit, fine, recorded, identification.time_offset
+            )
             caption = f"{joint.name}: position and its derivatives, samples that were used."
             views.append(((label, joint.name), (Figure(figure, caption),)))
     gallery = Gallery(("log", "joint"), tuple(views))
-    return Section("Smoothing", (_SMOOTHING, *_smoothing(identification), gallery))
+    return PageSection("Smoothing", (_SMOOTHING, *_smoothing(identification), gallery))
 
 
-def _smoothing(identification: Identification) -> Iterator[Block]:
+def _smoothing(identification: Identification) -> Iterator[PageBlock]:
     """Yield one table of what the smoothers say in one number per joint, and their words below it."""
     motions = [(log.name, log.motion) for log in identification.logs]
     yield from _smoothing_table(motions)
@@ -181,7 +184,7 @@ def _smoothing(identification: Identification) -> Iterator[Block]:
         yield tuple(f"{name}: {words}" for name, words in said.items())
 
 
-def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[Block]:
+def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[PageBlock]:
     keys = list(dict.fromkeys(key for _, motion in motions for key in motion.smoothing if _per_joint(motion, key)))
     rows = [
         (name, joint, *(_smoothing_cell(motion, key, j) for key in keys))
@@ -191,7 +194,7 @@ def _smoothing_table(motions: Sequence[tuple[str, Motion]]) -> Iterator[Block]:
     if keys:
         words = (Column("log", numeric=False), Column("joint", numeric=False))
         columns = (*words, *(Column(_HEADS.get(key, key)) for key in keys))
-        table = Table(columns, tuple(rows), "Smoothing per log and joint")
+        table = PageTable(columns, tuple(rows), "Smoothing per log and joint")
         title = f"Smoothing of {count(len(motions), 'log')}, joint by joint"
         yield table if len(rows) < MANY else Fold(title, (table,))
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident import plot
-from dynident.report.page import Column, Figure, Section, Table, number
+from dynident.report import figures
+from dynident.report.page import Column, Figure, PageSection, PageTable, number
 
 if TYPE_CHECKING:
-    from dynident.article import Case, Reproduction
+    from dynident.studies import Case, Reproduction
 
-__all__ = ["efficiency_section", "efficiency_table", "nearest"]
+__all__ = ["efficiency_section", "efficiency_table", "median_efficiency"]
 
 _BOUND = (
     "The Cramér-Rao bound is the least error of any unbiased method that knows the noise, that the motion starts from "
@@ -23,7 +23,7 @@ _BOUND = (
 )
 
 
-def nearest(reproduction: Reproduction) -> str:
+def median_efficiency(reproduction: Reproduction) -> str:
     """Say how far each method is from the bound: rms error over bound, the median over parameters and levels."""
     ratios: dict[str, list[float]] = {}
     for case in reproduction.cases:
@@ -32,13 +32,13 @@ def nearest(reproduction: Reproduction) -> str:
     if not ratios:
         return ""
     parts = [
-        f"{plot.method_name(method)} {number(float(np.median(found)), 3)} (at most {number(max(found), 3)})"
+        f"{figures.method_name(method)} {number(float(np.median(found)), 3)} (at most {number(max(found), 3)})"
         for method, found in ratios.items()
     ]
     return f"Median over parameters and noise levels of the rms error over the Cramér-Rao bound: {', '.join(parts)}."
 
 
-def efficiency_section(reproduction: Reproduction) -> Iterator[Section]:
+def efficiency_section(reproduction: Reproduction) -> Iterator[PageSection]:
     """Yield the section that compares the methods with the bound, where it is known."""
     table = tuple(efficiency_table(reproduction))
     if not table:
@@ -48,10 +48,12 @@ def efficiency_section(reproduction: Reproduction) -> Iterator[Section]:
         "distance of a mark from its bar is what a better method could gain."
     )
     words = _BOUND.format(scatter=number(100 / np.sqrt(2 * reproduction.runs), 2))
-    yield Section("How near to the bound", (words, Figure(plot.efficiency_figure(reproduction), caption), *table))
+    yield PageSection(
+        "How near to the bound", (words, Figure(figures.efficiency_figure(reproduction), caption), *table)
+    )
 
 
-def efficiency_table(reproduction: Reproduction) -> Iterator[Table]:
+def efficiency_table(reproduction: Reproduction) -> Iterator[PageTable]:
     """Yield the table of rms errors over the bound, coverage and convergence: one row per method and noise level."""
     if not reproduction.bounds:
         return
@@ -63,10 +65,10 @@ def efficiency_table(reproduction: Reproduction) -> Iterator[Table]:
             continue
         cells = [number(float(x), 2) for x in _over_bound(case, reproduction)]
         cells += [number(100 * float(x), 3) for x in (np.mean(case.coverage), np.min(case.coverage))]
-        rows.append((plot.scientific(case.sigma_q2), plot.method_name(case.method), *cells, str(case.unsettled)))
-    yield Table(tuple(columns), tuple(rows), "Rms error of each parameter over the bound, and how intervals hold")
+        rows.append((figures.scientific(case.sigma_q2), figures.method_name(case.method), *cells, str(case.unsettled)))
+    yield PageTable(tuple(columns), tuple(rows), "Rms error of each parameter over the bound, and how intervals hold")
 
 
-def _over_bound(case: Case, reproduction: Reproduction) -> plot.Array:
+def _over_bound(case: Case, reproduction: Reproduction) -> figures.Array:
     error = np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0))
     return np.asarray(error / np.sqrt(reproduction.bounds[case.sigma_q2]))

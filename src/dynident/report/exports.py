@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynident.report.page import Block, Column, Section, Table, number
+from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -18,7 +18,7 @@ _LEAD = (
 )
 
 
-def export_section(exports: Sequence[Export]) -> Iterator[Section]:
+def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     """Yield the section on the files, where there are any."""
     if not exports:
         return
@@ -28,14 +28,14 @@ def export_section(exports: Sequence[Export]) -> Iterator[Section]:
     )
     words = (Column("file", numeric=False), Column("difference"))
     columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
-    blocks: list[Block] = [_LEAD, Table(columns, rows, "Files of the identified model")]
+    blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model")]
     for one in exports:
         told = [*([f"Not written: {one.refusal}"] if one.refusal else []), *(one.written.notes if one.written else ())]
         told += [f"Not in the file: {words}." for words in (one.written.left_out if one.written else ())]
         told += one.proof.skipped if one.proof else ()
         if told:
-            blocks.append(Section(one.file, (tuple(told),)))
-    yield Section("Files of the model", tuple(blocks))
+            blocks.append(PageSection(one.file, (tuple(told),)))
+    yield PageSection("Files of the model", tuple(blocks))
 
 
 def export_notes(exports: Sequence[Export]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
-from dynident.report.page import Block, Fold, Section, render, terminal
+from dynident.report.page import Fold, PageBlock, PageSection, render, terminal
 from dynident.report.parameters import LONGEST, brief, parameter_results, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import rich.table
 
     from dynident.export import Export
-    from dynident.identify import Identification
+    from dynident.identification import Identification
     from dynident.validation import LogValidation
 
 __all__ = ["identification_notes", "identification_page", "identification_tables", "result_dict"]
@@ -41,7 +41,7 @@ def identification_page(identification: Identification, exports: Sequence[Export
         *consistency_section(identification),
         smoothing_section(identification),
         *export_section(exports),
-        Section("Warnings", tuple(_warnings(identification))),
+        PageSection("Warnings", tuple(_warnings(identification))),
         repeat_section(identification),
     ]
     return render(f"Identification of {identification.model.name}", _lead(identification), sections)
@@ -60,7 +60,7 @@ def _lead(identification: Identification) -> str:
     )
 
 
-def _warnings(identification: Identification) -> Iterator[Block]:
+def _warnings(identification: Identification) -> Iterator[PageBlock]:
     yield tuple(words(note) for note in identification.warnings) or "None."
     rest = [note for note in identification.estimate.notes if note not in identification.warnings]
     if status := "; ".join(map(words, rest)):
@@ -114,6 +114,6 @@ def _errors(log: LogValidation) -> dict[str, Any]:
         "per_joint": {joint: float(value) for joint, value in log.per_joint.items()},
         "per_joint_filtered": dict(log.per_joint_filtered),
         "effort_share": dict(log.effort_share),
-        "explained": dict(log.explained),
+        "explained": dict(log.r2),
         "residuals": {joint: {**asdict(test), "words": causes_words(test)} for joint, test in log.residuals.items()},
     }

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Badge",
-    "Block",
     "Code",
     "Column",
     "Facts",
     "Figure",
     "Fold",
     "Gallery",
-    "Section",
-    "Table",
+    "PageBlock",
+    "PageSection",
+    "PageTable",
     "number",
     "pairs",
     "render",
@@ -49,7 +49,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table of texts: each row has one cell per column."""
 
     columns: tuple[Column, ...]
@@ -107,11 +107,11 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PageSection:
     """A titled part of a page; text becomes a paragraph, a tuple of texts a list, a section a part of its own."""
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: tuple[PageBlock, ...]
     badge: Badge | None = None
 
 
@@ -120,7 +120,7 @@ class Fold:
     """Blocks behind their title, which a reader opens."""
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: tuple[PageBlock, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ class Gallery:
     """
 
     labels: tuple[str, ...]
-    views: tuple[tuple[tuple[str, ...], tuple[Block, ...]], ...]
+    views: tuple[tuple[tuple[str, ...], tuple[PageBlock, ...]], ...]
 
     @property
     def options(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -140,7 +140,7 @@ class Gallery:
         return tuple((label, tuple(dict.fromkeys(column))) for label, column in zip(self.labels, columns, strict=False))
 
 
-Block = str | tuple[str, ...] | Table | Facts | Code | Figure | Section | Fold | Gallery
+PageBlock = str | tuple[str, ...] | PageTable | Facts | Code | Figure | PageSection | Fold | Gallery
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -158,13 +158,13 @@ def number(value: float | None, digits: int = 4) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
-def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> Table:
+def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> PageTable:
     """Return a table of names and texts, such as settings or versions."""
     columns = (Column(title, numeric=False), Column("value" if title else "", numeric=False))
-    return Table(columns, tuple((str(name), str(text)) for name, text in content), caption)
+    return PageTable(columns, tuple((str(name), str(text)) for name, text in content), caption)
 
 
-def terminal(table: Table) -> rich.table.Table:
+def terminal(table: PageTable) -> rich.table.Table:
     """Return the table for a terminal; names are not read as rich's markup."""
     import rich.table
     from rich.box import SIMPLE_HEAD
@@ -183,7 +183,7 @@ def terminal(table: Table) -> rich.table.Table:
     return drawn
 
 
-def render(title: str, lead: str, sections: Sequence[Section]) -> str:
+def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     """Return one HTML page: title, lead, contents, sections; plotly.js is embedded once, if there is a figure.
 
     All texts are escaped, except those that are ``markupsafe.Markup`` already.
@@ -217,16 +217,16 @@ def _plotly() -> Markup:
     return Markup(get_plotlyjs())  # noqa: S704 -- the library's own script, not a text of the user
 
 
-def _kind(block: Block) -> str:
+def _kind(block: PageBlock) -> str:
     if isinstance(block, str):
         return "html" if hasattr(block, "__html__") else "text"
-    return "list" if isinstance(block, tuple) else type(block).__name__.lower()
+    return "list" if isinstance(block, tuple) else type(block).__name__.removeprefix("Page").lower()
 
 
-def _has_figure(block: Block) -> bool:
+def _has_figure(block: PageBlock) -> bool:
     if isinstance(block, Gallery):
         return any(_has_figure(inner) for _, blocks in block.views for inner in blocks)
-    if isinstance(block, Section | Fold):
+    if isinstance(block, PageSection | Fold):
         return any(_has_figure(inner) for inner in block.blocks)
     return isinstance(block, Figure)
 

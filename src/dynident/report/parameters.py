@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident import plot
 from dynident.estimators import Provenance
-from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
+from dynident.models import INERTIAL
+from dynident.report import figures
+from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.words import listed, motion_known
-from dynident.terms.term import INERTIAL
 
 if TYPE_CHECKING:
-    from dynident.identify import Identification
-    from dynident.terms.term import Parameter
+    from dynident.identification import Identification
+    from dynident.models import Parameter
 
 __all__ = [
     "brief",
@@ -53,12 +53,14 @@ _COMBINED = (
 )
 
 
-def parameter_section(identification: Identification) -> Section:
+def parameter_section(identification: Identification) -> PageSection:
     """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
     parameters = identification.model.parameters
-    blocks: list[Block] = [" ".join((_certain(identification), *rank_sentence(identification)))]
+    blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification)))]
     blocks += [_ROBUST] if identification.std_hac is not None else []
-    blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.basis else []
+    blocks += (
+        [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base_parameters else []
+    )
     table = parameter_table(identification)
     if len(parameters) <= FULL_LIST:
         blocks.append(table)
@@ -70,28 +72,28 @@ def parameter_section(identification: Identification) -> Section:
     if len(parameters) <= ONE_FIGURE:
         groups = {"all": list(range(len(parameters)))} if parameters else {}
     views = tuple(((group,), (_interval(identification, rows),)) for group, rows in groups.items())
-    return Section("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
+    return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
-def standard_errors(identification: Identification) -> plot.Array:
+def standard_errors(identification: Identification) -> figures.Array:
     """Return the standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
     plain, robust = np.asarray(identification.estimate.std), identification.std_hac
     return plain if robust is None else np.where(np.isfinite(robust), robust, plain)
 
 
-def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> Table:
+def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
     """Return the table of the ``chosen`` parameters, by default all; columns without content are left out."""
     estimate, parameters = identification.estimate, identification.model.parameters
     shown = range(len(parameters)) if chosen is None else chosen
     errors = standard_errors(identification)
-    relative = plot.relative_std(estimate.value, errors)
+    relative = figures.relative_std(estimate.value, errors)
     robust = identification.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
     meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
     verdict = _verdicts(identification)
     columns = [Column("parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     columns += [Column("if independent", muted=True)] * robust
-    reference = "nominal" if plot.only_nominal(identification.model) else "true"
+    reference = "nominal" if figures.only_nominal(identification.model) else "true"
     columns += [Column(reference)] * known + [Column("unit", numeric=False)]
     columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
     rows = []
@@ -103,12 +105,12 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
         row += [number(parameters[k].value)] * known + [estimate.units[k]]
         row += list(verdict[k : k + 1]) + [parameters[k].expression] * meant
         rows.append(tuple(row))
-    return Table(tuple(columns), tuple(rows), "Parameters with their standard errors")
+    return PageTable(tuple(columns), tuple(rows), "Parameters with their standard errors")
 
 
 def _verdicts(identification: Identification) -> tuple[str, ...]:
     """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
-    estimate, basis = identification.estimate, identification.basis
+    estimate, basis = identification.estimate, identification.base_parameters
     if estimate.provenance or basis is None:
         return tuple(PROVENANCES[one] for one in estimate.provenance)
     alone, none = set(basis.determined), set(basis.without_effect)
@@ -119,10 +121,10 @@ def _verdicts(identification: Identification) -> tuple[str, ...]:
 
 def _certain(identification: Identification) -> str:
     estimate = identification.estimate
-    relative = plot.relative_std(estimate.value, standard_errors(identification))
+    relative = figures.relative_std(estimate.value, standard_errors(identification))
     well = int((relative <= WELL).sum())
     unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
-    rest = f"; less certain: {listed(unsure)}" if unsure and not identification.basis else ""
+    rest = f"; less certain: {listed(unsure)}" if unsure and not identification.base_parameters else ""
     return f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
 
 
@@ -143,17 +145,17 @@ def _group(parameter: Parameter) -> str:
 
 def _interval(identification: Identification, rows: list[int]) -> Figure:
     estimate, model = identification.estimate, identification.model
-    figure = plot.interval_figure(
+    figure = figures.interval_figure(
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
         standard_errors(identification)[rows],
-        [model.parameters[k].value for k in rows] if not plot.only_nominal(model) else (),
+        [model.parameters[k].value for k in rows] if not figures.only_nominal(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
 
 
-def terminal_parameters(identification: Identification) -> tuple[Table, tuple[str, ...]]:
+def terminal_parameters(identification: Identification) -> tuple[PageTable, tuple[str, ...]]:
     """Return the table for a terminal, which of a large model shows what is not inertial, and what to say below it."""
     parameters = identification.model.parameters
     shown = _not_inertial(parameters)
@@ -170,7 +172,7 @@ def _not_inertial(parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
 
 def rank_sentence(identification: Identification) -> tuple[str, ...]:
     """Say how many combinations the data show of a robot's standard parameters, which is never all; else nothing."""
-    estimate, basis = identification.estimate, identification.basis
+    estimate, basis = identification.estimate, identification.base_parameters
     rank, count = basis.rank if basis else estimate.rank, len(estimate.names)
     standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
     if rank == count or not standard:
@@ -188,7 +190,7 @@ def brief(warning: str) -> str:
 
 def parameter_results(identification: Identification) -> dict[str, Any]:
     """Return the parameters, and what is known of base parameters and consistency, as plain values."""
-    estimate, basis = identification.estimate, identification.basis
+    estimate, basis = identification.estimate, identification.base_parameters
     columns = zip(estimate.names, estimate.value, estimate.std, estimate.units, strict=True)
     rows: list[dict[str, Any]] = [
         {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.report.page import Column, Table, number
-from dynident.terms.term import Joint
+from dynident.models import Joint
+from dynident.report.page import Column, PageTable, number
 
 if TYPE_CHECKING:
     import polars as pl
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["prediction_frame", "prediction_table"]
 
 
-def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) -> Table:
+def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) -> PageTable:
     """Return the errors per log and joint, for logs with measured torques."""
     rows: list[tuple[str, ...]] = []
     for log in found:
@@ -29,7 +29,7 @@ def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) ->
         ]
     words = (Column("log", numeric=False), Column("joint", numeric=False))
     columns = (*words, Column("error, %"), Column("rmse"), Column("unit", numeric=False))
-    return Table(columns, tuple(rows), "Torque error per log and joint, unfiltered")
+    return PageTable(columns, tuple(rows), "Torque error per log and joint, unfiltered")
 
 
 def prediction_frame(found: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident import plot
 from dynident.errors import ConfigError, InputError
-from dynident.report.page import Column, Figure, Section, Table, number, render
+from dynident.report import figures
+from dynident.report.page import Column, Figure, PageSection, PageTable, number, render
 from dynident.splines import Rule, SmoothingSpline, smooth
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from dynident.io.tables import Table as Columns
+    from dynident.io.tables import DataTable as Columns
 
 __all__ = ["Smoothed", "smoothed_columns", "smoothing_page", "smoothing_table"]
 
@@ -30,7 +30,7 @@ class Smoothed:
 
     time: str
     names: tuple[str, ...]
-    measured: plot.Array
+    measured: figures.Array
     fit: SmoothingSpline
 
     def frame(self) -> pl.DataFrame:
@@ -70,18 +70,18 @@ def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]
         raise ConfigError(f"{source}: {clash[0]!r} would name both a column and a derivative; choose with --column.")
 
 
-def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> Table:
+def smoothing_table(names: Sequence[str], fit: SmoothingSpline) -> PageTable:
     """Return what was chosen for each column: noise, S, lam, effective degrees of freedom, bandwidth."""
     values = [np.atleast_1d(getattr(fit, key)) for key in _HEADS]
     rows = tuple((name, *(number(float(value[k])) for value in values)) for k, name in enumerate(names))
-    return Table((Column("column", numeric=False), *map(Column, _HEADS.values())), rows, "Smoothing per column")
+    return PageTable((Column("column", numeric=False), *map(Column, _HEADS.values())), rows, "Smoothing per column")
 
 
 def smoothing_page(source: str, names: Sequence[str], measured: np.ndarray, fit: SmoothingSpline) -> str:
     """Return the page: the table, and per column the measured and smoothed values with both derivatives."""
     parts = [fit.derivative(order) for order in range(3)]
-    sections = [Section("Smoothing", (smoothing_table(names, fit),))]
+    sections = [PageSection("Smoothing", (smoothing_table(names, fit),))]
     for k, name in enumerate(names):
-        figure = plot.smoothing_figure(fit.t, measured[:, k], [part[:, k] for part in parts])
-        sections.append(Section(name, (Figure(figure, name),)))
+        figure = figures.smoothing_figure(fit.t, measured[:, k], [part[:, k] for part in parts])
+        sections.append(PageSection(name, (Figure(figure, name),)))
     return render(f"Smoothed {source}", "Natural cubic smoothing splines and their derivatives.", sections)

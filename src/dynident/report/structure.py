@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident import plot
+from dynident.report import figures
 from dynident.report.data import excitation_table
-from dynident.report.page import Block, Column, Facts, Figure, Fold, Section, Table, number
+from dynident.report.page import Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import words
 from dynident.report.words import motion_known
 
 if TYPE_CHECKING:
-    from dynident.basis import Basis
-    from dynident.identify import Identification
+    from dynident.identification import Identification
+    from dynident.regression import BaseParameters
 
 __all__ = ["base_errors", "base_section", "condition_section", "consistency_section"]
 
@@ -35,51 +35,51 @@ _EIGENVALUES = (
 )
 
 
-def base_section(identification: Identification) -> Iterator[Section]:
+def base_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the base parameters where the identification has found them."""
-    basis = identification.basis
+    basis = identification.base_parameters
     if basis is None:
         return
     units = [identification.estimate.units[k] for k in basis.independent]
-    figure = plot.interval_figure(
+    figure = figures.interval_figure(
         basis.groupings, units, basis.to_base(identification.estimate.value), base_errors(identification)
     )
     caption = "Base parameters: 95 % intervals (1.96 standard errors to both sides) in % of the values."
     table, drawn = _base_table(identification, basis), Figure(figure, caption)
     said = f"{_BASE} {motion_known(identification)}"
     if basis.rank > MANY:
-        yield Section("Base parameters", (said, Fold(table.caption, (table,)), Fold("Their intervals", (drawn,))))
+        yield PageSection("Base parameters", (said, Fold(table.caption, (table,)), Fold("Their intervals", (drawn,))))
     else:
-        yield Section("Base parameters", (said, table, drawn))
+        yield PageSection("Base parameters", (said, table, drawn))
 
 
-def base_errors(identification: Identification) -> plot.Array:
+def base_errors(identification: Identification) -> figures.Array:
     """Return the standard errors (r) of the base parameters to believe; nan where there are none."""
-    robust, plain, basis = identification.base_std_hac, identification.base_std, identification.basis
+    robust, plain, basis = identification.base_std_hac, identification.base_std, identification.base_parameters
     if robust is not None:
         return robust
     return np.full(0 if basis is None else basis.rank, np.nan) if plain is None else plain
 
 
-def _base_table(identification: Identification, basis: Basis) -> Table:
+def _base_table(identification: Identification, basis: BaseParameters) -> PageTable:
     robust, plain = identification.base_std_hac is not None, identification.base_std
     values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
     heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
     rows = []
     for k, lead in enumerate(basis.independent):
-        relative = float(plot.relative_std(values[k : k + 1], errors[k : k + 1])[0])
+        relative = float(figures.relative_std(values[k : k + 1], errors[k : k + 1])[0])
         cells = [basis.groupings[k], number(float(values[k])), number(float(errors[k]), 2), number(relative, 2)]
         cells += [number(None if plain is None else float(plain[k]), 2)] * robust
         rows.append((*cells, identification.estimate.units[lead]))
-    return Table(tuple(heads), tuple(rows), "Base parameters and their values")
+    return PageTable(tuple(heads), tuple(rows), "Base parameters and their values")
 
 
-def condition_section(identification: Identification) -> Section:
+def condition_section(identification: Identification) -> PageSection:
     """Return the section of excitation and condition: how the joints moved, and what that shows of the model."""
-    basis, estimate = identification.basis, identification.estimate
+    basis, estimate = identification.base_parameters, identification.estimate
     meaning, table = excitation_table(identification)
-    facts, blocks = [], list[Block]()
+    facts, blocks = [], list[PageBlock]()
     if basis is None:
         facts += [(f"{estimate.rank} of {len(estimate.names)}", "rank on the data")]
         facts += [(number(float(estimate.condition), 3), "condition of the regressor, columns scaled")]
@@ -90,26 +90,26 @@ def condition_section(identification: Identification) -> Section:
         facts += [(str(structural.rank), "rank that any motion could show")] if structural else []
         facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
         facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
-        blocks.append(Figure(plot.singular_figure(basis), _SINGULAR))
-    missing = tuple(words(one) for one in identification.missing)
+        blocks.append(Figure(figures.singular_figure(basis), _SINGULAR))
+    missing = tuple(words(one) for one in identification.unexcited)
     if missing:
-        blocks.append(Section("What these data do not show", (missing,)))
-    return Section("Excitation and condition", (Facts(tuple(facts)), meaning, table, *blocks))
+        blocks.append(PageSection("What these data do not show", (missing,)))
+    return PageSection("Excitation and condition", (Facts(tuple(facts)), meaning, table, *blocks))
 
 
-def consistency_section(identification: Identification) -> Iterator[Section]:
+def consistency_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section on what physics demands: the mass matrix, the bodies, and what the demands cost."""
     eigenvalues, costs = identification.estimate.eigenvalues, identification.estimate.costs
-    blocks: list[Block] = [words(identification.mass)] if identification.mass else []
+    blocks: list[PageBlock] = [words(identification.mass)] if identification.mass else []
     if eigenvalues:
         columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))
         rows = tuple((body, number(float(value), 3)) for body, value in eigenvalues.items())
-        blocks += [_EIGENVALUES, Table(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
+        blocks += [_EIGENVALUES, PageTable(columns, rows, "Smallest eigenvalue of the pseudo-inertia of each body")]
     if costs:
         columns = (Column("constraints", numeric=False), Column("cost, % of the torque"))
         rows = tuple(
             ("all together" if family == "all" else family, number(float(value), 3)) for family, value in costs.items()
         )
-        blocks.append(Table(columns, rows, "What the constraints add to the weighted error of the training data"))
+        blocks.append(PageTable(columns, rows, "What the constraints add to the weighted error of the training data"))
     if blocks:
-        yield Section("Physical consistency", tuple(blocks))
+        yield PageSection("Physical consistency", tuple(blocks))

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident import plot
-from dynident.report.efficiency import efficiency_section, efficiency_table, nearest
-from dynident.report.page import Block, Column, Figure, Section, Table, number, pairs, render, terminal
+from dynident.report import figures
+from dynident.report.efficiency import efficiency_section, efficiency_table, median_efficiency
+from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, pairs, render, terminal
 
 if TYPE_CHECKING:
     import rich.console
     import rich.table
 
-    from dynident.article import Case, Reproduction
+    from dynident.studies import Case, Reproduction
 
 __all__ = ["findings", "study_page", "study_tables", "study_text"]
 
@@ -30,14 +30,14 @@ def study_page(reproduction: Reproduction) -> str:
     found = tuple(_typeset(line) for line in findings(reproduction))
     tables = (replace(table, caption=_typeset(table.caption)) for table in _tables(reproduction))
     sections = [
-        Section("What was found", (found, _accuracy(reproduction), *_spread(reproduction))),
+        PageSection("What was found", (found, _accuracy(reproduction), *_spread(reproduction))),
         *efficiency_section(reproduction),
-        Section("What was done", _method(reproduction)),
-        Section("Means and variances of the estimates", (_LEGEND, *tables)),
+        PageSection("What was done", _method(reproduction)),
+        PageSection("Means and variances of the estimates", (_LEGEND, *tables)),
     ]
     if reproduction.traces:
-        sections.append(Section("Velocities and accelerations", tuple(_traces(reproduction))))
-    sections.append(Section("Settings", (pairs("setting", list(reproduction.settings.items())),)))
+        sections.append(PageSection("Velocities and accelerations", tuple(_traces(reproduction))))
+    sections.append(PageSection("Settings", (pairs("setting", list(reproduction.settings.items())),)))
     return render(f"The article's study, scenario {reproduction.scenario}", reproduction.description, sections)
 
 
@@ -63,7 +63,7 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 def findings(reproduction: Reproduction) -> list[str]:
     """Return 3 to 6 plain sentences: who is nearest, what is lost or of the wrong sign, article, bound, failures."""
     lines = [_ranking(reproduction), _losses(reproduction), _wrong_signs(reproduction), _agreement(reproduction)]
-    return [line for line in (*lines, nearest(reproduction), _failures(reproduction)) if line]
+    return [line for line in (*lines, median_efficiency(reproduction), _failures(reproduction)) if line]
 
 
 def _ranking(reproduction: Reproduction) -> str:
@@ -71,8 +71,8 @@ def _ranking(reproduction: Reproduction) -> str:
     for level in _levels(reproduction):
         errors = [(_rms(case, reproduction.true), case) for case in _at(reproduction, level) if len(case.estimates)]
         errors.sort(key=lambda pair: pair[0])
-        named = [f"{plot.method_name(case.method)} {number(error, 3)} %" for error, case in errors]
-        parts.append(f"{plot.scientific(level)}: {', '.join(named) or 'no run gave an estimate'}")
+        named = [f"{figures.method_name(case.method)} {number(error, 3)} %" for error, case in errors]
+        parts.append(f"{figures.scientific(level)}: {', '.join(named) or 'no run gave an estimate'}")
     rule = (
         "Relative error of a run (rms over the parameters and runs), nearest to the truth first, by sigma_q^2 in rad^2"
     )
@@ -93,7 +93,8 @@ def _losses(reproduction: Reproduction) -> str:
     lost = np.flatnonzero(_lost(worst, reproduction.true))
     names, first = [reproduction.names[i] for i in lost], lost[0]
     return (
-        f"Most is lost by {plot.method_name(worst.method)} at sigma_q^2 = {plot.scientific(worst.sigma_q2)}: the mean "
+        f"Most is lost by {figures.method_name(worst.method)} at sigma_q^2 = {figures.scientific(worst.sigma_q2)}: the "
+        f"mean "
         f"is off by more than half for {', '.join(names)}; {names[0]} is {number(float(worst.mean[first]))} instead "
         f"of {number(float(reproduction.true[first]))}."
     )
@@ -103,8 +104,8 @@ def _wrong_signs(reproduction: Reproduction) -> str:
     found: dict[str, list[str]] = {}
     for case in _estimated(reproduction):
         for i in np.flatnonzero(case.mean * reproduction.true < 0):
-            value = f"{number(float(case.mean[i]), 3)} at {plot.scientific(case.sigma_q2)}"
-            found.setdefault(f"{reproduction.names[i]} of {plot.method_name(case.method)}", []).append(value)
+            value = f"{number(float(case.mean[i]), 3)} at {figures.scientific(case.sigma_q2)}"
+            found.setdefault(f"{reproduction.names[i]} of {figures.method_name(case.method)}", []).append(value)
     if not found:
         return "Every mean has the sign of the true value."
     parts = [f"{name} ({', '.join(values)})" for name, values in found.items()]
@@ -120,7 +121,7 @@ def _agreement(reproduction: Reproduction) -> str:
                 gaps.setdefault(case.method, []).append(float(100 * abs((own - printed) / true)))
     if not gaps:
         return ""
-    parts = [f"{plot.method_name(method)} {number(float(np.median(gap)), 2)} %" for method, gap in gaps.items()]
+    parts = [f"{figures.method_name(method)} {number(float(np.median(gap)), 2)} %" for method, gap in gaps.items()]
     return f"Median distance from the article's printed means, in percent of the true value: {', '.join(parts)}."
 
 
@@ -130,26 +131,28 @@ def _failures(reproduction: Reproduction) -> str:
     if not failed:
         return f"All {total} estimations succeeded."
     parts = [
-        f"{case.failed} of {plot.method_name(case.method)} at {plot.scientific(case.sigma_q2)}"
+        f"{case.failed} of {figures.method_name(case.method)} at {figures.scientific(case.sigma_q2)}"
         for case in reproduction.cases
         if case.failed
     ]
     return f"{failed} of {total} estimations failed and are left out of means and variances: {', '.join(parts)}."
 
 
-def _accuracy(reproduction: Reproduction) -> Table:
+def _accuracy(reproduction: Reproduction) -> PageTable:
     """Tabulate bias and spread by method and noise level."""
     levels = _levels(reproduction)
     columns = [Column("method", numeric=False)]
-    columns += [Column(title, f"σq² = {plot.scientific(level)}") for level in levels for title in ("rms", "worst bias")]
+    columns += [
+        Column(title, f"σq² = {figures.scientific(level)}") for level in levels for title in ("rms", "worst bias")
+    ]
     rows = []
     for method in dict.fromkeys(case.method for case in reproduction.cases):
-        row = [plot.method_name(method)]
+        row = [figures.method_name(method)]
         for level in levels:
             case = next((case for case in _at(reproduction, level) if case.method == method), None)
             row += _accuracy_cells(case, reproduction) if case is not None and len(case.estimates) else ["-", "-"]
         rows.append(tuple(row))
-    return Table(tuple(columns), tuple(rows), "Relative error in percent of the true value")
+    return PageTable(tuple(columns), tuple(rows), "Relative error in percent of the true value")
 
 
 def _accuracy_cells(case: Case, reproduction: Reproduction) -> list[str]:
@@ -158,19 +161,19 @@ def _accuracy_cells(case: Case, reproduction: Reproduction) -> list[str]:
     return [number(_rms(case, reproduction.true), 3), f"{number(bias[worst], 3)} ({reproduction.names[worst]})"]
 
 
-def _spread(reproduction: Reproduction) -> Iterator[Block]:
+def _spread(reproduction: Reproduction) -> Iterator[PageBlock]:
     if any(len(case.estimates) for case in reproduction.cases):
         yield Figure(
-            plot.spread_figure(reproduction),
+            figures.spread_figure(reproduction),
             "Relative error of each run's estimate: one dot a run, the box holds the middle half of the runs, the blue "
             "line is the true value. The axis is linear within 1 % and logarithmic beyond: the distance of a box from "
             "the line is the bias, its height the spread.",
         )
 
 
-def _method(reproduction: Reproduction) -> tuple[Block, ...]:
-    methods = [plot.method_name(method) for method in dict.fromkeys(case.method for case in reproduction.cases)]
-    levels = ", ".join(f"{plot.scientific(level)}" for level in _levels(reproduction))
+def _method(reproduction: Reproduction) -> tuple[PageBlock, ...]:
+    methods = [figures.method_name(method) for method in dict.fromkeys(case.method for case in reproduction.cases)]
+    levels = ", ".join(f"{figures.scientific(level)}" for level in _levels(reproduction))
     columns = (Column("parameter", numeric=False), Column("meaning", numeric=False), Column("true value"))
     rows = zip(reproduction.names, reproduction.expressions, map(number, reproduction.true), strict=True)
     setup = (
@@ -184,7 +187,7 @@ def _method(reproduction: Reproduction) -> tuple[Block, ...]:
         f"variances σq² of {levels} rad², with these methods: {', '.join(methods)}. It took "
         f"{number(reproduction.seconds, 3)} s."
     )
-    return setup, runs, Table(columns, tuple(rows), "Parameters (equation 40)")
+    return setup, runs, PageTable(columns, tuple(rows), "Parameters (equation 40)")
 
 
 _LEGEND = (
@@ -193,13 +196,13 @@ _LEGEND = (
 )
 
 
-def _tables(reproduction: Reproduction) -> Iterator[Table]:
+def _tables(reproduction: Reproduction) -> Iterator[PageTable]:
     for level in _levels(reproduction):
         yield _table(reproduction, level, variance=False)
         yield _table(reproduction, level, variance=True)
 
 
-def _table(reproduction: Reproduction, level: float, variance: bool) -> Table:
+def _table(reproduction: Reproduction, level: float, variance: bool) -> PageTable:
     """Lay a table out as in the article: one row per parameter, one pair of columns per method."""
     columns = [Column("par.", numeric=False)]
     cells: list[Sequence[str]] = [reproduction.names]
@@ -219,11 +222,11 @@ def _table(reproduction: Reproduction, level: float, variance: bool) -> Table:
     what = "variance" if variance else "mean"
     numbers = TABLES.get(level)
     label = f"Table {numbers[variance]}: sample" if numbers else "Sample"
-    caption = f"{label} {what} of {reproduction.runs} estimates, sigma_q^2 = {plot.scientific(level)} rad^2"
-    return Table(tuple(columns), tuple(zip(*cells, strict=True)), caption)
+    caption = f"{label} {what} of {reproduction.runs} estimates, sigma_q^2 = {figures.scientific(level)} rad^2"
+    return PageTable(tuple(columns), tuple(zip(*cells, strict=True)), caption)
 
 
-def _numbers(values: plot.Array) -> list[str]:
+def _numbers(values: figures.Array) -> list[str]:
     return [number(float(value)) for value in values]
 
 
@@ -231,10 +234,10 @@ def _as_printed(value: float | None, variance: bool) -> str:
     """Show a printed value with the article's decimals, which are fewer than the own ones."""
     if value is None:
         return "-"
-    return plot.scientific(value) if variance else f"{value:.4f}"
+    return figures.scientific(value) if variance else f"{value:.4f}"
 
 
-def _traces(reproduction: Reproduction) -> Iterator[Block]:
+def _traces(reproduction: Reproduction) -> Iterator[PageBlock]:
     yield (
         "One run at σq² = 1e-6. The vertical range is that of the samples which all methods may use, as the distortion "
         "at the ends of the filtered signal is far larger; double-click a figure to see all of it, and click in the "
@@ -245,7 +248,7 @@ def _traces(reproduction: Reproduction) -> Iterator[Block]:
         for j, joint in enumerate(joints):
             source = f" (the article's figure {offset + j})" if offset is not None and j < 2 else ""
             caption = f"Angular {word} of {joint}{source}."
-            yield Figure(plot.trace_figure(reproduction.traces, j, quantity), caption)
+            yield Figure(figures.trace_figure(reproduction.traces, j, quantity), caption)
 
 
 def _levels(reproduction: Reproduction) -> list[float]:
@@ -260,10 +263,10 @@ def _estimated(reproduction: Reproduction) -> list[Case]:
     return [case for case in reproduction.cases if len(case.estimates)]
 
 
-def _rms(case: Case, true: plot.Array) -> float:
+def _rms(case: Case, true: figures.Array) -> float:
     return float(100 * np.sqrt(np.mean(((case.estimates - true) / true) ** 2)))
 
 
-def _lost(case: Case, true: plot.Array) -> NDArray[np.bool_]:
+def _lost(case: Case, true: figures.Array) -> NDArray[np.bool_]:
     lost: NDArray[np.bool_] = np.abs(case.mean - true) > LOST * np.abs(true)
     return lost

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from dynident import plot
-from dynident.report.page import Block, Column, Figure, Fold, Gallery, Section, Table, number
+from dynident.report import figures
+from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import causes_words, words
 from dynident.report.words import ROLES, labelled, points
 
 if TYPE_CHECKING:
-    from dynident.identify import Identification
+    from dynident.identification import Identification
     from dynident.validation import LogValidation
 
 __all__ = ["error_section", "error_table", "joint_table", "simulation_section", "torque_section"]
@@ -36,18 +36,18 @@ _TORQUES = (
 )
 
 
-def error_section(identification: Identification) -> Section:
+def error_section(identification: Identification) -> PageSection:
     """Return the section of the errors: per log, per joint, and what is left of the torque."""
     joints = [joint.name for joint in identification.model.joints]
-    figure = Figure(plot.error_figure(identification.logs, joints), "Torque error by joint, unfiltered.")
+    figure = Figure(figures.error_figure(identification.logs, joints), "Torque error by joint, unfiltered.")
     bars = (figure,) if len(joints) > 1 else ()
-    blocks: list[Block] = [_ERRORS, error_table(identification), *bars, _matrix(identification)]
+    blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, _matrix(identification)]
     if any(log.residuals for log in identification.logs):
         blocks.append(Fold("What is left of the torque: tests of the residuals", (_RESIDUALS, _left(identification))))
-    return Section("Errors", tuple(blocks))
+    return PageSection("Errors", tuple(blocks))
 
 
-def error_table(identification: Identification) -> Table:
+def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
     words = (Column("log", numeric=False), Column("role", numeric=False))
     columns = (*words, Column("samples"), Column("unfiltered, %"), Column("filtered, %"))
@@ -61,10 +61,10 @@ def error_table(identification: Identification) -> Table:
         )
         for log in identification.logs
     ]
-    return Table(columns, tuple(rows), "Relative torque error per log")
+    return PageTable(columns, tuple(rows), "Relative torque error per log")
 
 
-def joint_table(identification: Identification) -> Table:
+def joint_table(identification: Identification) -> PageTable:
     """Return the errors with one row per log and joint, as a terminal shows them."""
     columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
     rows = [
@@ -72,10 +72,12 @@ def joint_table(identification: Identification) -> Table:
         for log in identification.logs
         for joint in identification.model.joints
     ]
-    return Table((*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered")
+    return PageTable(
+        (*columns, Column("unit", numeric=False)), tuple(rows), "Torque error per log and joint, unfiltered"
+    )
 
 
-def _matrix(identification: Identification) -> Table:
+def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
     heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
     for log in identification.logs:
@@ -89,21 +91,21 @@ def _matrix(identification: Identification) -> Table:
             row += _joint_errors(log, joint.name)
             row += [number(log.effort_share.get(joint.name), 2)] * bool(log.effort_share)
         rows.append(tuple(row))
-    return Table(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
+    return PageTable(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
 
 
 def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str]:
     return number(log.per_joint.get(joint), 3), number(log.rmse.get(joint), 3)
 
 
-def _left(identification: Identification) -> Table:
+def _left(identification: Identification) -> PageTable:
     heads = ("explained", "of the effort limit, %", "independent after, s", "white, p", "below 5 Hz, %", "peak, Hz")
     columns = (Column("log", numeric=False), Column("joint", numeric=False), *map(Column, heads))
     rows = [
         (
             log.name,
             joint,
-            number(log.explained.get(joint), 4),
+            number(log.r2.get(joint), 4),
             number(log.effort_share.get(joint), 2),
             number(test.decorrelation, 2),
             number(test.p_value, 2),
@@ -116,10 +118,10 @@ def _left(identification: Identification) -> Table:
         for joint, test in log.residuals.items()
     ]
     more = (Column("at reversals, %"), Column("points to", numeric=False))
-    return Table((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
+    return PageTable((*columns, *more), tuple(rows), "What is left of the torque, unfiltered")
 
 
-def torque_section(identification: Identification) -> Section:
+def torque_section(identification: Identification) -> PageSection:
     """Return the section of the torques: one figure at a time, by log and joint."""
     fine = points(identification)
     views = []
@@ -130,12 +132,12 @@ def torque_section(identification: Identification) -> Section:
                 f"{joint.name}: relative error {number(log.per_joint.get(joint.name), 3)} %, "
                 f"rmse {number(log.rmse.get(joint.name), 3)} {joint.effort}."
             )
-            figure = Figure(plot.torque_figure(log, joint.name, joint.effort, fine), caption)
+            figure = Figure(figures.torque_figure(log, joint.name, joint.effort, fine), caption)
             views.append(((label, joint.name), (figure,)))
-    return Section("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
+    return PageSection("Torques", (_TORQUES, Gallery(("log", "joint"), tuple(views))))
 
 
-def simulation_section(identification: Identification) -> Iterator[Section]:
+def simulation_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the free simulations, where there are any."""
     if not identification.runs:
         return
@@ -156,8 +158,8 @@ def simulation_section(identification: Identification) -> Iterator[Section]:
         for joint in run.joints
     ]
     failures = tuple(f"{run.name}: {words(run.failure)}" for run in identification.runs if run.failure)
-    table = Table(columns, tuple(rows), "Free simulation beside the measured position")
-    yield Section("Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_runs(identification)))
+    table = PageTable(columns, tuple(rows), "Free simulation beside the measured position")
+    yield PageSection("Free simulation", (_RUNS, *((failures,) if failures else ()), table, *_runs(identification)))
 
 
 def _runs(identification: Identification) -> Iterator[Gallery]:
@@ -166,7 +168,7 @@ def _runs(identification: Identification) -> Iterator[Gallery]:
     views = tuple(
         (
             (label, joint),
-            (Figure(plot.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
+            (Figure(figures.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
         )
         for label, k in labelled(identification)
         if (run := runs.get(identification.logs[k].name))

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from dynident.identification import Use, judge
 from dynident.report.advice import IN_SENTENCES, sentences
-from dynident.report.page import Badge, Block, Facts, Fold, Section, number
+from dynident.report.page import Badge, Facts, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
 from dynident.report.words import logs_of
-from dynident.verdict import Use, judge
 
 if TYPE_CHECKING:
-    from dynident.identify import Identification
+    from dynident.identification import Identification
     from dynident.validation import LogValidation
 
 __all__ = ["verdict_results", "verdict_section", "verdict_text"]
@@ -29,17 +29,17 @@ def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
     return f"Verdict: {' '.join(sentences(verdict))}", tuple(map(words, verdict.next))
 
 
-def verdict_section(identification: Identification) -> Section:
+def verdict_section(identification: Identification) -> PageSection:
     """Return the verdict in three sentences, three numbers, what to do next, and all reasons behind a fold."""
     verdict = judge(identification)
     steps, reasons = tuple(map(words, verdict.next)), tuple(map(words, verdict.reasons))
-    blocks: list[Block] = [*sentences(verdict), Facts(tuple(_numbers(identification)), large=True)]
+    blocks: list[PageBlock] = [*sentences(verdict), Facts(tuple(_numbers(identification)), large=True)]
     if steps:
         more = (Fold(f"{len(steps) - FIRST_STEPS} more", (steps[FIRST_STEPS:],)),) if len(steps) > FIRST_STEPS else ()
-        blocks.append(Section("What to do next", (steps[:FIRST_STEPS], *more)))
+        blocks.append(PageSection("What to do next", (steps[:FIRST_STEPS], *more)))
     if len(reasons) > IN_SENTENCES:
         blocks.append(Fold(f"All {len(reasons)} reasons against more use", (reasons,)))
-    return Section("Verdict", tuple(blocks), Badge(verdict.use.value, TONES[verdict.use]))
+    return PageSection("Verdict", tuple(blocks), Badge(verdict.use.value, TONES[verdict.use]))
 
 
 def verdict_results(identification: Identification) -> dict[str, Any]:

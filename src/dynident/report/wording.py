@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident import control, residuals
-from dynident.basis import Missing
-from dynident.calibration import Delay, Lean
-from dynident.diagnostics import Note, Remark, Severity
+from dynident.bounds import Measure, Origin
+from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.model import MassMatrixCheck
-from dynident.reach import Measure, Origin
-from dynident.selection import Choice
+from dynident.identification import BaseTilt, Choice, TimeOffset
+from dynident.models import MassMatrixCheck
+from dynident.regression import UnexcitedParameters
+from dynident.validation import residuals
+from dynident.validation.free_run import Broken, RunsAway, Singular
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from dynident.estimators import Estimate
-    from dynident.identify import Identification
+    from dynident.identification import Identification
 
 __all__ = ["Line", "causes_words", "note_lines", "settings_of", "status_words", "words"]
 
@@ -67,8 +67,8 @@ def settings_of(identification: Identification) -> dict[str, str]:
     pairing = identification.pairing
     found = {
         "smoother": pairing and pairing.choice,
-        "delay": pairing and pairing.delay,
-        "lean": identification.lean,
+        "delay": pairing and pairing.time_offset,
+        "lean": identification.base_tilt,
     }
     return {**identification.settings, **{key: words(noun) for key, noun in found.items() if noun is not None}}
 
@@ -79,7 +79,7 @@ def _(note: Remark) -> str:
 
 
 @words.register
-def _(note: Missing) -> str:
+def _(note: UnexcitedParameters) -> str:
     how = "" if len(note.joints) == 1 else " at the same time" if note.together else " each by itself"
     still = f" (standing still in these data: {', '.join(note.still)})" if note.still else ""
     return f"{'; '.join(note.groupings)}: not excited by these data; move {', '.join(note.joints)}{how}{still}."
@@ -189,21 +189,21 @@ def _(cause: residuals.LowFrequency) -> str:  # noqa: ARG001
 
 @words.register
 def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
-    return f"something faster than {residuals.LOW:g} Hz, that is noise, ripple, elasticity or a delay"
+    return f"something faster than {residuals.LOW:g} Hz, that is noise, ripple, elasticity or a time offset"
 
 
 @words.register
-def _(failure: control.RunsAway) -> str:
+def _(failure: RunsAway) -> str:
     return f"the simulated position runs away after {failure.after:.3g} s"
 
 
 @words.register
-def _(failure: control.Singular) -> str:  # noqa: ARG001
+def _(failure: Singular) -> str:  # noqa: ARG001
     return "the mass matrix is singular"
 
 
 @words.register
-def _(failure: control.Broken) -> str:
+def _(failure: Broken) -> str:
     return failure.reason
 
 
@@ -214,17 +214,19 @@ def _(choice: Choice) -> str:
 
 
 @words.register
-def _(delay: Delay) -> str:
-    if not delay.seconds:
-        return f"none that lowers the training error ({delay.before:.3g} %)"
-    late, early = ("positions", "torques") if delay.seconds > 0 else ("torques", "positions")
-    return f"{late} come {1e3 * abs(delay.seconds):.2g} ms later than {early}; {_better(delay)}"
+def _(time_offset: TimeOffset) -> str:
+    if not time_offset.seconds:
+        return f"none that lowers the training error ({time_offset.before:.3g} %)"
+    late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
+    return f"{late} come {1e3 * abs(time_offset.seconds):.2g} ms later than {early}; {_better(time_offset)}"
 
 
 @words.register
-def _(lean: Lean) -> str:
-    x, y, dx, dy = np.rad2deg((lean.x, lean.y, *lean.std))
-    return f"the base leans by {x:.2f} deg about x and {y:.2f} deg about y (+- {dx:.2f} and {dy:.2f}); {_better(lean)}"
+def _(tilt: BaseTilt) -> str:
+    x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
+    return (
+        f"the base is tilted by {x:.2f} deg about x and {y:.2f} deg about y (+- {dx:.2f} and {dy:.2f}); {_better(tilt)}"
+    )
 
 
 @words.register
@@ -247,7 +249,7 @@ def _(origin: Origin) -> str:
     return f"as given for {', '.join(origin.given)}; else {measured}" if origin.given else measured
 
 
-def _better(found: Delay | Lean) -> str:
+def _better(found: TimeOffset | BaseTilt) -> str:
     return f"taken into account, the training error is {found.after:.3g} % instead of {found.before:.3g} %"
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from dynident import plot
+from dynident.report import figures
 
 if TYPE_CHECKING:
-    from dynident.identify import Identification
+    from dynident.identification import Identification
     from dynident.validation import LogValidation
 
 __all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "points"]
@@ -52,4 +52,4 @@ def listed(names: Iterable[str], most: int = 12) -> str:
 
 def points(identification: Identification) -> int:
     """Return the points of each curve such that the page stays small."""
-    return plot.share(CURVES * len(identification.logs) * len(identification.model.joints))
+    return figures.share(CURVES * len(identification.logs) * len(identification.model.joints))

@@ -1,9 +1,9 @@
 """Smoothers: Log -> Motion. A family of interchangeable parts; ``smoother`` holds their protocol."""
 
 from dynident.smoothers.butterworth import Butterworth
-from dynident.smoothers.delayed import Delayed, undelayed
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.smoother import Smoother, ends_mask
 from dynident.smoothers.spline import Spline
+from dynident.smoothers.time_offset import TimeShifted, unshifted
 
-__all__ = ["Butterworth", "Delayed", "Difference", "Smoother", "Spline", "ends_mask", "undelayed"]
+__all__ = ["Butterworth", "Difference", "Smoother", "Spline", "TimeShifted", "ends_mask", "unshifted"]

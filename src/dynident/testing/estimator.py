@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Estimator, Problem, quick
-from dynident.gallery import slider, two_link_arm
 from dynident.log import Motion
-from dynident.model import Model
+from dynident.models import Model
+from dynident.models.gallery import slider, two_link_arm
 from dynident.parts import ESTIMATORS
 from dynident.regression import Regression
 from dynident.testing.settings import builds_itself_from_its_settings

@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.model import Model
-from dynident.terms.term import HasGravity, HasSign, Term
+from dynident.models import HasGravity, HasSign, Model, Term
 
 __all__ = ["TERM_CHECKS", "check_term", "states"]
 

@@ -1,0 +1,38 @@
+"""Checks before a fit, in two groups: of logs alone, and of models, alone and with their logs.
+
+Of logs (``time``, ``channels``): gaps, jitter, dead or saturated channels, wrong units; pure functions of a ``Log``.
+Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, excitation and limits, sign and scale of the
+torque, the direction of gravity. ``check`` runs all of them. An error is what would give wrong numbers, a warning
+what to look at."""
+
+from dynident.checks.channels import ChannelFacts, channels, check_log, inspect_log, moving_span, rest
+from dynident.checks.check import CheckResult, run_checks
+from dynident.checks.finding import Finding, Topic, require
+from dynident.checks.motion import Excitation, ExcitedRank
+from dynident.checks.robot import LinkFacts, check_robot, link_facts
+from dynident.checks.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
+from dynident.checks.torque import Agreement
+
+__all__ = [
+    "MINIMUM_SAMPLES",
+    "Agreement",
+    "ChannelFacts",
+    "CheckResult",
+    "Excitation",
+    "ExcitedRank",
+    "Finding",
+    "LinkFacts",
+    "Timing",
+    "Topic",
+    "channels",
+    "check_log",
+    "check_robot",
+    "inspect_log",
+    "link_facts",
+    "moving_span",
+    "require",
+    "rest",
+    "run_checks",
+    "split_gaps",
+    "timing",
+]

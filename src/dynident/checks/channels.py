@@ -1,0 +1,253 @@
+"""What a log says of its channels: joints that stand still, wrong units, quantised, repeated or saturated values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Set
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks import time
+from dynident.checks.finding import Finding, Topic
+from dynident.checks.time import MINIMUM_SAMPLES
+from dynident.errors import InputError, Severity
+from dynident.log import Log
+from dynident.splines import noise_sigma
+
+__all__ = ["ChannelFacts", "channels", "check_log", "inspect_log"]
+
+Array = NDArray[np.float64]
+
+_RANGE = 4 * np.pi  # rad: joints of arms seldom turn further from stop to stop
+_SPEED = 40.0  # rad/s: no arm moves its joints so fast
+_SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
+_SATURATED = 0.01  # fraction of samples at exactly the extreme value
+_COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
+_GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
+_STALE = 0.05  # share of repeated positions in motion to warn of
+_BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
+_REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
+
+
+@dataclass(frozen=True)
+class ChannelFacts:
+    """The facts on one joint of a log, in SI units: ``span`` of the position and ``rms`` of the torque.
+
+    ``resolution`` and ``torque_resolution`` are the smallest steps, nan where the values lie on no grid; ``noise`` and
+    ``torque_noise`` the estimates of ``noise_sigma``; ``repeats`` the share of positions, in motion, that are exactly
+    the one before; ``still`` the share of the time without motion.
+    """
+
+    joint: str
+    span: float
+    noise: float
+    resolution: float
+    repeats: float
+    still: float
+    rms: float
+    torque_noise: float
+    torque_resolution: float
+
+
+def channels(log: Log) -> tuple[ChannelFacts, ...]:
+    """Return the facts on each joint of a log, which must have at least 6 samples."""
+    noise, torque_noise = noise_sigma(log.t, log.q), noise_sigma(log.t, log.tau)
+    still = _rests(log).mean(axis=0)
+    return tuple(
+        ChannelFacts(
+            joint=name,
+            span=float(np.ptp(log.q[:, j])),
+            noise=float(noise[j]),
+            resolution=_resolution(log.q[:, j]),
+            repeats=_repeats(log.q[:, j]),
+            still=float(still[j]),
+            rms=float(np.sqrt(np.mean(log.tau[:, j] ** 2))),
+            torque_noise=float(torque_noise[j]),
+            torque_resolution=_resolution(log.tau[:, j]),
+        )
+        for j, name in enumerate(log.joints)
+    )
+
+
+def check_log(
+    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, torque: bool = True
+) -> tuple[Finding, ...]:
+    """Return all findings on a log, those on time first, then joint by joint.
+
+    ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may turn
+    without end. ``torque`` False leaves the torques alone. Raises InputError where a joint of the log has no kind.
+    """
+    missing = [name for name in log.joints if name not in kinds]
+    if missing:
+        raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; say revolute or prismatic.")
+    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log)]
+    for j, name in enumerate(log.joints):
+        q, tau = log.q[:, j], log.tau[:, j]
+        turns = kinds[name] == "revolute" and name not in multi_turn
+        found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
+        findings += [replace(finding, joint=name) for finding in found]
+    return tuple(findings)
+
+
+def inspect_log(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()) -> tuple[Finding, ...]:
+    """Return the findings of ``check_log`` and those that take longer: stamps, lost samples, stale positions, rests.
+
+    Each has the log's source. Raises the errors of ``check_log``.
+    """
+    found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
+    if len(log) >= MINIMUM_SAMPLES:
+        facts = time.timing(log)
+        found += [*time.stamps(facts), *time.lost(facts), *rest(log)]
+        found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
+    return tuple(replace(finding, source=log.source) for finding in found)
+
+
+def _still(q: Array) -> Iterator[Finding]:
+    levels = len(np.unique(q))
+    if levels <= 3:
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the position never moves ({levels} distinct values near {q[0]:.6g}): nothing about this joint's own "
+            "motion can be identified. Look whether the right column is named, or take another window.",
+            Topic.STILL,
+        )
+
+
+def _degrees(t: Array, q: Array) -> Iterator[Finding]:
+    span, speed = float(np.ptp(q)), _peak_speed(t, q)
+    if span > _RANGE or speed > _SPEED:
+        yield Finding(
+            Severity.ERROR,
+            None,
+            f"the position spans {span:.4g} rad at up to {speed:.4g} rad/s, more than an arm does; is it in degrees? "
+            "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn so.",
+            Topic.DEGREES,
+        )
+
+
+def _peak_speed(t: Array, q: Array) -> float:
+    """Return the 99th percentile of the speed over 20 ms: single samples are too noisy to judge by."""
+    lag = int(np.clip(round(_SPEED_LAG / float(np.median(np.diff(t)))), 1, len(t) - 1))
+    return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
+
+
+def _quantised(q: Array) -> Iterator[Finding]:
+    resolution = _resolution(q)
+    counts = np.abs(np.diff(q)) / resolution
+    if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < _COARSE:
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the position is quantised in steps of {resolution:.4g}, and most samples differ by fewer than "
+            f"{_COARSE:.0f} of them: the error is not white noise, so check a noise level estimated from it.",
+            Topic.QUANTISED,
+        )
+
+
+def _torque(tau: Array) -> Iterator[Finding]:
+    low, high = float(tau.min()), float(tau.max())
+    if low == high:
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the torque is {low:.6g} throughout; look whether the right column is named and was recorded.",
+            Topic.DEAD,
+        )
+        return
+    for extreme in (low, high):
+        count = int(np.count_nonzero(tau == extreme))
+        if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: an arm let go, not a limit
+            yield Finding(
+                Severity.WARNING,
+                None,
+                f"{count} of {len(tau)} torques are exactly the extreme value {extreme:.6g}: saturated? "
+                "A torque cut off at a limit biases the fit; leave these parts out with windows.",
+                Topic.SATURATED,
+            )
+
+
+def _resolution(x: Array) -> float:
+    """Return the step of the grid on which the values lie, nan where they lie on none."""
+    steps = np.abs(np.diff(x))
+    steps = steps[steps > 1e-9 * np.ptp(x)]  # shorter ones are rounding of the arithmetic
+    if len(steps) < MINIMUM_SAMPLES:
+        return float("nan")
+    counts = steps / steps.min()
+    counts = counts[counts < _LARGEST]  # in larger ones the rounding of the smallest step adds up
+    on_grid = len(counts) >= MINIMUM_SAMPLES and np.mean(np.abs(counts - np.round(counts)) < 0.05) >= _GRID
+    return float(steps.min()) if on_grid else float("nan")
+
+
+def _repeats(q: Array, reach: int = 5) -> float:
+    """Return the share of positions that equal the one before, among those amid a motion of many smallest steps."""
+    steps = np.abs(np.diff(q))
+    moved = steps[steps > 1e-9 * np.ptp(q)]
+    if len(moved) < MINIMUM_SAMPLES or len(q) <= 2 * reach:
+        return 0.0
+    pace = np.abs(q[2 * reach :] - q[: -2 * reach]) / (2 * reach)
+    moving = pace > 10 * moved.min()
+    same = steps[reach - 1 : reach - 1 + len(pace)] == 0
+    return float(same[moving].mean()) if moving.sum() >= MINIMUM_SAMPLES else 0.0
+
+
+def _stale(q: Array) -> Iterator[Finding]:
+    share = _repeats(q)
+    if share > _STALE:
+        every = round(1 / (1 - share)) if share < 1 else 0
+        cure = (
+            f"Keep one row in {every} only, the first with each new value."
+            if every > 1
+            else "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
+        )
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"{100 * share:.2g} % of the positions are exactly the one before although the joint moves: the encoder is "
+            f"read less often than it is logged. {cure}",
+            Topic.STALE,
+        )
+
+
+def _rests(log: Log) -> NDArray[np.bool_]:
+    """Return for blocks of 0.1 s (B, n) whether each joint stays within its noise, or a hundredth of its usual pace."""
+    size = min(max(5, round(_BLOCK / float(np.median(np.diff(log.t))))), len(log))
+    count = len(log) // size
+    reach = np.ptp(log.q[: count * size].reshape(count, size, -1), axis=1)
+    floor = np.maximum(8 * noise_sigma(log.t, log.q), 0.01 * np.percentile(reach, 95, axis=0))
+    return np.asarray(reach <= floor)
+
+
+def moving_span(log: Log) -> tuple[float, float]:
+    """Return from when to when (s) the arm moves, leaving out long rests of the whole arm at the ends."""
+    start, stop = float(log.t[0]), float(log.t[-1])
+    if len(log) < time.MINIMUM_SAMPLES:
+        return start, stop
+    rests = np.asarray(_rests(log).all(axis=1))
+    if rests.all():
+        return start, stop
+    size = len(log) // len(rests)
+    first, last = int(np.argmin(rests)), len(rests) - int(np.argmin(rests[::-1]))
+    begin, end = float(log.t[first * size]), float(log.t[min(last * size, len(log) - 1)])
+    least = max(_REST, 0.1 * (stop - start))
+    return (begin if begin - start >= least else start, end if stop - end >= least else stop)
+
+
+def rest(log: Log) -> Iterator[Finding]:
+    """Yield where the whole arm stands still for long."""
+    rests = np.asarray(_rests(log).all(axis=1))
+    size = len(log) // len(rests)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rests, [0]])))
+    if not len(edges) or rests.all():
+        return
+    first, last = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
+    start, stop = log.t[first * size], log.t[min(last * size, len(log) - 1)]
+    if stop - start >= max(_REST, 0.1 * (log.t[-1] - log.t[0])):
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the arm stands still from {start:.3g} to {stop:.3g} s: there friction takes any value up to its largest. "
+            "Leave it out with a window, or set `min_speed`.",
+            Topic.REST,
+        )

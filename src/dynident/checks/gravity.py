@@ -1,0 +1,104 @@
+"""Which way is down? The direction of gravity that the torques ask for, against the one that was assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Finding, Topic
+from dynident.checks.torque import nominal, nuisance, thinned
+from dynident.errors import Severity
+from dynident.log import Motion
+from dynident.models import HasGravity, Model
+
+__all__ = ["gravity_findings"]
+
+Array = NDArray[np.float64]
+
+ANGLE = 40.0  # deg from which on another direction is asked about; what is less is a tilt, or wrong inertias
+CLEAR = 0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
+BETTER = 0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
+SEEN = 0.02  # share of the largest singular value below which the motion does not show a direction
+FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are wrong, not the direction
+
+
+def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Finding]:
+    """Yield a question where the torques follow the robot file's inertias under a gravity that points elsewhere.
+
+    Fitted are one factor of the inertial torque and the three components of gravity, over all joints, each scaled by
+    its torque, beside friction, rotor and offset of each joint. Nothing is said where they do not tell.
+    """
+    terms = [term for term in model.terms if isinstance(term, HasGravity)]
+    assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
+    size = float(np.linalg.norm(assumed))
+    X, y = _rows(model, motions, size)
+    down = _down(X, y, assumed / size) if len(y) else None
+    if down is not None:
+        vector = ", ".join(f"{x:.1f}" for x in np.round(size * down, 1) + 0.0)
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"which way is down? The torques go with a gravity of about ({vector}) m/s^2 in the root link's frame, "
+            f"not with ({', '.join(f'{x:.4g}' for x in assumed)}). Set `gravity` if the arm hangs or is mounted so; "
+            "else look at the signs of all torques and positions, and at `zero`.",
+            Topic.GRAVITY,
+        )
+
+
+def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:
+    """Return the nominal torques (M, 4) of ``_columns`` and the measured ones (M), each joint's by the norm of its
+    torque and without what friction, rotor and offset explain; none where gravity or a nominal inertia is missing.
+    """
+    q, dq, ddq, tau = thinned(motions)
+    if not size or nominal(model, q, dq, ddq) is None:
+        return np.empty((0, 4)), np.empty(0)
+    columns = _columns(model, q, dq, ddq, size)
+    left = [
+        _without(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance(q, dq, ddq, j)) for j in range(q.shape[1])
+    ]
+    rows = np.concatenate([each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0])
+    return rows[:, :-1], rows[:, -1]
+
+
+def _down(X: Array, y: Array, assumed: Array) -> Array | None:
+    """Return the direction (3) of gravity in a fit of y (M) by X (M, 4), if it is clearly not the assumed one (3)."""
+    singular = np.linalg.svd(X, compute_uv=False)
+    if singular[-1] < SEEN * singular[0]:
+        return None
+    found = np.linalg.lstsq(X, y)[0]
+    along = np.column_stack([X[:, 0], X[:, 1:] @ assumed])
+    usual = np.maximum(np.linalg.lstsq(along, y)[0], 0.0)
+    rest, before = (float(np.square(y - A @ x).sum()) for A, x in ((X, found), (along, usual)))
+    length = float(np.linalg.norm(found[1:]))
+    likely = found[0] > 0 and 1 / FACTOR < length < FACTOR
+    explains = rest < (1 - CLEAR) * float(y @ y) and rest < BETTER * before
+    if likely and explains and float(found[1:] @ assumed) / length < np.cos(np.deg2rad(ANGLE)):
+        return np.asarray(found[1:] / length)
+    return None
+
+
+def _columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:
+    """Return the nominal torques (4, M, n) of inertia, and of a gravity along x, y and z of the root link."""
+    still = np.zeros_like(q)
+    free = _under(model, (0.0, 0.0, 0.0))
+    axes = ((size, 0.0, 0.0), (0.0, size, 0.0), (0.0, 0.0, size))
+    pulled = [_torque(_under(model, axis), q, still, still) for axis in axes]
+    return np.array([_torque(free, q, dq, ddq), *pulled])
+
+
+def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    torque = nominal(model, q, dq, ddq)
+    return np.zeros_like(q) if torque is None else torque
+
+
+def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
+    terms = tuple(term.under(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
+    return replace(model, terms=terms)
+
+
+def _without(series: Array, others: Array) -> Array:
+    """Return the columns without what the others explain of them."""
+    return np.asarray(series - others @ np.linalg.lstsq(others, series)[0])

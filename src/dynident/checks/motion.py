@@ -1,0 +1,187 @@
+"""What a motion shows: how far, fast and often each joint moves, against its limits, and which parameters it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Finding, Topic
+from dynident.errors import Severity
+from dynident.log import Motion
+from dynident.models import Model
+from dynident.models.robot_file import Limits
+from dynident.regression import Regression, UnexcitedParameters, base_parameters, compare, structural_base_parameters
+
+__all__ = ["Excitation", "ExcitedRank", "excitation", "excited_rank", "limit_findings", "rank_findings"]
+
+Array = NDArray[np.float64]
+
+SLOW = 0.02  # of the peak speed: below, a joint hardly moves
+OVER = 1.02  # x the limit
+BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
+MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
+FEW = 2  # reversals below which friction and offset are hard to tell apart
+ILL = 1e4  # condition of the base parameters from which on they are poorly told apart
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How a joint moves, over all training motions: rad or m, and seconds.
+
+    ``peak`` and ``rms`` of velocity and acceleration (the peak is the 99.9th percentile), ``reversals`` of direction,
+    and the share of samples that are ``slow``, below 2 % of the peak velocity; ``torque`` is the peak effort.
+    """
+
+    joint: str
+    lower: float
+    upper: float
+    peak_speed: float
+    rms_speed: float
+    peak_acceleration: float
+    rms_acceleration: float
+    reversals: int
+    slow: float
+    torque: float
+
+
+def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
+    """Return how a joint moves in the usable samples of all motions."""
+    rows = [(motion, motion.joints.index(joint)) for motion in motions]
+    q, dq, ddq, tau = (
+        np.concatenate([getattr(motion, name)[motion.mask, j] for motion, j in rows])
+        for name in ("q", "dq", "ddq", "tau")
+    )
+    peak = _peak(dq)
+    return Excitation(
+        joint=joint,
+        lower=float(q.min()),
+        upper=float(q.max()),
+        peak_speed=peak,
+        rms_speed=_rms(dq),
+        peak_acceleration=_peak(ddq),
+        rms_acceleration=_rms(ddq),
+        reversals=sum(_reversals(motion.dq[motion.mask, j], SLOW * peak) for motion, j in rows),
+        slow=float(np.mean(np.abs(dq) < SLOW * peak)) if peak > 0 else 1.0,
+        torque=_peak(tau),
+    )
+
+
+def _peak(x: Array) -> float:
+    """Return the 99.9th percentile of the size: a single sample is no peak."""
+    return float(np.percentile(np.abs(x), 99.9))
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _reversals(dq: Array, floor: float) -> int:
+    """Return how often the velocity changes sign, noise below ``floor`` apart."""
+    signs = np.sign(dq[np.abs(dq) > floor])
+    return int(np.count_nonzero(np.diff(signs)))
+
+
+def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:
+    """Yield where a joint turns too little, or leaves the limits of the robot file; ``effort`` is the torque's unit."""
+    joint = found.joint
+    if found.reversals < FEW and found.peak_speed > MOVING:
+        yield Finding(
+            Severity.WARNING,
+            joint,
+            f"the joint turns back {found.reversals} times only: friction, offset and gravity are then hard to tell "
+            "apart. Record a motion to and fro.",
+            Topic.REVERSALS,
+        )
+    if limits is not None:
+        yield from _position(found, limits)
+        yield from _speed(found, limits)
+        yield from _effort(found, limits, effort)
+
+
+def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
+    if limits.lower is None or limits.upper is None or limits.lower >= limits.upper:
+        return
+    slack = BEYOND * max(limits.upper - limits.lower, 1.0)
+    if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
+        yield Finding(
+            Severity.WARNING,
+            found.joint,
+            f"the position runs from {found.lower:.4g} to {found.upper:.4g}, the file allows {limits.lower:.4g} to "
+            f"{limits.upper:.4g}. Look at the unit, the sign and `zero`, or at the file's limits.",
+            Topic.POSITION_LIMIT,
+        )
+
+
+def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
+    if limits.velocity is not None and 0 < OVER * limits.velocity < found.peak_speed:
+        yield Finding(
+            Severity.WARNING,
+            found.joint,
+            f"the velocity reaches {found.peak_speed:.4g}, the robot file allows {limits.velocity:.4g} (rad/s or m/s). "
+            "Look at the unit of position and time; or the positions are too noisy for this smoother.",
+            Topic.VELOCITY_LIMIT,
+        )
+
+
+def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
+    limit = limits.effort
+    if limit is None or limit <= 0:
+        return
+    if found.torque > OVER * limit:
+        far = found.torque > 3 * limit
+        yield Finding(
+            Severity.WARNING,
+            found.joint,
+            f"the torque reaches {found.torque:.4g} {unit}, the robot file allows {limit:.4g}. "
+            + ("Is it a motor current, or in another unit?" if far else "Look at the unit and gain, or at the file."),
+            Topic.EFFORT_LIMIT,
+        )
+    elif found.torque < 1e-3 * limit:
+        yield Finding(
+            Severity.WARNING,
+            found.joint,
+            f"the torque stays below {found.torque:.3g} {unit}, a thousandth of the robot file's limit {limit:.4g}. Is "
+            "it of the motor's side of the gear, in another unit, or the limit a placeholder?",
+            Topic.EFFORT_LIMIT,
+        )
+
+
+@dataclass(frozen=True)
+class ExcitedRank:
+    """What the training motions show of a model's ``count`` parameters: rank and condition, and what is ``missing``.
+
+    ``structural`` is the rank that any motion could show; ``condition`` that of the base parameters, columns scaled.
+    """
+
+    count: int
+    on_data: int
+    structural: int
+    condition: float
+    missing: tuple[UnexcitedParameters, ...]
+
+
+def excited_rank(model: Model, regression: Regression) -> ExcitedRank:
+    """Return the rank on the data against the rank of the structure."""
+    on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
+    structural = structural_base_parameters(model)
+    values = on_data.singular_values
+    condition = float(values[0] / values[on_data.rank - 1]) if on_data.rank else float("inf")
+    missing = compare(structural, on_data, model, regression.motions)
+    return ExcitedRank(len(model.parameters), on_data.rank, structural.rank, condition, missing)
+
+
+def rank_findings(found: ExcitedRank) -> Iterator[Finding]:
+    """Yield which base parameters the motions do not show, and which joints to move."""
+    for one in found.missing:
+        yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
+    if found.condition > ILL and not found.missing:
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the {found.on_data} base parameters are hard to tell apart in these motions (condition "
+            f"{found.condition:.2g}): move more joints at the same time, faster, and over more of their range.",
+            Topic.CONDITION,
+        )

@@ -1,0 +1,229 @@
+"""What a robot file says of its links and joints that no robot can have, or that looks like a placeholder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Finding, Topic
+from dynident.errors import Severity
+from dynident.models import consistency_violations, from_physical, to_physical
+from dynident.models.robot_file import Limits, RobotFile, RobotJoint
+
+__all__ = ["LinkFacts", "check_robot", "link_facts"]
+
+Array = NDArray[np.float64]
+
+FAR = 1.0  # m: a centre of mass so far from its link's frame is rather in millimetres
+SPREAD = 0.6  # radius of gyration over the size of the link; a rod has 0.29, two masses at its ends 0.5
+SMALLEST = 0.15  # m: size of a link without a known length, motors and all
+OFFSET = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
+LIGHTEST, HEAVIEST = 0.05, 5000.0  # kg: masses of whole arms
+CURE = "Take it from CAD, or identify it with `kind: consistent`."
+
+
+@dataclass(frozen=True, eq=False)
+class LinkFacts:
+    """A link with a mass: kg; its centre (3) in m in the link's frame; principal moments (3) about it in kg m^2."""
+
+    link: str
+    mass: float
+    centre: Array
+    moments: Array
+
+
+def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
+    """Return the facts on all links that have a mass, in the order of the file."""
+    found = []
+    for name, theta in file.links.items():
+        if theta is not None and theta[0] != 0:
+            mass, centre, tensor = to_physical(theta)
+            found.append(LinkFacts(name, float(mass), centre, np.asarray(np.linalg.eigvalsh(tensor), float)))
+    return tuple(found)
+
+
+def check_robot(
+    file: RobotFile, joints: Sequence[str] | None = None, grave: Severity = Severity.ERROR
+) -> tuple[Finding, ...]:
+    """Return the findings on a robot file: its links, the ``joints`` that are to move (None: all), the whole.
+
+    ``grave`` is the severity of inertias that no body can have: an error for who wants to simulate the file, a warning
+    where its values are only nominal.
+    """
+    facts = link_facts(file)
+    moving = [joint for joint in file.joints if joint.kind != "fixed" and (joints is None or joint.name in joints)]
+    found = [
+        *_impossible(file, grave),
+        *_massless(file, moving),
+        *_far(facts),
+        *_spread(file, [fact for fact in facts if fact.link not in _rigid(file, file.root)]),
+        *_about_origin(file, facts),
+        *_copies(file, facts),
+        *_total(facts),
+        *_limits(file, moving),
+        *(Finding(Severity.INFO, None, f"{note}.", Topic.UNREAD) for note in file.notes),
+    ]
+    return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
+
+
+def _impossible(file: RobotFile, grave: Severity) -> Iterator[Finding]:
+    for name, theta in file.links.items():
+        for flaw in () if theta is None else consistency_violations(theta):
+            yield Finding(grave, None, f"{flaw}. No body has such an inertia. {CURE}", Topic.IMPOSSIBLE, link=name)
+
+
+def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+    """Yield the moving bodies without mass, and links that leave theirs to be computed or have a mass at a point."""
+    for joint in moving:
+        carried = _rigid(file, joint.child)
+        given = [file.links[name] for name in carried]
+        if all(theta is not None and not theta.any() for theta in given):
+            yield Finding(
+                Severity.WARNING,
+                joint.name,
+                f"what the joint moves ({', '.join(carried)}) has no mass in the file: simulators refuse it, and a "
+                f"prior has nothing to say. {CURE}",
+                Topic.MASSLESS,
+                link=joint.child,
+            )
+    for name, theta in file.links.items():
+        if theta is None:
+            yield Finding(
+                Severity.INFO,
+                None,
+                "the file gives no inertia, but shapes to compute it from, which is not done here; save the compiled "
+                "model from MuJoCo to have it written out.",
+                Topic.SHAPES,
+                link=name,
+            )
+        elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
+            yield Finding(
+                Severity.INFO,
+                None,
+                f"{theta[0]:.4g} kg without an inertia about the centre of mass: a point, perhaps rounded to zero.",
+                Topic.POINT,
+                link=name,
+            )
+
+
+def _rigid(file: RobotFile, link: str) -> list[str]:
+    """Return the link and those fixed to it further out."""
+    found = [link]
+    for name in found:
+        found += [joint.child for joint in file.joints if joint.parent == name and joint.kind == "fixed"]
+    return found
+
+
+def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    for fact in facts:
+        distance = float(np.linalg.norm(fact.centre))
+        if distance > FAR:
+            yield Finding(
+                Severity.WARNING,
+                None,
+                f"its centre of mass is {distance:.4g} m from its frame. In millimetres, or from another frame? "
+                "A URDF wants metres in the link's own frame.",
+                Topic.FAR,
+                link=fact.link,
+            )
+
+
+def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield the links whose inertia needs a mass spread wider than the link is long."""
+    for fact in facts:
+        gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
+        size = _size(file, fact)
+        if gyration > SPREAD * size:
+            yield Finding(
+                Severity.WARNING,
+                None,
+                f"its largest moment {fact.moments[-1]:.3g} kg m^2 needs the {fact.mass:.3g} kg to lie "
+                f"{gyration:.2g} m from the centre of mass, on a link of about {size:.2g} m. Is it about another "
+                "point, or a placeholder? As a prior it would mislead.",
+                Topic.SPREAD,
+                link=fact.link,
+            )
+
+
+def _size(file: RobotFile, fact: LinkFacts) -> float:
+    """Return about how long a link is: to the joints at it, or twice to its centre of mass."""
+    lengths = [float(np.linalg.norm(x.placement[:3, 3])) for x in file.joints if fact.link in (x.parent, x.child)]
+    return max([SMALLEST, 2 * float(np.linalg.norm(fact.centre)), *lengths])
+
+
+def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield a question where most tensors would fit bodies as well if they were about the frame's origin."""
+    told, fits = [], []
+    for fact in facts:
+        lever = fact.mass * float(fact.centre @ fact.centre)
+        theta = file.links[fact.link]
+        if theta is None or fact.mass <= 0 or lever < OFFSET * fact.moments[-1] or not fact.moments[-1] > 0:
+            continue
+        told.append(fact.link)
+        shifted = to_physical(theta)[2] - _point(fact)
+        if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
+            fits.append(fact.link)
+    if len(fits) >= 2 and 2 * len(fits) > len(told):
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the inertias of {', '.join(fits)} are as large as if they were about the links' frames. A robot file "
+            "wants them about the centre of mass: was that forgotten? Then take off m c^2 (parallel axes).",
+            Topic.ABOUT_ORIGIN,
+        )
+
+
+def _point(fact: LinkFacts) -> Array:
+    """Return the tensor (3, 3) about the frame's origin of the link's mass, put into its centre."""
+    c = fact.centre
+    return np.asarray(fact.mass * (float(c @ c) * np.eye(3) - np.outer(c, c)))
+
+
+def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    """Yield links of the same mass and moments; those on one parent, as the fingers of a gripper, may well be alike."""
+    alike: dict[tuple[float, ...], list[LinkFacts]] = {}
+    for fact in facts:
+        alike.setdefault((fact.mass, *np.round(fact.moments, 9).tolist()), []).append(fact)
+    parents = {joint.child: joint.parent for joint in file.joints}
+    for group in alike.values():
+        names = [fact.link for fact in group]
+        if len({parents.get(name) for name in names}) < 2:
+            continue
+        same = f"have the same mass {group[0].mass:.4g} kg and the same moments:"
+        if len(group) == len(facts) > 2:
+            yield Finding(Severity.WARNING, None, f"all links {same} placeholders? {CURE}", Topic.COPIED)
+        else:
+            words = f"{', '.join(names)} {same} copied, or simple shapes? As a prior they say little."
+            yield Finding(Severity.INFO, None, words, Topic.COPIED)
+
+
+def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
+    total = sum(fact.mass for fact in facts)
+    if facts and not LIGHTEST <= total <= HEAVIEST:
+        yield Finding(
+            Severity.WARNING, None, f"all links together have {total:.4g} kg. Are the masses in kg?", Topic.TOTAL_MASS
+        )
+
+
+def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+    for joint in moving:
+        for words in _impossible_limits(joint.limits):
+            yield Finding(
+                Severity.WARNING, joint.name, f"{words}: simulators take it at its word. Correct it.", Topic.LIMITS
+            )
+    for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # velocity has no place there
+        bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
+        if bare:
+            words = f"no {name} limit of {', '.join(bare)}: recordings cannot be compared with it."
+            yield Finding(Severity.INFO, None, words, Topic.LIMITS)
+
+
+def _impossible_limits(limits: Limits) -> Iterator[str]:
+    if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
+        yield f"its lower limit {limits.lower:g} is not below its upper limit {limits.upper:g}"
+    for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
+        if value is not None and value <= 0:
+            yield f"its {name} limit is {value:g}"

@@ -1,0 +1,206 @@
+"""What the time stamps of a log say: gaps, lost samples, and whether the stamps or the sampling jitter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Finding, Topic
+from dynident.errors import Severity
+from dynident.log import Log
+from dynident.splines import noise_sigma
+
+__all__ = ["MINIMUM_SAMPLES", "Timing", "gaps", "jitter", "lost", "samples", "split_gaps", "stamps", "timing"]
+
+Array = NDArray[np.float64]
+
+MINIMUM_SAMPLES = 30
+"""Fewest samples of a log that are worth smoothing."""
+
+_GAP = 12.0  # x the median step: a robot's scheduler may lose a few samples, a smoother bridges those
+_JITTER = 0.1  # rms of the steps about their median, as a fraction of it
+_REGULAR = 0.9  # share of steps within 10 % of the median from which on a step of 1.5 medians is a lost sample
+_MANY = 0.01  # share of lost samples to warn of
+_BETTER = 0.8  # ratio of noises below which one time axis is clearly the better one
+_EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The time axis of a log: number of ``samples``, ``length`` (s), median ``step`` (s), rms ``jitter`` over the step.
+
+    ``rate`` (Hz) is that of the straight line through the stamps, samples that are missing counted.
+    ``shortest`` and ``longest`` are steps in s; ``missing`` samples are lost in steps of several medians. ``even`` is
+    the noise that the positions would have if they were equally spaced, over the noise at the stamps, in the joint in
+    which the two differ most; ``slots`` the same for stamps rounded to whole steps. 1 where there is no difference.
+    """
+
+    samples: int
+    length: float
+    step: float
+    rate: float
+    jitter: float
+    shortest: float
+    longest: float
+    missing: int
+    even: float = 1.0
+    slots: float = 1.0
+
+
+def timing(log: Log) -> Timing:
+    """Return the facts on a log's time axis.
+
+    The noise is that of ``noise_sigma``: divided differences cancel the motion only on the true time axis, so that the
+    axis with the lower noise is nearer to the instants at which the positions were taken.
+    """
+    steps = np.diff(log.t)
+    median = float(np.median(steps))
+    jitter, unbroken = _rms(steps), bool((steps <= _GAP * median).all())
+    whole = _whole_steps(steps / median)
+    places = np.append(0.0, np.cumsum(whole))
+    slope = float(np.polyfit(places, log.t - log.t[0], 1)[0]) if unbroken and len(log) > 2 else median
+    even = slots = 1.0
+    if jitter > _EVEN and len(log) >= MINIMUM_SAMPLES and unbroken:
+        even = _noise_ratio(log, np.linspace(log.t[0], log.t[-1], len(log)))
+        slots = _noise_ratio(log, places * median)
+    return Timing(
+        samples=len(log),
+        length=float(log.t[-1] - log.t[0]),
+        step=median,
+        rate=1 / slope,
+        jitter=jitter,
+        shortest=float(steps.min()),
+        longest=float(steps.max()),
+        missing=int((whole - 1).sum()) if unbroken else 0,
+        even=even,
+        slots=slots,
+    )
+
+
+def _rms(steps: Array) -> float:
+    """Return the rms of the steps about their median, as a fraction of it, without the gaps."""
+    median = np.median(steps)
+    return float(np.sqrt(np.mean((steps[steps <= _GAP * median] - median) ** 2)) / median)
+
+
+def _whole_steps(ratio: Array) -> Array:
+    """Return how many sampling steps each step (in medians) spans: more than one only where samples were lost."""
+    calm = np.mean(np.abs(ratio - 1) < 0.1) >= _REGULAR
+    return np.asarray(np.where(ratio > (1.5 if calm else 2.5), np.round(ratio), 1.0))
+
+
+def _noise_ratio(log: Log, t: Array) -> float:
+    """Return the noise of the positions on the time axis t over that at the stamps, where it differs most from one."""
+    moving = np.ptp(log.q, axis=0) > 0
+    if not moving.any():
+        return 1.0
+    ratio = noise_sigma(t, log.q[:, moving]) / noise_sigma(log.t, log.q[:, moving])
+    return float(ratio[np.argmax(np.abs(np.log(ratio)))])
+
+
+def split_gaps(log: Log) -> tuple[Log, ...]:
+    """Return the uninterrupted pieces of a log, cut where a step is over 12 times the median step.
+
+    Pieces of fewer than ``MINIMUM_SAMPLES`` samples are left out, so that the result may be empty.
+    """
+    edges = [0, *(_long_steps(log) + 1), len(log)]
+    if len(edges) == 2:
+        return (log,)
+    pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= MINIMUM_SAMPLES]
+    return tuple(log.rows(rows, f"{log.source} part {k}") for k, rows in enumerate(pieces, 1))
+
+
+def _long_steps(log: Log) -> NDArray[np.intp]:
+    steps = np.diff(log.t)
+    return np.flatnonzero(steps > _GAP * np.median(steps))
+
+
+def samples(log: Log) -> Iterator[Finding]:
+    """Yield an error where the log is too short."""
+    if len(log) < MINIMUM_SAMPLES:
+        yield Finding(
+            Severity.ERROR,
+            None,
+            f"only {len(log)} samples; at least {MINIMUM_SAMPLES} are needed: widen the window or record longer.",
+            Topic.SAMPLES,
+        )
+
+
+def gaps(log: Log) -> Iterator[Finding]:
+    """Yield an error where samples are missing for longer than a smoother bridges."""
+    long = _long_steps(log)
+    if len(long):
+        steps, first = np.diff(log.t), long[0]
+        yield Finding(
+            Severity.ERROR,
+            None,
+            f"a gap of {steps[first]:.4g} s after t = {log.t[first]:.6g} s "
+            f"({steps[first] / np.median(steps):.0f} times the median step; {len(long)} such gaps in all). "
+            "Leave it out with a window, or set `gaps: split` to smooth each piece on its own.",
+            Topic.GAP,
+        )
+
+
+def jitter(log: Log) -> Iterator[Finding]:
+    """Yield a warning where the time steps vary much."""
+    steps = np.diff(log.t)
+    median, jitter = float(np.median(steps)), _rms(steps)
+    if jitter > _JITTER:
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"the time steps vary by {100 * jitter:.0f} % about {median:.4g} s (from {steps.min():.3g} to "
+            f"{steps.max():.3g} s). Where the clock that stamps is not the one that samples, this is position noise.",
+            Topic.JITTER,
+        )
+
+
+def stamps(facts: Timing) -> Iterator[Finding]:
+    """Yield which time axis to take: the stamps, or equal spacing, whichever leaves less noise in the positions."""
+    best = min(facts.even, facts.slots)
+    told = f"the time steps vary by {100 * facts.jitter:.2g} % rms, and the positions"
+    if best < _BETTER:
+        cure = f"Set `time: {{ rate: {facts.rate:.6g} }}` instead of the column, and judge by the held-out error"
+        if facts.missing and facts.slots < 0.9 * facts.even:  # equal spacing would shift all that follows a loss
+            cure = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
+        yield Finding(
+            Severity.WARNING,
+            None,
+            f"{told} are {_times(1 / best)} less noisy if they were equally spaced: the sampling is regular "
+            f"and the stamps are not. {cure}.",
+            Topic.STAMPS,
+        )
+    elif facts.jitter > _JITTER:
+        axis = "do not tell whether the stamps or the sampling is at fault"
+        if facts.even > 1.02:
+            axis = f"are {_times(facts.even)} noisier if they were equally spaced: the sampling itself jitters"
+        yield Finding(
+            Severity.INFO,
+            None,
+            f"{told} {axis}. Keep the stamps, and a spline, which needs no equal spacing.",
+            Topic.JITTER,
+        )
+
+
+def lost(facts: Timing) -> Iterator[Finding]:
+    """Yield how many samples are missing between the others."""
+    if facts.missing:
+        share = facts.missing / (facts.samples + facts.missing)
+        yield Finding(
+            Severity.WARNING if share > _MANY else Severity.INFO,
+            None,
+            f"about {facts.missing} samples ({100 * share:.2g} %) are lost, in steps of up to "
+            f"{facts.longest / facts.step:.0f} times the median: a spline bridges them, as long as the time is taken "
+            "from the stamps and not from a `rate`.",
+            Topic.LOST,
+        )
+
+
+def _times(factor: float) -> str:
+    if factor > 1000:
+        return "over 1000 times"
+    return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"

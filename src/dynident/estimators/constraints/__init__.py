@@ -1,0 +1,38 @@
+"""What physics and the user demand of parameters, and two ways to keep to it: a conic program, and a barrier."""
+
+from dynident.estimators.constraints.barrier import Barrier, Penalised
+from dynident.estimators.constraints.constraints import (
+    SIGNED,
+    BodyConstraint,
+    Bounds,
+    Constraints,
+    Corners,
+    Limit,
+    PsdConstraint,
+    bodies_of,
+    box,
+    interval,
+    physics,
+    scales,
+    signs,
+    total,
+)
+
+__all__ = [
+    "SIGNED",
+    "Barrier",
+    "BodyConstraint",
+    "Bounds",
+    "Constraints",
+    "Corners",
+    "Limit",
+    "Penalised",
+    "PsdConstraint",
+    "bodies_of",
+    "box",
+    "interval",
+    "physics",
+    "scales",
+    "signs",
+    "total",
+]  # fmt: skip

@@ -1,0 +1,226 @@
+"""A log-det barrier that keeps demanded matrices positive definite, and Newton's method inside of it.
+
+Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from dynident.estimators.constraints.constraints import PsdConstraint
+
+__all__ = ["Barrier", "Penalised"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+INNER = 500  # steps at one weight of the barrier; a few are needed, but many along the edge of a thin body
+SHORTEST = 1e-6  # share of a step below which there is nothing to gain
+
+
+@dataclass(frozen=True, eq=False)
+class _Matrices:
+    """Matrices of one size as far as they depend on x: ``columns`` (c), ``slopes`` (K, c, s, s), ``offset`` (K, s, s).
+
+    ``share`` (K) is that of each in the barrier.
+    """
+
+    columns: Index
+    slopes: Array
+    offset: Array
+    share: Array
+
+    @classmethod
+    def of(cls, columns: Index, same: Sequence[PsdConstraint]) -> _Matrices:
+        """Gather demands on matrices of one size that depend on the same of x."""
+        slopes = np.concatenate([np.moveaxis(one.slopes[..., columns], -1, 1) for one in same])
+        share = np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in same])
+        return cls(columns, slopes, np.concatenate([one.constant for one in same]), share)
+
+    @cached_property
+    def flat(self) -> Array:
+        """The slopes as (c, K s s)."""
+        return np.swapaxes(self.slopes, 0, 1).reshape(len(self.columns), -1)
+
+    def root(self, x: Array) -> Array:
+        """Return the Cholesky factors (K, s, s) at x (v); LinAlgError outside."""
+        return np.asarray(np.linalg.cholesky(self.offset + (x[self.columns] @ self.flat).reshape(self.offset.shape)))
+
+
+def _columns(one: PsdConstraint) -> Index:
+    """Return which of x a demand on matrices depends on: all where they are many, so that it goes with others."""
+    found = np.flatnonzero(np.abs(one.slopes).sum(axis=(0, 1, 2)))
+    size = one.slopes.shape[-1]
+    return found if 2 * len(found) < size else np.arange(size)
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """``weight`` times the sum of -log det, or of log-det divergences, of the demanded matrices (mean over the K)."""
+
+    psd_constraints: tuple[PsdConstraint, ...] = ()
+    weight: float = 1e-3
+
+    @cached_property
+    def _matrices(self) -> tuple[_Matrices, ...]:
+        groups: dict[tuple[int, bytes], list[PsdConstraint]] = {}
+        for one in self.psd_constraints:
+            if one.slopes.shape[1] > 1:
+                groups.setdefault((one.slopes.shape[1], _columns(one).tobytes()), []).append(one)
+        return tuple(_Matrices.of(_columns(same[0]), same) for same in groups.values())
+
+    @cached_property
+    def _numbers(self) -> tuple[Array, Array, Array]:
+        """Rows (L, v) and room (L) of numbers that must be positive, and their share in the sum (L)."""
+        found = [one for one in self.psd_constraints if one.slopes.shape[1] == 1]
+        if not found:
+            return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
+        rows = np.concatenate([one.slopes[:, 0, 0] for one in found])
+        room = np.concatenate([one.constant[:, 0, 0] for one in found])
+        return rows, room, np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in found])
+
+    @cached_property
+    def _pull(self) -> Array:
+        """Gradient (v) of the part that is linear in x; (1), zero, without demands."""
+        return np.asarray(sum((one.pull for one in self.psd_constraints), np.zeros(1)))
+
+    @cached_property
+    def bound(self) -> NDArray[np.bool_]:
+        """Which x (v) belong to a matrix, so that they must follow others; (1), false, without matrices."""
+        rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one in self.psd_constraints if one.slopes.shape[1] > 1]
+        return np.asarray(np.sum(rows, axis=0) > 0) if rows else np.zeros(1, dtype=bool)
+
+    @property
+    def degree(self) -> int:
+        """Number of eigenvalues that must be positive: the distance from the optimum is ``weight`` times as large."""
+        return sum(one.slopes.shape[0] * one.slopes.shape[1] for one in self.psd_constraints)
+
+    def _roots(self, x: Array) -> tuple[Array, list[Array]] | None:
+        """Return the numbers (L) and the Cholesky factors of the matrices at x, None outside."""
+        rows, room, _ = self._numbers
+        values = room + rows @ x if len(rows) else room
+        if not (values > 0).all():
+            return None
+        try:
+            return values, [one.root(x) for one in self._matrices]
+        except np.linalg.LinAlgError:
+            return None
+
+    def inside(self, x: Array) -> bool:
+        """Return whether all matrices are positive definite at x (v)."""
+        return self._roots(x) is not None
+
+    def value(self, x: Array, weight: float | None = None) -> float:
+        """Return the barrier, with another weight if one is given, at x (v); infinite outside."""
+        if (known := self._roots(x)) is None:
+            return np.inf
+        values, roots = known
+        found = float((self._pull * x).sum() - self._numbers[2] @ np.log(values))
+        for one, root in zip(self._matrices, roots, strict=True):
+            found -= 2.0 * float(one.share @ np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1))
+        return (self.weight if weight is None else weight) * found
+
+    def slopes(self, x: Array, weight: float | None = None) -> tuple[Array, Array]:
+        """Return gradient (v) and Hessian (v, v) at an x inside; raises LinAlgError outside."""
+        if (found := self._roots(x)) is None:
+            raise np.linalg.LinAlgError("a demanded matrix is not positive definite.")
+        (values, roots), (rows, _, share) = found, self._numbers
+        gradient, hessian = self._pull + np.zeros(len(x)), np.zeros((len(x), len(x)))
+        if len(rows):
+            turned = rows / values[:, None]
+            gradient -= share @ turned
+            hessian += (turned * share[:, None]).T @ turned
+        for one, root in zip(self._matrices, roots, strict=True):
+            inverse = np.linalg.inv(root)[:, None]
+            turned = inverse @ one.slopes @ np.swapaxes(inverse, -1, -2)  # (K, c, s, s), symmetric
+            gradient[one.columns] -= one.share @ np.trace(turned, axis1=-2, axis2=-1)
+            turned *= np.sqrt(one.share)[:, None, None, None]
+            flat = np.swapaxes(turned, 0, 1).reshape(len(one.columns), -1)
+            hessian[np.ix_(one.columns, one.columns)] += flat @ flat.T
+        weight = self.weight if weight is None else weight
+        return weight * gradient, weight * hessian
+
+    def minimum(self, x: Array, H: Array, g: Array, accuracy: float, free: Index) -> Array:
+        """Return the step d (v) from an x inside that minimises d' H d / 2 - g' d plus the barrier at x + d.
+
+        Only the ``free`` ones of x move. ``H`` may be singular where the barrier is curved. A heavier barrier leads
+        around the boundary where the step is long. ``accuracy`` is of the minimum.
+        """
+        d, weight = np.zeros(len(x)), self.weight
+        step, fall = Penalised(H, g, x, ((self, weight),), free).newton(d)
+        if not self.inside(x + step):
+            weight = max(weight, 0.1 * fall / max(len(self.psd_constraints), 1))
+        while True:
+            enough = 2 * max(accuracy, 0.1 * (weight - self.weight))
+            d, _ = Penalised(H, g, x, ((self, weight),), free).settled(d, enough)
+            if weight <= self.weight:
+                return d
+            weight = max(0.1 * weight, self.weight)
+
+
+@dataclass(frozen=True, eq=False)
+class Penalised:
+    """The function d' H d / 2 - g' d plus ``barriers`` at origin + d, of steps d (v) whose ``free`` ones may move.
+
+    Each barrier comes with its weight.
+    """
+
+    H: Array
+    g: Array
+    origin: Array
+    barriers: tuple[tuple[Barrier, float], ...]
+    free: Index
+
+    def newton(self, d: Array) -> tuple[Array, float]:
+        """Return Newton's step (v) from d, and twice the fall that it promises."""
+        pull, stiff = self.g - self.H @ d, self.H
+        for one, weight in self.barriers:
+            push, bend = one.slopes(self.origin + d, weight)
+            pull, stiff = pull - push, stiff + bend
+        step = _solved(stiff, pull, self.free)
+        return step, float(pull @ step)
+
+    def settled(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
+        """Follow Newton's steps from d; return where a step promised less than ``enough``, and twice that fall."""
+        fall = np.inf
+        for _ in range(steps):
+            step, fall = self.newton(d)
+            length = self._length(d, step, fall)
+            d = d + length * step
+            if fall < enough or not length:
+                break
+        return d, fall
+
+    def _length(self, d: Array, step: Array, fall: float) -> float:
+        """Return how far to go along a step: backtracking, 0 where rounding leaves nothing to gain."""
+        here, slope, bend = self._barred(d), float((self.H @ d - self.g) @ step), float(step @ self.H @ step)
+        length = 1.0
+        while length > SHORTEST:
+            change = length * slope + 0.5 * length**2 * bend
+            if self._barred(d + length * step) - here + change <= -0.1 * length * fall:
+                return length
+            length *= 0.6
+        return 0.0
+
+    def _barred(self, d: Array) -> float:
+        return sum(one.value(self.origin + d, weight) for one, weight in self.barriers)
+
+
+def _solved(H: Array, g: Array, free: Index) -> Array:
+    """Return H^-1 g over the free ones, with directions in which H is only rounding held still."""
+    out = np.zeros(len(g))
+    H, g = H[np.ix_(free, free)], g[free]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-200))
+    scaled = H * np.outer(scale, scale)
+    try:
+        out[free] = scale * cho_solve(cho_factor(scaled, check_finite=False), g * scale, check_finite=False)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(scaled)
+        kept = values > 1e-14 * values[-1]
+        out[free] = scale * (vectors[:, kept] @ ((vectors[:, kept].T @ (g * scale)) / values[kept]))
+    return out

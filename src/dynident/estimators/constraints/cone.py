@@ -1,0 +1,169 @@
+"""Conic programs over robot parameters: solved with Clarabel, and checked afterwards, whatever the solver says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, ModelError
+from dynident.estimators.constraints.constraints import Constraints, Limit, PsdConstraint
+
+__all__ = ["Optimum", "minimise", "positive"]
+
+Array = NDArray[np.float64]
+GOOD = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """A solved program: the ``point`` (v), the solver's own ``status``, and what our check of it found.
+
+    ``stationarity`` and ``gap`` are the errors of the optimality conditions, relative to the size of their terms.
+    """
+
+    point: Array
+    status: str
+    stationarity: float
+    gap: float
+
+    @property
+    def good(self) -> bool:
+        """True where the optimality conditions hold, whatever the solver's status."""
+        return self.stationarity < GOOD and self.gap < GOOD
+
+
+def minimise(
+    quadratic: Array,
+    linear: Array,
+    constraints: Constraints,
+    origin: Array,
+    directions: Array,
+) -> Optimum:
+    """Minimise x' quadratic x / 2 + linear' x over x (v), with theta = origin (p) + directions (p, v) x constrained.
+
+    Raises ConfigError that names the constraints which contradict each other, and ModelError where the solver finds no
+    numbers.
+    """
+    program = _Program(len(linear))
+    for limit in constraints.limits:
+        _add_limit(program, limit, origin, directions)
+    for one in constraints.psd_constraints(origin, directions):
+        _add_matrices(program, one)
+    return program.solve(quadratic, linear)
+
+
+def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequence[float]) -> Array:
+    """Return the point (p) nearest to theta, by the quadratic form ``hessian``, at which all matrices are positive.
+
+    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``room``. Raises ModelError where
+    there is no such point, or the solver finds none.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
+    # where the form says next to nothing, the matrices give the unit: else rounding decides whether the solver succeeds
+    reach = np.sqrt(sum((slopes.reshape(-1, len(theta)) ** 2).sum(axis=0) for slopes in matrices)) * scale
+    unit = scale / np.maximum(reach, 1.0)
+    program = _Program(len(theta))
+    for slopes, least in zip(matrices, room, strict=True):
+        offset = np.broadcast_to(-least * np.eye(slopes.shape[1]), slopes.shape[:-1])
+        _add_matrices(program, PsdConstraint(slopes, None, offset, "a positive inertia").along(theta, np.diag(unit)))
+    scaled = hessian * np.outer(unit, unit) + 1e-9 * np.diag((unit / scale) ** 2)
+    try:
+        point = program.solve(scaled, np.zeros(len(theta))).point
+    except ConfigError as error:
+        raise ModelError(f"no parameters are physical: {error}") from error
+    return np.asarray(theta + unit * point)
+
+
+@dataclass
+class _Program:
+    """The constraints b - A x in K, gathered block by block."""
+
+    size: int
+    cones: list[tuple[str, int]] = field(default_factory=list)
+    A: list[Array] = field(default_factory=list)
+    b: list[Array] = field(default_factory=list)
+    labels: list[tuple[str, ...]] = field(default_factory=list)
+
+    def add(self, cone: str, order: int, A: Array, b: Array, labels: tuple[str, ...]) -> None:
+        """Add a block of rows; one label for each row, or for the whole block."""
+        if len(b):
+            self.cones.append((cone, order))
+            self.A.append(A)
+            self.b.append(b)
+            self.labels.append(labels)
+
+    def solve(self, hessian: Array, cost: Array) -> Optimum:
+        """Run Clarabel; what it returns is checked here."""
+        import clarabel  # type: ignore[import-untyped, unused-ignore]
+        from scipy.sparse import csc_matrix
+
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_threads, settings.chordal_decomposition_enable = False, 1, False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+        A = np.concatenate(self.A) if self.A else np.zeros((0, self.size))
+        b = np.concatenate(self.b) if self.b else np.zeros(0)
+        cones = [getattr(clarabel, name)(order) for name, order in self.cones]
+        upper = csc_matrix(np.triu(hessian))
+        found = clarabel.DefaultSolver(upper, cost, csc_matrix(A), b, cones, settings).solve()
+        return self._checked(found, hessian, cost, A, b)
+
+    def _checked(self, found: Any, hessian: Array, cost: Array, A: Array, b: Array) -> Optimum:
+        import clarabel  # type: ignore[import-untyped, unused-ignore]
+
+        x, z, states = np.array(found.x), np.array(found.z), clarabel.SolverStatus
+        if found.status in (states.PrimalInfeasible, states.AlmostPrimalInfeasible):
+            raise ConfigError(
+                f"these constraints contradict each other: {'; '.join(self._guilty(z))}. Loosen or drop one of them."
+            )
+        if not (np.isfinite(x).all() and np.isfinite(z).all()):
+            raise ModelError(
+                f"the conic solver gave up ({found.status}); check the nominal values and bounds for wrong units, or "
+                "raise the margin or the threshold of the estimator."
+            )
+        bend = hessian @ x
+        pull = A.T @ z
+        size = max(1.0, *(float(np.abs(part).max(initial=0.0)) for part in (bend, cost, pull)))
+        stationarity = float(np.abs(bend + cost + pull).max(initial=0.0)) / size
+        primal, dual = 0.5 * x @ bend + cost @ x, -0.5 * x @ bend - b @ z
+        gap = float(abs(primal - dual)) / max(1.0, abs(float(primal)), abs(float(dual)))
+        return Optimum(x, str(found.status), stationarity, gap)
+
+    def _guilty(self, z: Array) -> list[str]:
+        """Name the constraints in the solver's proof of infeasibility: those with a multiplier."""
+        blocks = np.split(z, np.cumsum([len(b) for b in self.b])[:-1])
+        named: dict[str, float] = {}
+        for labels, block in zip(self.labels, blocks, strict=True):
+            sizes = np.abs(block) if len(labels) == len(block) else [np.linalg.norm(block)]
+            for label, size in zip(labels, map(float, sizes), strict=True):
+                named[label] = max(size, named.get(label, 0.0))
+        largest = max(named.values())
+        return [label for label, size in named.items() if size > 1e-3 * largest]
+
+
+def _add_limit(program: _Program, limit: Limit, origin: Array, directions: Array) -> None:
+    slope, value = limit.rows @ directions, limit.rows @ origin
+    equal = limit.lower == limit.upper
+    parts = (
+        ("ZeroConeT", equal, 1.0, limit.lower),
+        ("NonnegativeConeT", np.isfinite(limit.lower) & ~equal, -1.0, limit.lower),
+        ("NonnegativeConeT", np.isfinite(limit.upper) & ~equal, 1.0, limit.upper),
+    )
+    for cone, rows, sign, side in parts:
+        labels = tuple(label for label, row in zip(limit.labels, rows, strict=True) if row)
+        program.add(cone, int(rows.sum()), sign * slope[rows], sign * (side - value)[rows], labels)
+
+
+def _add_matrices(program: _Program, demand: PsdConstraint) -> None:
+    for offset, slopes in zip(demand.constant, demand.slopes, strict=True):
+        A, b = -_triangle(np.moveaxis(slopes, -1, 0)).T, _triangle(offset)
+        program.add("PSDTriangleConeT", len(offset), A, b, (demand.label,))
+
+
+def _triangle(matrices: Array) -> Array:
+    """Return the upper triangle of symmetric matrices (..., n, n), column by column, whose dot products are traces."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.asarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0)))

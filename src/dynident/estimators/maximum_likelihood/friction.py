@@ -1,0 +1,36 @@
+"""Dry friction with a smooth sign, as wide as the velocity is known: a jump has no derivative to search by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.models import HasSign, Model, Term
+
+__all__ = ["has_sign", "softened"]
+
+Array = NDArray[np.float64]
+
+
+def has_sign(model: Model) -> bool:
+    """Return whether a term of the model takes the sign of a velocity."""
+    return any(map(_sharp, model.terms))
+
+
+def softened(model: Model, width: Array) -> Model:
+    """Return the model with each sign(dq) replaced by tanh(dq / width), ``width`` (n) in rad/s or m/s by joint.
+
+    The parameters stay the same, in the same order. Terms with a width or a dead band of their own are left as they
+    are.
+    """
+    terms: list[Term] = []
+    for term in model.terms:
+        terms += term.softened(width) if _sharp(term) else (term,)
+    return replace(model, terms=tuple(terms))
+
+
+def _sharp(term: object) -> TypeGuard[HasSign]:
+    return isinstance(term, HasSign) and term.sharp

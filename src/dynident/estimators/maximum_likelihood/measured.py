@@ -1,0 +1,125 @@
+"""What maximum likelihood takes from a problem: its logs as measured, their noise, and a start that physics allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, Note
+from dynident.estimators.constraints import PsdConstraint
+from dynident.estimators.constraints.cone import positive
+from dynident.estimators.estimator import Problem
+from dynident.estimators.maximum_likelihood.plan import steps_of
+from dynident.estimators.maximum_likelihood.search import Recordings
+from dynident.estimators.notes import Averaged
+from dynident.log import Log
+from dynident.regression import fast_enough, stretches
+from dynident.splines import median_sigma, steady_noise
+
+__all__ = ["feasible", "misfit", "recordings", "usual_noise"]
+
+Array = NDArray[np.float64]
+MARGIN = 0.3  # room to the boundary that a start is given, relative to the usual size
+THIN = 1e-3  # the same for bodies, which are often nearly rods or plates
+LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
+SHORTEST = 20  # samples of a recording
+
+
+def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:
+    """Return the logs as measured, thinned to about ``rate`` (Hz), and notes on what was done.
+
+    Where the problem has none, the runs of usable samples of the motions stand for them.
+    """
+    notes: list[Note] = []
+    logs = problem.logs or _runs(problem)
+    used = _used(problem, len(logs))
+    group = _grouping(logs, rate)
+    if group > 1:
+        logs = tuple(_thinned(log, group) for log in logs)
+        used = [None if one is None else _means(one.astype(float), group) == 1 for one in used]
+        notes.append(Averaged(group))
+    sigma_tau = usual_noise(logs)[1]
+    found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
+    bend = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
+    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, bend), notes
+
+
+def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
+    """Return which torques (N, n) of each of the logs count, None where all do."""
+    min_speed = problem.regression.min_speed
+    if min_speed is None or logs != len(problem.motions):
+        return [None] * logs
+    return [fast_enough(one.dq, min_speed) for one in problem.motions]
+
+
+def _grouping(logs: Sequence[Log], rate: float | None) -> int:
+    """Return of how many neighbouring samples the mean is to be taken; of one where a log would become too short."""
+    most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
+    group = 1 if rate is None else int(np.ceil(most / rate))
+    return group if min(map(len, logs)) >= SHORTEST * group else 1
+
+
+def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
+    """Return the standard deviations (n) of white noise in the positions and torques."""
+    sizes = [len(log) for log in logs]
+    found = ([steady_noise(getattr(log, name), least) for log in logs] for name, least in LEAST.items())
+    q, tau = (np.sqrt(np.average(np.square(x), axis=0, weights=sizes)) for x in found)
+    return q, tau
+
+
+def misfit(problem: Problem, theta: Array) -> Array:
+    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
+    left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
+    return median_sigma(np.concatenate(left))
+
+
+def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], margin: float = MARGIN) -> Array:
+    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary.
+
+    It stays where it is where the solver finds no such point.
+    """
+    triangular = problem.regression.triangular_factors
+    factor = triangular.stacked(
+        1.0 / np.maximum(np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1)), 1e-12)
+    )
+    hessian = factor[:, :-1].T @ factor[:, :-1]
+    matrices, room = [], []
+    for one in wanted:
+        usual = np.abs(np.diagonal(one.slopes @ theta, axis1=1, axis2=2)).max(axis=0)
+        usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
+        scale = 1.0 / np.sqrt(usual)
+        matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
+        room.append(margin if one.centre is None else THIN)
+    if _roomy(theta, matrices, room):
+        return theta
+    point = positive(theta, hessian, matrices, room)
+    # a solver that stopped halfway is no help to a start that is inside already
+    return point if _roomy(point, matrices, [0.5 * least for least in room]) else theta
+
+
+def _roomy(theta: Array, matrices: Sequence[Array], room: Sequence[float]) -> bool:
+    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
+
+
+def _runs(problem: Problem) -> tuple[Log, ...]:
+    out = []
+    for motion in problem.motions:
+        for part in stretches(motion.mask):
+            if part.stop - part.start >= SHORTEST:
+                out.append(Log(motion.t[part], motion.q[part], motion.tau[part], motion.joints, motion.source))
+    if not out:
+        raise InputError(f"maximum likelihood needs a run of at least {SHORTEST} usable samples.")
+    return tuple(out)
+
+
+def _thinned(log: Log, group: int) -> Log:
+    t, q, tau = (_means(x, group) for x in (log.t, log.q, log.tau))
+    return Log(t, q, tau, log.joints, log.source)
+
+
+def _means(x: Array, group: int) -> Array:
+    """Return the means of ``group`` neighbours of x (N, ...); those left over at the end go."""
+    whole = len(x) // group * group
+    return np.asarray(x[:whole].reshape(-1, group, *x.shape[1:]).mean(axis=1))

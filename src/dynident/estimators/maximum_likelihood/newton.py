@@ -1,0 +1,300 @@
+"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay inside of what physics allows."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.estimators.constraints import Barrier
+from dynident.estimators.maximum_likelihood.arrow import Arrow
+from dynident.estimators.maximum_likelihood.equations import Equations, equations
+from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
+from dynident.models import Model
+
+__all__ = ["Likelihood", "LikelihoodFit", "NewtonSettings", "maximise"]
+
+Array = NDArray[np.float64]
+NULL = 1e-12  # relative information below which a direction counts as not excited
+SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
+NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
+INEXACT = 1e-6  # share of the tolerance to which a step is found
+IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
+STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
+SHORTEST = 1e-3  # share of a step below which the search gives up
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """When to stop: the expected fall of the cost (half squared standard deviations), and the number of steps.
+
+    ``newton`` takes second derivatives by trajectory and theta, which cost 3 n regressors a step. Before the search the
+    trajectories take ``hold`` steps at the theta given. The parameter with the index ``fixed`` stays as it is.
+    """
+
+    tolerance: float = 1e-4
+    iterations: int = 60
+    newton: bool = True
+    hold: int = 2
+    fixed: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodFit:
+    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
+
+    ``gradient`` (p) is the data's slope of the cost once the step is taken that is left to go.
+    ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
+    """
+
+    theta: Array
+    states: tuple[State, ...]
+    information: Array
+    maps: tuple[tuple[Array, int], ...]
+    cost: float
+    gradient: Array
+    decrement: float
+    iterations: int
+    converged: bool
+
+    def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
+        """Return the states that belong to another theta nearby, to first order."""
+        return _carried(segments, self.states, self.maps, theta - self.theta)
+
+
+def _turned(one: Equations, border: Array) -> Array:
+    """Return N^-1 times minus the gradient by C and a border, side by side."""
+    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).turned
+
+
+def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
+    """Eliminate a segment's trajectory, then its torque knots (k columns of the border); ``turned`` as above.
+
+    Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
+    d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
+    """
+    b = border.shape[1]
+    S = one.corner[:b, :b] - border.T @ turned[:, 1:]
+    S = (S + S.T) / 2
+    g = one.by_border[:b] - border.T @ turned[:, 0]
+    inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
+    free = np.column_stack([turned[:, 0], turned[:, k + 1 :]]) - turned[:, 1 : k + 1] @ inner
+    information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
+    gradient = g[k:] - S[k:, :k] @ inner[:, 0]
+    fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
+    return information, gradient, np.concatenate([free, inner]), fall
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of theta and, as maps [a, A] with the number k of torques, of each segment's (C, W)."""
+
+    theta: Array
+    maps: tuple[tuple[Array, int], ...]
+    decrement: float
+    information: Array
+    gradient: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    """Information (p, p), gradient (p), twice the fall that the trajectories alone promise, and the maps to them."""
+
+    information: Array
+    gradient: Array
+    fall: float
+    maps: tuple[tuple[Array, int], ...]
+
+    @classmethod
+    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, bend: bool) -> _Quadratic:
+        """Sum over the segments; ``turned`` are N^-1 [gradient, border, bend] of each."""
+        information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
+        for one, whole in zip(found, turned, strict=True):
+            border, back = one.border, whole[:, : one.border.shape[1] + 1]
+            if bend:
+                border, back = border.copy(), back.copy()
+                border[:, -p:] += one.bend
+                back[:, -p:] += whole[:, -p:]
+            k = border.shape[1] - p
+            S, g, way, extra = _schur(one, border, back, k)
+            information, gradient, fall = information + S, gradient + g, fall + extra
+            maps.append((way, k))
+        if not np.isfinite(information).all():
+            raise ModelError("the normal equations of the parameters are not finite.")
+        return cls(information, gradient, fall, tuple(maps))
+
+
+def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: NewtonSettings) -> _Step:
+    """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
+    p = len(theta)
+    turned = [_turned(one, np.column_stack([one.border, one.bend])) for one in found]
+    gauss = used = _Quadratic.of(found, turned, p, bend=False)
+    if settings.newton:
+        bent = _Quadratic.of(found, turned, p, bend=True)
+        if _safe(bent.information, gauss.information):
+            used = bent
+    H, g = _positive(used.information), used.gradient
+    # what has no effect stays where it is, unless it belongs to a body that needs it
+    free = np.flatnonzero((np.diag(H) * np.maximum(theta**2, 1.0) > IDLE) | barrier.bound)
+    free = free[free != settings.fixed]
+    dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
+    gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
+    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
+
+
+def _positive(H: Array) -> Array:
+    """Return H (p, p) without what rounding has made negative, or of nothing."""
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-200))
+    values, vectors = np.linalg.eigh(H / np.outer(scale, scale))
+    if values[0] > NULL * values[-1]:
+        return H
+    half = vectors * np.sqrt(np.where(values > NULL * values[-1], values, 0.0)) * scale[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _safe(observed: Array, gauss: Array) -> bool:
+    """Return whether the observed information is no less than a small share of the expected one, in any direction."""
+    scale = np.sqrt(np.maximum(np.diag(gauss), 1e-200))
+    weakest = [float(np.linalg.eigvalsh(S / np.outer(scale, scale))[0]) for S in (observed, gauss)]
+    return weakest[0] > SAFE * weakest[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """What is to be made most likely: a model on the segments of its logs, with their noise, inside of a barrier."""
+
+    model: Model
+    segments: tuple[Segment, ...]
+    sigma: Sigma
+    barrier: Barrier
+
+    def cost(self, states: Sequence[State], theta: Array) -> float:
+        """Return half the weighted squares and the barrier; infinite outside of it."""
+        if not self.barrier.inside(theta):
+            return np.inf
+        pairs = zip(self.segments, states, strict=True)
+        data = sum(one.cost(self.model, state, theta, self.sigma) for one, state in pairs)
+        return data + self.barrier.value(theta)
+
+    def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+        """Return the normal equations of each segment."""
+        pairs = zip(self.segments, states, strict=True)
+        return [equations(one, self.model, x, theta, self.sigma, bend=bend) for one, x in pairs]
+
+    def linearised(
+        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
+    ) -> list[Equations]:
+        """Return the equations about states and theta; with the second derivatives of those before, if any."""
+        found = self.equations(states, theta, bend=bend and not before)
+        return [replace(one, bend=old.bend) for one, old in zip(found, before, strict=True)] if before else found
+
+    def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
+        """Return the states after one step of Gauss and Newton at this theta."""
+        p, out = len(theta), []
+        for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
+            k = found.border.shape[1] - p
+            border = found.border[:, :k]
+            move = _schur(found, border, _turned(found, border), k)[2][:, 0]
+            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+        return tuple(out)
+
+    def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
+        """Return the states that a share ``size`` of the step leads to."""
+        return _carried(self.segments, states, step.maps, step.theta, size)
+
+
+def _carried(
+    segments: Sequence[Segment],
+    states: Sequence[State],
+    maps: Sequence[tuple[Array, int]],
+    dtheta: Array,
+    size: float = 1.0,
+) -> tuple[State, ...]:
+    out = []
+    for one, state, (back, k) in zip(segments, states, maps, strict=True):
+        move = size * (back[:, 0] - back[:, 1:] @ dtheta)
+        out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
+    return tuple(out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Where the search stands."""
+
+    states: tuple[State, ...]
+    theta: Array
+    cost: float
+
+
+def maximise(
+    likelihood: Likelihood,
+    states: Sequence[State],
+    theta: Array,
+    settings: NewtonSettings | None = None,
+    trace: Callable[[int, float, float, Array], None] = lambda *_: None,
+) -> LikelihoodFit:
+    """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
+
+    A step that fails because the trajectory's valley is curved is followed by one at fixed theta before it is halved.
+    ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
+    equations cannot be solved.
+    """
+    settings = settings or NewtonSettings()
+    at, near, slow = _begun(likelihood, states, theta, settings.hold), False, 0
+    found: list[Equations] = []
+    for iteration in itertools.count():
+        found = likelihood.linearised(at.states, at.theta, found if near else [], bend=settings.newton)
+        step = _step(found, at.theta, likelihood.barrier, settings)
+        trace(iteration, at.cost, step.decrement, at.theta)
+        converged = abs(step.decrement) < settings.tolerance
+        if converged or iteration >= settings.iterations or slow >= PATIENCE:
+            break
+        step, better = _improved(likelihood, at, step, found, settings)
+        if better is None:
+            break
+        slow = slow + 1 if at.cost - better.cost < STALLED * 0.5 * step.decrement else 0
+        at, near = better, step.decrement < NEAR
+    left = (step.information, step.maps, at.cost, step.gradient, step.decrement)
+    return LikelihoodFit(at.theta, at.states, *left, iteration, converged)
+
+
+def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
+    """Return the start after ``hold`` steps of the states alone; ModelError outside of the barrier."""
+    states = tuple(states)
+    for _ in range(hold):
+        states = likelihood.followed(states, theta)
+    cost = likelihood.cost(states, theta)
+    if not np.isfinite(cost):
+        raise ModelError(f"{likelihood.model.name}: the start is outside of what physics allows.")
+    return _Point(states, theta, cost)
+
+
+def _improved(
+    likelihood: Likelihood, at: _Point, step: _Step, found: Sequence[Equations], settings: NewtonSettings
+) -> tuple[_Step, _Point | None]:
+    """Return the step that was taken and where it led, None where none lowers the cost."""
+    better = _descend(likelihood, at, step) if step.decrement > 0 else None
+    if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
+        step = _step(found, at.theta, likelihood.barrier, replace(settings, newton=False))
+        better = _descend(likelihood, at, step)
+    return step, better
+
+
+def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
+    """Return the point after a share of the step that lowers the cost; None where there is none."""
+    size = 1.0
+    while size > SHORTEST:
+        moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
+            for _ in range(3):
+                cost = likelihood.cost(moved, aim)
+                if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
+                    return _Point(moved, aim, cost)
+                moved = likelihood.followed(moved, aim)
+        size *= 0.4
+    return None

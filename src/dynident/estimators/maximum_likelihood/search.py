@@ -1,0 +1,274 @@
+"""From measured logs to the most likely parameters: knots, noise known better each round, and where the search ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.estimators.constraints import Barrier
+from dynident.estimators.maximum_likelihood.equations import leverage, scores
+from dynident.estimators.maximum_likelihood.friction import softened
+from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
+from dynident.estimators.maximum_likelihood.plan import plan, whiteness
+from dynident.estimators.maximum_likelihood.profile import crossing, swept
+from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
+from dynident.log import Log
+from dynident.models import Model
+from dynident.splines import median_sigma
+
+__all__ = ["Recordings", "Search"]
+
+Array = NDArray[np.float64]
+SPACINGS = (80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.25)  # of the knots, in samples
+FEWEST = 4  # intervals of a recording: the residuals of fewer are too few to tell whether they are white
+TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
+STILL = 1e-8  # usual acceleration (rad/s^2, m/s^2) of a joint that does not move
+NO_SIGN = 1e3  # rad/s, m/s: width of a sign of velocity that is not there
+SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
+CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
+LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
+MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
+WHITE = 1e-3  # probability below which residuals are not white
+AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
+TINY = 1e-6  # half the deviance that counts as none
+CLUSTERS = 200  # parts of the recordings whose pulls on theta count as independent
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """What was measured: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the
+    ``time_offset`` (s) of the positions, and the usual accelerations ``bend`` (n).
+    """
+
+    logs: tuple[Log, ...]
+    steps: tuple[tuple[float, ...], ...]
+    used: tuple[NDArray[np.bool_] | None, ...]
+    time_offset: float
+    bend: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Knots:
+    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``settled`` as noise."""
+
+    segments: tuple[Segment, ...]
+    power: Array
+    settled: bool
+
+
+@dataclass(eq=False)
+class Search:
+    """Where the search stands: theta (p), the noise ``sigma``, segments and their states."""
+
+    model: Model
+    given: Recordings
+    barrier: Barrier
+    settings: NewtonSettings
+    theta: Array
+    sigma: Sigma
+    segments: tuple[Segment, ...] = ()
+    states: tuple[State, ...] = field(default=())
+
+    @property
+    def likelihood(self) -> Likelihood:
+        """What is searched for the maximum of."""
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier)
+
+    def lay_out(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
+        """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
+
+        Their residuals must be white. Where they never are, because real noise is not, the torque decides: those are
+        taken that are the narrowest from which it follows as well as from any other.
+        """
+        if spacing:
+            self.segments = self._planned(spacing, rest=rest)
+        else:
+            found = self._spaced(rest=rest)
+            # what the spline cannot follow counts as noise
+            self.segments = found.segments
+            self.sigma = replace(self.sigma, q=np.maximum(self.sigma.q, np.sqrt(found.power)))
+        self.states = tuple(one.start(self.sigma.q, self.given.bend) for one in self.segments)
+        if condense:
+            pairs = zip(self.segments, self.states, strict=True)
+            self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma.tau) for one, state in pairs)
+
+    def _planned(self, spacing: float, *, rest: bool) -> tuple[Segment, ...]:
+        given = zip(self.given.logs, self.given.steps, self.given.used, strict=True)
+        return tuple(
+            plan(log, times, spacing, self.sigma.tau, rest=rest, time_offset=self.given.time_offset, used=used)
+            for log, times, used in given
+        )
+
+    def _spaced(self, *, rest: bool) -> _Knots:
+        """Return the widest knots that leave white residuals of the positions, else those that the torque decides."""
+        widest = max(map(len, self.given.logs)) / FEWEST
+        tried = []
+        for size in SPACINGS:
+            if TELLING < size <= widest:
+                tried.append(self._tried(size, rest=rest))
+                if tried[-1].settled:
+                    return tried[-1]
+        return self._by_torque(tried, rest=rest)
+
+    def _by_torque(self, tried: list[_Knots], *, rest: bool) -> _Knots:
+        """Return the narrowest knots, those tried or still narrower, from which the torque follows as well as any."""
+        missed = [self._missed(one.segments) for one in tried]
+        for size in SPACINGS:
+            if size < TELLING:
+                if len(missed) > 1 and missed[-1] >= min(missed[:-1]) / SAME:
+                    break  # the last halving gained nothing
+                tried.append(self._tried(size, rest=rest))
+                missed.append(self._missed(tried[-1].segments))
+        return [one for one, x in zip(tried, missed, strict=True) if x <= SAME * min(missed)][-1]
+
+    def _tried(self, size: float, *, rest: bool) -> _Knots:
+        """Return the knots of a spacing, after a fit to the positions alone."""
+        segments = self._planned(size, rest=rest)
+        left = [one.offset(self._fitted(one)) for one in segments]
+        power = sum(((x**2).sum(axis=0) for x in left), np.zeros(len(self.sigma.q))) / sum(map(len, left))
+        exact = CLOSE * np.ptp(np.concatenate([log.q for log in self.given.logs]), axis=0)
+        return _Knots(segments, power, self._white(left, segments) or bool((power < exact**2).all()))
+
+    def _fitted(self, segment: Segment) -> State:
+        """Return the motion that a segment's positions alone suggest."""
+        return segment.start(self.sigma.q, LOOSE * self.given.bend)
+
+    def _missed(self, segments: Sequence[Segment]) -> float:
+        """Return the power of the torque that fits to the positions alone leave."""
+        left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma.tau for one in segments]
+        return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
+
+    def soften(self) -> tuple[float, ...]:
+        """Make the sign of velocities as smooth as these are known; return the widths if that concerns many samples."""
+        known = [one.resolution(self.sigma.q, self.given.bend) for one in self.segments]
+        still = self.given.bend < STILL
+        width = np.where(still, NO_SIGN, np.max(known, axis=0))
+        speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
+        self.model = softened(self.model, width)
+        if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~still].max(initial=0.0)) < MANY:
+            return ()
+        return tuple(width[~still].tolist())
+
+    def _white(self, left: Sequence[Array], segments: Sequence[Segment]) -> bool:
+        pairs = zip(left, segments, strict=True)
+        return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
+
+    def run(self, hold: int = 0, loose: float = 1.0) -> LikelihoodFit:
+        """Search from where all stands, and move there."""
+        return self.moved_to(self.searched(self.theta, self.states, hold, loose))
+
+    def moved_to(self, fitted: LikelihoodFit) -> LikelihoodFit:
+        """Move to where a search ended, and return that."""
+        self.theta, self.states = fitted.theta, fitted.states
+        return fitted
+
+    def searched(
+        self, theta: Array, states: tuple[State, ...], hold: int = 0, loose: float = 1.0, fixed: int | None = None
+    ) -> LikelihoodFit:
+        """Search from a theta and states, with one parameter fixed or none."""
+        settings = replace(self.settings, tolerance=loose * self.settings.tolerance, hold=hold, fixed=fixed)
+        return maximise(self.likelihood, states, theta, settings)
+
+    def freed(self) -> Search:
+        """Return the search with the velocities at the start unknown."""
+        return replace(self, segments=tuple(replace(one, rest=False) for one in self.segments))
+
+    def left(self) -> tuple[list[Array], list[Array]]:
+        """Return the residuals of positions and torques by segment, in units of their deviations; zero where unused."""
+        pairs = [
+            one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
+        ]
+        torques = zip(pairs, self.segments, strict=True)
+        return [a / self.sigma.q for a, _ in pairs], [
+            (one.raw.weight > 0) * b / self.sigma.tau for (_, b), one in torques
+        ]
+
+    def reweight(self, huber: float | None) -> None:
+        """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
+        q, tau = self.left()
+        pairs = zip(self.segments, self.states, strict=True)
+        taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
+        there = np.array(
+            [sum(map(len, q)) + 0 * self.sigma.q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
+        )
+        free = np.maximum(there - taken, 0.05 * there)
+        if huber is not None:
+            trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
+            self.segments = tuple(one.trusting(x) for one, x in zip(self.segments, trust, strict=True))
+            scale = median_sigma(np.concatenate(tau)) * np.sqrt(there[1] / free[1])
+        else:
+            scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
+        scale_q = np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0])
+        self.sigma = Sigma(self.sigma.q * np.maximum(scale_q, 1e-6), self.sigma.tau * np.maximum(scale, 1e-6))
+
+    def _held(self, last: LikelihoodFit, theta: Array, k: int, value: float) -> LikelihoodFit | None:
+        """Return the best fit with parameter k at a value, from theta near the ``last``; None where there is none."""
+        theta[k] = value
+        if not self.barrier.inside(theta):
+            theta = last.theta.copy()
+            theta[k] = value
+        if not self.barrier.inside(theta):
+            return None
+        try:
+            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
+        except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
+            return None
+
+    def profiled(self, fitted: LikelihoodFit, covariance: Array, k: int) -> Array:
+        """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
+
+        The parameter keeps its sign where physics does not let it be zero. Where physics stops it before, that is the
+        end as far as it was seen.
+        """
+        value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
+        along, zero = covariance[:, k] / std**2, fitted.theta.copy()
+        zero[k] = 0.0
+        keeps = not self.barrier.inside(zero)
+        path: list[tuple[float, Array]] = []  # signed roots of the deviance, and the best fits there
+
+        def end(side: int) -> float:
+            last, inward = fitted, keeps and side * value < 0
+            # from one share to the next; a parameter near zero, or at the edge, is no measure
+            unit, way = (value, -1) if inward else (side * max(abs(value), std), 1)
+
+            def root(share: float) -> tuple[float, float]:
+                nonlocal last
+                aim = value + unit * (share - 1)
+                found = self._held(last, last.theta + along * (aim - last.theta[k]), k, aim)
+                if found is None:
+                    return np.nan, np.nan
+                last, fall = found, found.cost - 0.5 * found.decrement - fitted.cost
+                r = float(np.sqrt(2 * max(fall, TINY)))
+                path.append((side * r, found.theta))
+                slope = found.gradient[k] + self.barrier.slopes(found.theta)[0][k]
+                return way * r, float(slope) * unit / (way * r)
+
+            return value + unit * (crossing(root, std / abs(unit), way) - 1)
+
+        ends = [end(-1), end(1)]
+        out = swept(fitted.theta, path, covariance, k)
+        out[k] = ends
+        return out
+
+    def spread(self, fitted: LikelihoodFit, inverse: Array) -> tuple[Array, Array]:
+        """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
+
+        ``inverse`` (p, p) is that of the information. The pulls of stretches of the recordings on theta are taken as
+        independent, whatever their noise is like.
+        """
+        out = []
+        for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
+            pulls = scores(one, self.model, state, fitted.theta, self.sigma, back[:, 1:])
+            middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
+            part = max(int(CLUSTERS / len(self.segments)), 2)
+            edges = np.searchsorted(
+                middle, np.linspace(one.trajectory.breaks[0], one.trajectory.breaks[-1], part + 1)[:-1]
+            )
+            edges = np.unique(np.minimum(edges, len(middle) - 1))
+            out.append(np.add.reduceat(pulls, edges))
+        square = (np.concatenate(out) @ inverse) ** 2
+        return np.sqrt(square.sum(axis=0)), square.sum(axis=0) ** 2 / np.maximum((square**2).sum(axis=0), 1e-300)

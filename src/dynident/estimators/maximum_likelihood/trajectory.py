@@ -1,0 +1,117 @@
+"""Trajectories: splines of degree 4 whose knots are dense after a step of the torque, where the motion is fast."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from dynident.estimators.maximum_likelihood.arrow import overlap
+from dynident.splines.bspline import local_basis
+
+__all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+DEGREE = 4
+BLOCK = 4096  # points in about one block
+JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
+
+
+def graded(start: float, stop: float, steps: Sequence[float], fine: float, coarse: float, growth: float) -> Array:
+    """Return distinct breakpoints from start to stop (s).
+
+    The spacing is ``fine`` after each of the ``steps`` and grows by the factor ``growth`` from one to the next up to
+    ``coarse``; the part before the first step is coarse.
+    """
+    marks = sorted({start, *(s for s in steps if start <= s < stop), stop})
+    parts = []
+    for left, right in itertools.pairwise(marks):
+        size = fine if left in steps else coarse
+        found, at = [0.0], 0.0
+        while at < right - left:
+            at += size
+            found.append(at)
+            size = min(size * growth, coarse)
+        # squeezed, so that the last one ends the part
+        parts.append(left + np.array(found[:-1]) * (right - left) / found[-1])
+    return np.concatenate([*parts, [stop]])
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryBlock:
+    """Some of a trajectory's ``intervals``, and all points in them, as slices.
+
+    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K)
+    with the same number c of points, and where these are (K, c), for each c, both counted within the block.
+    """
+
+    intervals: slice
+    points: slice
+    adds: csr_array
+    groups: tuple[tuple[Index, Index], ...]
+
+    def products(self, left: Array, right: Array) -> Array:
+        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
+        a, b = left.shape[-1], right.shape[-1]
+        out = np.zeros((self.intervals.stop - self.intervals.start, a, b))
+        for there, at in self.groups:
+            one, other = left[at].reshape(len(at), -1, a), right[at].reshape(len(at), -1, b)
+            out[there] = np.swapaxes(one, 1, 2) @ other
+        return out
+
+
+def _groups(edges: Index) -> tuple[tuple[Index, Index], ...]:
+    """Return the groups of intervals that end at ``edges`` of the points."""
+    count = np.diff(edges)
+    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
+    return tuple((there, edges[there][:, None] + along) for there, along in same)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The splines of degree 4 on ``breaks`` (I + 1) s, with jumps of the acceleration allowed at ``steps``."""
+
+    breaks: Array
+    steps: tuple[float, ...] = ()
+
+    @cached_property
+    def knots(self) -> Array:
+        """All knots, repeated at the ends and at the steps."""
+        inside = self.breaks[1:-1]
+        times = np.where(np.isin(inside, self.steps), JUMP, 1)
+        ends = (np.full(DEGREE + 1, self.breaks[0]), np.full(DEGREE + 1, self.breaks[-1]))
+        return np.concatenate([ends[0], np.repeat(inside, times), ends[1]])
+
+    @property
+    def size(self) -> int:
+        """The number of coefficients of one joint."""
+        return len(self.knots) - DEGREE - 1
+
+    @cached_property
+    def first(self) -> Index:
+        """First (I) of the five coefficients that act on each interval."""
+        return np.searchsorted(self.knots, self.breaks[:-1], side="right") - 1 - DEGREE
+
+    def interval(self, t: Array) -> Index:
+        """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
+        return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
+
+    def blocks(self, t: Array, n: int) -> Iterator[TrajectoryBlock]:
+        """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
+        count, lo = len(self.first), 0
+        edges = np.searchsorted(self.interval(t), np.arange(count + 1))
+        while lo < count:
+            hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
+            points, adds = slice(int(edges[lo]), int(edges[hi])), overlap(self.first[lo:hi] * n, 5 * n, self.size * n)
+            yield TrajectoryBlock(slice(lo, hi), points, adds, _groups(edges[lo : hi + 1] - edges[lo]))
+            lo = hi
+
+    def local(self, t: Array) -> Array:
+        """Return values, first and second derivatives (3, N, 5) of the five splines that act on each time."""
+        return local_basis(self.knots, DEGREE, self.first[self.interval(t)] + DEGREE, t)

@@ -1,0 +1,247 @@
+"""The physically consistent fit: least squares under what physics and the user demand, with a prior for the rest.
+
+Settings become constraints and a prior here. Two convex programs, small whatever the length of the logs, do the rest:
+``staged`` fits the data, ``prior`` decides what they leave free, and no more, so that no prior can touch the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, get_args
+
+import numpy as np
+from annotated_types import Ge, Gt, Lt
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, Note, choices
+from dynident.estimators.constraints import (
+    SIGNED,
+    BodyConstraint,
+    Bounds,
+    Constraints,
+    Corners,
+    bodies_of,
+    box,
+    interval,
+    scales,
+    signs,
+    total,
+)
+from dynident.estimators.estimator import Estimate, Problem, Provenance
+from dynident.estimators.least_squares import Weights, check_weights, joint_weights
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, PriorApproached, RankDeficient
+from dynident.estimators.physically_consistent.prior import nearest, settle
+from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
+from dynident.models import Model
+from dynident.regression import rank_of
+
+__all__ = ["PhysicallyConsistent"]
+
+Array = NDArray[np.float64]
+Distance = Literal["entropic", "euclidean"]
+CLOSED = 1e-6  # duality gap from which on the prior is only approached
+CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
+
+
+@dataclass(frozen=True)
+class PhysicallyConsistent:
+    """Least squares with a positive definite pseudo-inertia for each body that has all ten inertial parameters.
+
+    ``inertia``, ``viscous``, ``coulomb``, ``rotor`` switch the demands on the bodies and on the signs of friction and
+    rotor inertia. ``total_mass`` is a value or (lower, upper) in kg, ``bounds`` are (lower, upper) by parameter name,
+    ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
+
+    ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It decides only what the data
+    leave free, by the rank (``rank_of``) of the noise-weighted regressor; ``threshold`` is its tolerance (None: the
+    precision of the model). ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on
+    no frame or unit; Euclidean for all others) or "euclidean" (in units of each parameter's usual size). What no
+    prior covers is made as small as the constraints allow.
+
+    ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
+    values, else 1 kg and 0.1 m), of which the prior may use up half. ``weights`` and ``iterations`` are those of
+    ``joint_weights``. ``costs`` = False saves the fits that tell what constraints cost. Bodies that would fit
+    ever better by growing without end are held back, at a cost far below the noise, whatever the prior.
+    """
+
+    inertia: bool = True
+    viscous: bool = True
+    coulomb: bool = True
+    rotor: bool = True
+    total_mass: Annotated[float, Gt(0)] | Bounds | None = None
+    bounds: Mapping[str, Bounds] | tuple[tuple[str, Bounds], ...] = ()
+    centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
+    prior: Literal["nominal", "none"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
+    distance: Distance = "entropic"
+    threshold: Annotated[float, Gt(0), Lt(1)] | None = None
+    margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
+    weights: Weights = "per_joint"
+    iterations: Annotated[int, Ge(1)] = 3
+    costs: bool = True
+
+    def __post_init__(self) -> None:
+        check_weights(self.weights, self.iterations)
+        object.__setattr__(self, "total_mass", _tupled(self.total_mass))
+        for name in ("bounds", "centre_of_mass", "prior"):
+            given = getattr(self, name)
+            if isinstance(given, Mapping):
+                object.__setattr__(self, name, tuple((key, _tupled(value)) for key, value in given.items()))
+        if self.distance not in get_args(Distance):
+            raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
+        if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):
+            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, ('nominal', 'none'))}")
+        for name in ("threshold", "margin"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < 1:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-6.")
+        for name, sides in self._intervals().items():
+            _check_sides(name, *sides)
+        for name, (lower, upper) in dict(self.centre_of_mass).items():
+            for sides in zip(lower, upper, strict=True):
+                _check_sides(f"centre of mass of {name}", *sides)
+
+    def __call__(self, problem: Problem) -> Estimate:
+        """Estimate; notes say what the data did not determine.
+
+        Raises ConfigError where settings name what the model has not, or the constraints contradict each other, and
+        ModelError where the program cannot be solved.
+        """
+        model, triangular = problem.model, problem.regression.triangular_factors
+        weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
+        factor = triangular.stacked(weights)
+        bodies = bodies_of(model.parameters)
+        effect = np.linalg.norm(factor, axis=0)
+        scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
+        directions = rank_of(factor, model.parameters, self.threshold)
+        known = read(factor, scale, directions, triangular.total)
+        constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
+        aim = np.where(np.isnan(prior), 0.0, prior)
+        start = nearest(known, known.base, aim)
+        theta, excess = staged_fit(known, constraints, start)
+        value, gap = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        value = _snapped(value, constraints)
+        provenance = _provenance(value, known, constraints, ~np.isnan(prior))
+        costs = _costs(known, constraints, start, excess) if self.costs else {}
+        return Estimate(
+            value=value,
+            covariance=directions.covariance(known.variance),
+            names=model.names,
+            units=tuple(parameter.unit for parameter in model.parameters),
+            sigma=np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)),
+            rank=known.rank,
+            condition=directions.condition,
+            samples=triangular.samples,
+            notes=_notes(known, provenance, gap),
+            provenance=provenance,
+            eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
+            costs=costs,
+            weights=None if self.weights == "equal" else weights,
+            directions=directions,
+        )
+
+    def quick(self) -> PhysicallyConsistent:
+        """Return the same fit without the cost of each constraint."""
+        return replace(self, costs=False)
+
+    def _intervals(self) -> dict[str, Bounds]:
+        mass = self.total_mass
+        if mass is None:
+            return dict(self.bounds)
+        return {**dict(self.bounds), "total mass": mass if isinstance(mass, tuple) else (mass, mass)}
+
+    def _constraints(self, model: Model, bodies: tuple[BodyConstraint, ...], scale: Array) -> Constraints:
+        parameters = model.parameters
+        limits = list(signs(parameters, [role for role in SIGNED if getattr(self, role)]))
+        bounds = {_index(name, model, "bounds"): sides for name, sides in dict(self.bounds).items()}
+        limits.append(interval("bounds", parameters, bounds))
+        sides = self._intervals().get("total mass")
+        if sides is not None:
+            if not bodies:
+                raise ConfigError(f"total mass {sides}: the model has no body with ten inertial parameters.")
+            limits.append(total("total mass", bodies, len(parameters), sides))
+        limits.append(box("centre of mass", bodies, len(parameters), dict(self.centre_of_mass)))
+        used = tuple(limit.scaled(scale) for limit in limits if len(limit.rows))
+        return Constraints(used, bodies if self.inertia else (), self.margin)
+
+    def _prior(self, model: Model) -> Array:
+        """Return the prior (p), nan where there is none."""
+        if self.prior == "none":
+            return np.full(len(model.names), np.nan)
+        if isinstance(self.prior, str):
+            return np.array([np.nan if x.value is None else x.value for x in model.parameters])
+        given = {_index(name, model, "prior"): value for name, value in dict(self.prior).items()}
+        return np.array([given.get(k, np.nan) for k in range(len(model.names))])
+
+    def _entropic(self, known: Information, constraints: Constraints, prior: Array) -> list[BodyConstraint]:
+        """Return the bodies to keep close in the log-det sense: free ones whose prior is itself a possible body."""
+        if self.distance == "euclidean":
+            return []
+        free = [body for body in constraints.bodies if known.directions.lost[body.columns].any()]
+        known_bodies = [body for body in free if not np.isnan(prior[body.columns]).any()]
+        return [body for body in known_bodies if np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin]
+
+
+def _tupled(value: Any) -> Any:
+    """Make settings hashable."""
+    return tuple(map(_tupled, value)) if isinstance(value, (list, tuple, np.ndarray)) else value
+
+
+def _check_sides(name: str, lower: float | None, upper: float | None) -> None:
+    if any(side is not None and np.isnan(side) for side in (lower, upper)):
+        raise ConfigError(f"{name}: the limits {lower} and {upper} must be numbers; leave a side open with None.")
+    if lower is not None and upper is not None and lower > upper:
+        raise ConfigError(f"{name}: the lower limit {lower} lies above the upper limit {upper}; exchange them.")
+
+
+def _index(name: str, model: Model, where: str) -> int:
+    if name not in model.names:
+        raise ConfigError(f"{where}: {model.name} has no parameter {name!r}; {choices(name, model.names)}")
+    return model.names.index(name)
+
+
+def _snapped(theta: Array, constraints: Constraints) -> Array:
+    """Return theta with what the solver's rounding leaves between a parameter and its limit taken off."""
+    theta = theta.copy()
+    for limit in constraints.limits:
+        for i in np.flatnonzero((limit.rows != 0).sum(axis=1) == 1):
+            k = int(np.flatnonzero(limit.rows[i])[0])
+            for side in (limit.lower[i], limit.upper[i]):
+                if abs(limit.rows[i, k] * theta[k] - side) < CLOSE:
+                    theta[k] = side / limit.rows[i, k]
+    return theta
+
+
+def _provenance(
+    theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
+) -> tuple[Provenance, ...]:
+    free = known.directions.lost
+    at = np.zeros(len(theta), dtype=bool)
+    for body in constraints.bodies:
+        if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
+            at[body.columns[~free[body.columns]]] = True
+    for limit in constraints.limits:
+        value = limit.rows @ theta
+        near = np.minimum(np.abs(value - limit.lower), np.abs(limit.upper - value)) < CLOSE
+        single = (limit.rows != 0).sum(axis=1) == 1
+        at |= (limit.rows[near & single] != 0).any(axis=0)
+    chosen = np.select([at, ~free, prior], [0, 1, 2], 3)
+    order = (Provenance.BOUND, Provenance.DATA, Provenance.PRIOR, Provenance.UNIDENTIFIABLE)
+    return tuple(order[k] for k in chosen)
+
+
+def _costs(known: Information, constraints: Constraints, start: Array, excess: float) -> dict[str, float]:
+    """Return what each family of constraints alone, and "all" of them, add to the error, in percentage points."""
+    alone = {family: staged_fit(known, constraints.only(family), start)[1] for family in constraints.families}
+    return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
+
+
+def _notes(known: Information, provenance: tuple[Provenance, ...], gap: float) -> tuple[Note, ...]:
+    kinds: dict[Provenance, type[DecidedByPrior | NotIdentifiable]] = {
+        Provenance.PRIOR: DecidedByPrior,
+        Provenance.UNIDENTIFIABLE: NotIdentifiable,
+    }
+    return (
+        *([RankDeficient(known.rank, len(provenance))] if known.rank < len(provenance) else []),
+        *(kind(provenance.count(which)) for which, kind in kinds.items() if which in provenance),
+        *([PriorApproached(gap)] if gap > CLOSED else []),
+    )

@@ -1,0 +1,134 @@
+"""The first program of a consistent fit: what the data determine, and its best value under the constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, ModelError
+from dynident.estimators.constraints import Constraints
+from dynident.estimators.constraints.cone import Optimum, minimise
+from dynident.regression import Rank
+
+__all__ = ["Information", "read", "staged_fit"]
+
+Array = NDArray[np.float64]
+PULL = 1.0  # squared standard errors for one usual size of a free direction: no body grows far for less
+UNITS = (1.0, 1e3, 1e6)  # of d, in standard errors
+SLACK = 0.4  # share of the margin that the solver may use up; the second program keeps half of the margin
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What the data say of theta = base + informed d + free w, read off the weighted triangular factor.
+
+    ``base`` (p): the least-squares solution without a free part; ``informed`` (p, k): steps of ``unit`` in the weighted
+    residual, so that the squared error is rss + unit^2 |d|^2; ``free`` (p, p - k): directions that the data do not
+    determine, orthonormal in units of the parameters' ``scale`` (p); ``directions``: the rank that divides them;
+    ``variance`` of the weighted residual; ``torque``: the norm of the weighted torque.
+    """
+
+    base: Array
+    informed: Array
+    free: Array
+    scale: Array
+    directions: Rank
+    unit: float
+    rss: float
+    torque: float
+    variance: float
+
+    @property
+    def rank(self) -> int:
+        """Number of directions that the data determine."""
+        return int(self.informed.shape[1])
+
+    def theta(self, x: Array) -> Array:
+        """Return theta (p) for x = (d, w)."""
+        return np.asarray(self.base + self.informed @ x[: self.rank] + self.free @ x[self.rank :])
+
+    def error(self, excess: float) -> float:
+        """Return the weighted relative error of the training data in percent where |d|^2 is ``excess``."""
+        return 100.0 * float(np.sqrt(self.rss + self.unit**2 * excess)) / self.torque if self.torque > 0 else 0.0
+
+
+def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
+    """Divide the parameters' space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
+
+    ``scale`` (p) is the usual size of each parameter.
+    """
+    p, k = len(factor) - 1, rank.rank
+    y = factor[:p, p]
+    target = rank.left[:, :k].T @ y
+    rss = float(np.sum((y - rank.left[:, :k] @ target) ** 2) + factor[p, p] ** 2)
+    torque = float(np.linalg.norm(factor[:, p]))
+    # exact data have no noise to measure by: a tiny share of the torque instead
+    step = max(np.sqrt(rss / max(rows - k, 1)), 1e-5 * torque / np.sqrt(rows)) or 1.0
+    half = rank.determined / rank.values[:k]
+    free, _ = np.linalg.qr(rank.free / scale[:, None])
+    return Information(
+        base=half @ target,
+        informed=half * step,
+        free=free * scale[:, None],
+        scale=scale,
+        directions=rank,
+        unit=float(step),
+        rss=rss,
+        torque=torque,
+        variance=rss / max(rows - k, 1),
+    )
+
+
+def staged_fit(known: Information, constraints: Constraints, start: Array) -> tuple[Array, float]:
+    """Return the theta (p) of least squared error under the constraints, and |d|^2 there.
+
+    ``start``, an unconstrained solution, is the answer where it meets them. Raises ConfigError where they contradict
+    each other, ModelError where the solver fails.
+    """
+    if constraints.violation(start) <= 0:
+        return start, 0.0
+    if (theta := _freed(known, constraints, start)) is not None:
+        return theta, 0.0
+    found = _solved(known, constraints)
+    k, theta = known.rank, known.theta(found.point)
+    broken = constraints.violation(theta)
+    if not (found.good and broken <= SLACK * constraints.margin):
+        raise ModelError(
+            f"the consistent fit failed: the conic solver ended with {found.status}, its optimality conditions are met "
+            f"to {max(found.stationarity, found.gap):.1e} (1e-05 is asked) and the constraints to {broken:.1e}; check "
+            "nominal values and bounds for wrong units, or raise the threshold, the margin, or both."
+        )
+    return theta, float(np.sum(found.point[:k] ** 2))
+
+
+def _freed(known: Information, constraints: Constraints, start: Array) -> Array | None:
+    """Return an unconstrained solution that meets the constraints, or None: ``start`` moved along free directions."""
+    q = known.free.shape[1]
+    try:
+        found = minimise(np.eye(q), np.zeros(q), constraints, start, known.free) if q else None
+    except (ConfigError, ModelError):
+        return None
+    if found is None or not found.good:
+        return None
+    theta = start + known.free @ found.point
+    return theta if constraints.violation(theta) <= SLACK * constraints.margin else None
+
+
+def _solved(known: Information, constraints: Constraints) -> Optimum:
+    """Solve for x = (d, w). Where d is huge the solver may see no answer: then it is measured in larger units."""
+    p, k = known.scale.size, known.rank
+    for unit in UNITS:
+        sizes = np.where(np.arange(p) < k, unit, 1.0)
+        quadratic = np.diag(np.where(np.arange(p) < k, 1.0, max(PULL / unit**2, 1e-8)))
+        directions = np.concatenate((known.informed, known.free), axis=1) * sizes
+        try:
+            found = minimise(quadratic, np.zeros(p), constraints, known.base, directions)
+        except (ConfigError, ModelError):
+            if unit == UNITS[-1]:
+                raise
+            continue
+        if found.good or unit == UNITS[-1]:
+            break
+    return replace(found, point=found.point * sizes)

@@ -1,0 +1,44 @@
+"""The whole method: calibrate, choose a smoother, estimate, validate, judge."""
+
+from dynident.identification.calibration import (
+    BaseTilt,
+    Pairing,
+    TimeOffset,
+    find_base_tilt,
+    find_time_offset,
+    mounted,
+    pair,
+)
+from dynident.identification.identify import Identification, Recipe, identify, versions
+from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
+from dynident.identification.verdict.reasons import Reason
+from dynident.identification.verdict.rules import judge
+from dynident.identification.verdict.steps import Remedy, Step
+from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
+
+__all__ = [
+    "BaseTilt",
+    "Choice",
+    "HeldOut",
+    "Identification",
+    "LargestResidual",
+    "Pairing",
+    "Reason",
+    "Recipe",
+    "Remedy",
+    "Step",
+    "TimeOffset",
+    "Use",
+    "Verdict",
+    "WorstRun",
+    "choose_smoother",
+    "cross_validated_error",
+    "excerpts",
+    "find_base_tilt",
+    "find_time_offset",
+    "identify",
+    "judge",
+    "mounted",
+    "pair",
+    "versions",
+]

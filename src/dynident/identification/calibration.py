@@ -1,0 +1,202 @@
+"""What torque and motion must agree on before a fit: the time offset between them, and how the base stands.
+
+Both are nonlinear in the torque and few; the parameters of the model are eliminated at every trial value (variable
+projection; Golub and Pereyra 1973), so that only one to three unknowns are searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, Note, Severity
+from dynident.estimators import Estimator, Problem, quick
+from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
+from dynident.log import Log, Motion, subsample
+from dynident.models import HasGravity, Model
+from dynident.regression import Regression, triangularise
+from dynident.smoothers import Smoother, TimeShifted
+
+__all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_offset", "mounted", "pair"]
+
+Array = NDArray[np.float64]
+ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
+FEWEST = 200  # samples below which no time offset is sought
+TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032)  # s, of either sign; the search refines the best
+FINE = 2e-5  # s
+GAIN = 0.005  # share of the error that a time offset must take away to be believed
+STEEPEST = 0.2  # rad: a base that is tilted more was mounted so on purpose
+START = 1e-3  # rad: at zero tilt the links' masses that only a tilt shows have no effect yet
+
+
+@dataclass(frozen=True)
+class TimeOffset(Note):
+    """By how much the positions lag the torque, ``seconds``, and the training error (%) without and with it."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    seconds: float
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class BaseTilt(Note):
+    """How the base is tilted: rotations about the root link's x and y axes, in rad, with standard errors and errors
+    (%)."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    x: float
+    y: float
+    std: tuple[float, float]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """The smoother that pairs torque and motion; ``choice`` and ``time_offset`` behind it where they were sought."""
+
+    smoother: Smoother
+    choice: Choice | None = None
+    time_offset: TimeOffset | None = None
+
+
+def mounted(model: Model, x: float, y: float) -> Model:
+    """Return the model on a base that is tilted by x and y (rad) about the axes of its root link.
+
+    Raises ConfigError where no term of the model knows of gravity.
+    """
+    from scipy.spatial.transform import Rotation
+
+    back = Rotation.from_rotvec((-x, -y, 0.0))
+    terms = tuple(
+        term.under(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
+        for term in model.terms
+    )
+    if all(new is old for new, old in zip(terms, model.terms, strict=True)):
+        raise ConfigError(f"{model.name}: no term has a gravity that could be turned; only robot files have one.")
+    return replace(model, terms=terms)
+
+
+def pair(
+    model: Model,
+    logs: Sequence[Log],
+    smoothers: Sequence[Smoother],
+    time_offset: float | Literal["estimate"],
+    estimator: Estimator,
+    min_speed: tuple[float, ...] | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Pairing:
+    """Return the smoother, chosen among ``smoothers`` and shifted in time, that pairs torque and motion.
+
+    Of several smoothers ``choose_smoother`` takes one, before the time offset is known and again with it.
+    """
+    choice: Choice | None = None
+
+    def chosen(candidates: Sequence[Smoother]) -> Smoother:
+        if len(candidates) == 1:
+            return candidates[0]
+        nonlocal choice
+        choice = choose_smoother(model, logs, candidates, progress=progress)
+        return choice.smoother
+
+    if time_offset != "estimate":
+        return Pairing(
+            chosen([TimeShifted(one, time_offset) for one in smoothers] if time_offset else smoothers), choice
+        )
+    best = chosen(smoothers)
+    progress("finding the delay")
+    found = find_time_offset(model, [best(log) for log in excerpts(logs)], estimator, min_speed)
+    best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
+    return Pairing(best, choice, found)
+
+
+def find_time_offset(
+    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+) -> TimeOffset:
+    """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
+
+    It is zero where that takes away less than 0.5 % of the error, and where the best value lies at the end of the
+    range: that is no time offset but another fault. ``min_speed`` (n) is that of the fit. Raises the errors of
+    ``Regression`` and the estimator.
+    """
+    from scipy.optimize import minimize_scalar
+
+    rows = subsample(motions, _samples(model), TRIALS[-1])
+    if sum(map(len, rows)) < FEWEST:
+        return TimeOffset(0.0, np.nan, np.nan)
+    fast = quick(estimator)
+
+    def error(time_offset: float) -> float:
+        return _error(Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed), fast)
+
+    grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
+    errors = [error(time_offset) for time_offset in grid]
+    k, before = int(np.argmin(errors)), errors[grid.index(0.0)]
+    if k in (0, len(grid) - 1):
+        return TimeOffset(0.0, before, before)
+    found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
+    after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
+    return TimeOffset(best, before, after) if after < (1.0 - GAIN) * before else TimeOffset(0.0, before, before)
+
+
+def find_base_tilt(
+    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+) -> BaseTilt:
+    """Return the tilt of the base at which the estimator explains the torque of the motions best.
+
+    Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters. Raises ConfigError
+    where the best tilt exceeds 0.2 rad, and the errors of ``mounted``, ``Regression`` and the estimator.
+    """
+    from scipy.optimize import least_squares
+
+    thin = _shifted(motions, subsample(motions, _samples(model)), 0.0)
+    fast = quick(estimator)
+
+    def residual(tilt: Array) -> Array:
+        turned = mounted(model, *tilt)
+        regression = Regression(turned, thin, min_speed=min_speed)
+        blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual
+        regression.__dict__["triangular_factors"] = triangularise(
+            iter(blocks), len(model.joints), len(model.parameters)
+        )
+        value = fast(Problem(turned, thin, regression)).value
+        parts = [(one.tau - one.Y @ value) * (1.0 if one.keep is None else one.keep) for one in blocks]
+        return np.concatenate(parts).ravel()
+
+    level = residual(np.zeros(2))
+    torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
+    found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
+    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(level.size - 2, 1))
+    seen = np.abs(found.x) > 2.0 * spread  # what the motion does not show is left level
+    x, y = (float(v) for v in found.x * seen)
+    if max(abs(x), abs(y)) > STEEPEST:
+        raise ConfigError(
+            f"the base would be tilted by {np.rad2deg(x):.3g} deg about x and {np.rad2deg(y):.3g} deg about y, more "
+            f"than "
+            "any mounting error; give `gravity` as it is, and look whether the joints' zeros and axes are right."
+        )
+    before, after = (100.0 * float(np.linalg.norm(r)) / torque for r in (level, residual(np.array([x, y]))))
+    return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
+
+
+def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:
+    return tuple(one.shifted(time_offset, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1)
+
+
+def _error(regression: Regression, estimator: Estimator) -> float:
+    """Return the relative error (%) of the fit to the regression's own rows."""
+    triangular = regression.triangular_factors
+    value = estimator(Problem(regression.model, regression.motions, regression)).value
+    torque = float(np.square(triangular.factors[:, :, -1]).sum())
+    return 100.0 * float(np.sqrt(triangular.residual(value).sum() / torque)) if torque > 0 else 0.0
+
+
+def _samples(model: Model) -> int:
+    """Return how many samples of all motions a trial rests on."""
+    return ENTRIES // max(len(model.parameters), 10)

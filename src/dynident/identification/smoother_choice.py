@@ -1,0 +1,136 @@
+"""Chooses among smoothers by what they are for: the cross-validated torque error on the training logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators.least_squares import solve
+from dynident.log import Log, Motion, pieces, subsample
+from dynident.models import Model
+from dynident.regression import Regression, TriangularFactors, rank_of
+from dynident.smoothers import Smoother
+
+__all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
+
+Array = NDArray[np.float64]
+SAMPLES, PIECES = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
+ROWS = 10_000  # samples of the regression on which the choice rests
+TIE = 0.005  # errors that differ by less say nothing; the candidate listed first is then taken
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The first smoother with about the least cross-validated torque error, and the ``errors`` (%) of all candidates.
+
+    The error of a candidate that cannot smooth these logs is infinite.
+    """
+
+    smoother: Smoother
+    candidates: tuple[Smoother, ...]
+    errors: tuple[float, ...]
+
+
+def choose_smoother(
+    model: Model,
+    logs: Sequence[Log],
+    candidates: Sequence[Smoother],
+    *,
+    folds: int = 5,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Choice:
+    """Return the candidate whose motion lets least squares predict the torque of left-out stretches of time best.
+
+    Position noise says how much smoothing g wants, not how much its derivatives do, and where it is not white it
+    does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
+    others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 0.5 %
+    of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
+    no candidate can smooth the logs, ConfigError where there is none.
+    """
+    if not candidates:
+        raise ConfigError("no smoother is given to choose from.")
+    tried = _tried(excerpts(logs), candidates, progress)
+    masks = _common([motions for motions in tried if not isinstance(motions, InputError)], 10 * folds)
+    errors = []
+    for motions in tried:
+        if isinstance(motions, InputError):
+            errors.append(np.inf)
+            continue
+        common = _thinned(motions, masks)
+        errors.append(cross_validated_error(model, common, folds))
+    good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
+    return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
+
+
+def _tried(
+    logs: Sequence[Log], candidates: Sequence[Smoother], progress: Callable[[str], None]
+) -> list[tuple[Motion, ...] | InputError]:
+    """Return the motions of the logs by each candidate, or why it has none; raises the first error where all fail."""
+    tried: list[tuple[Motion, ...] | InputError] = []
+    for k, smoother in enumerate(candidates, start=1):
+        progress(f"trying smoother {k} of {len(candidates)}")
+        try:
+            tried.append(tuple(smoother(log) for log in logs))
+        except InputError as error:
+            tried.append(error)
+    failed = [error for error in tried if isinstance(error, InputError)]
+    if len(failed) == len(tried):
+        raise failed[0]
+    return tried
+
+
+def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.bool_]]:
+    """Return which samples of each log every candidate vouches for; all of them where too few are left."""
+    masks = [np.logical_and.reduce([one.mask for one in motions]) for motions in zip(*made, strict=True)]
+    if not all(mask.sum() >= least for mask in masks):  # the widest kernels leave too little in common
+        masks = [np.ones(len(mask), dtype=bool) for mask in masks]
+    return masks
+
+
+def excerpts(logs: Sequence[Log]) -> list[Log]:
+    """Return five pieces of each log, evenly spread, where all together are long: how noisy they are is seen there."""
+    share = min(1.0, SAMPLES / max(sum(map(len, logs)), 1))
+    if share == 1.0:
+        return list(logs)
+    found = []
+    for log in logs:
+        if int(share * len(log) / PIECES) < 1000:  # too short to smooth well
+            found.append(log)
+            continue
+        parts = pieces(slice(0, len(log)), PIECES, share)
+        found += [log.rows(part, f"{log.source} piece {k}") for k, part in enumerate(parts, start=1)]
+    return found
+
+
+def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
+    """Return the relative torque error (%) of stretches of time predicted from the others, from triangular factors."""
+    parts = [
+        Regression(model, tuple(_part(motion, k, folds) for motion in motions)).triangular_factors for k in range(folds)
+    ]
+    wrong = total = 0.0
+    for k, part in enumerate(parts):
+        others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
+        rows = np.concatenate([other.rows for j, other in enumerate(parts) if j != k])
+        factor = TriangularFactors(others, rows).stacked()
+        theta = solve(factor, rank_of(factor, model.parameters)).value
+        wrong += float(part.residual(theta).sum())
+        total += float(np.square(part.factors[:, :, -1]).sum())
+    return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")
+
+
+def _thinned(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> tuple[Motion, ...]:
+    """Return motions of a few of the samples in the masks, all of them to be used."""
+    masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
+    return tuple(one.shifted(0.0, rows) for one, rows in zip(masked, subsample(masked, ROWS), strict=True))
+
+
+def _part(motion: Motion, k: int, folds: int) -> Motion:
+    """Return the motion with only the k-th of ``folds`` equal shares of its usable samples left in the mask."""
+    used = np.array_split(np.flatnonzero(motion.mask), folds)[k]
+    mask = np.zeros(len(motion), dtype=bool)
+    mask[used] = True
+    return replace(motion, mask=mask)

@@ -1,0 +1,170 @@
+"""The reasons against a use of a model, each with its figures and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from dynident.identification.verdict.steps import Remedy
+from dynident.validation import Driver, Failure
+
+__all__ = [
+    "FreeRunAstray",
+    "FreeRunFails",
+    "InertiasFree",
+    "JointErrorsTooLarge",
+    "MassMatrixNotPositive",
+    "MostlyUnexcited",
+    "NegativeValues",
+    "NoFreeRun",
+    "NoHoldOut",
+    "NotCarriedOver",
+    "PartlyUnexcited",
+    "Reason",
+    "Repeats",
+    "SilentTorque",
+    "TorqueErrorTooLarge",
+    "UnfilteredErrorTooLarge",
+]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Base of the reasons; errors are in %."""
+
+    cure: ClassVar[Remedy | None] = None
+
+    @property
+    def remedy(self) -> Remedy | None:
+        """What to do about it, None where nothing single helps."""
+        return self.cure
+
+
+@dataclass(frozen=True)
+class NoHoldOut(Reason):
+    """No log was held out."""
+
+    cure = Remedy.HOLD_OUT
+
+
+@dataclass(frozen=True)
+class Repeats(Reason):
+    """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
+
+    cure = Remedy.ANOTHER_MOTION
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class SilentTorque(Reason):
+    """The torque of these ``joints`` is zero in all of the training."""
+
+    cure = Remedy.TORQUE_COLUMN
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TorqueErrorTooLarge(Reason):
+    """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
+
+    cure = Remedy.CHECK
+    log: str
+    error: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
+    """The same of the torque as measured, where the fit has a low-pass."""
+
+
+@dataclass(frozen=True)
+class JointErrorsTooLarge(Reason):
+    """Single joints have a torque error above the ``limit``: pairs of name and error."""
+
+    cure = Remedy.LONGER_TRAINING
+    log: str
+    errors: tuple[tuple[str, float], ...]
+    limit: float
+
+
+@dataclass(frozen=True)
+class NotCarriedOver(Reason):
+    """The error on a held-out ``log`` is ``ratio`` times that of the training."""
+
+    cure = Remedy.LONGER_TRAINING
+    log: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class MassMatrixNotPositive(Reason):
+    """The mass matrix has an ``eigenvalue`` that is not positive."""
+
+    cure = Remedy.CONSISTENT_FIT
+    eigenvalue: float
+
+
+@dataclass(frozen=True)
+class MostlyUnexcited(Reason):
+    """The data do not show so many base parameters of the ``total`` that the model is of no use."""
+
+    unexcited: int
+    total: int
+
+
+@dataclass(frozen=True)
+class PartlyUnexcited(Reason):
+    """The data do not show some base parameters of the ``total``, so that what excites them is not predicted."""
+
+    unexcited: int
+    total: int
+
+
+@dataclass(frozen=True)
+class NegativeValues(Reason):
+    """Parameters with ``names`` are negative, which physics forbids."""
+
+    cure = Remedy.CONSISTENT_FIT
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class InertiasFree(Reason):
+    """The bodies' inertias were not held to what is physically possible."""
+
+    cure = Remedy.CONSISTENT_FIT
+
+
+@dataclass(frozen=True)
+class NoFreeRun(Reason):
+    """No free simulation was asked for."""
+
+    cure = Remedy.SIMULATE
+
+
+@dataclass(frozen=True)
+class FreeRunFails(Reason):
+    """The free simulations of these ``logs`` fail, the first for this ``failure``."""
+
+    logs: tuple[str, ...]
+    failure: Failure
+
+
+@dataclass(frozen=True)
+class FreeRunAstray(Reason):
+    """The free simulation of a ``log`` is off by ``error`` (% of the way of a ``joint``).
+
+    With the measured torque as ``driver`` it starts again each ``restart`` s.
+    """
+
+    log: str
+    joint: str
+    error: float
+    driver: Driver
+    restart: float | None
+
+    @property
+    def remedy(self) -> Remedy | None:
+        """An arm driven by torque alone drifts; in the loop of its controller nothing single helps."""
+        return None if self.driver is Driver.CONTROLLER else Remedy.CONTROLLER_LOOP

@@ -1,0 +1,248 @@
+"""The rules of the verdict: is the model fit for use, and if not, why?
+
+The rules and the reasons for their limits are in docs/methods.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.identification.identify import Identification
+from dynident.identification.verdict import reasons as why
+from dynident.identification.verdict.reasons import Reason
+from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
+from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
+from dynident.log import Motion, subsample
+from dynident.models import INERTIAL
+from dynident.regression import UnexcitedParameters
+from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, relative_error
+
+__all__ = ["judge"]
+
+Array = NDArray[np.float64]
+
+TORQUE = 10.0  # %, held-out torque error up to which a feedforward helps
+UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
+JOINT = 25.0  # %, the same of one joint
+SMALL = 1.0  # %, of a joint's effort limit: errors below it do no harm, whatever they are of a small torque
+GAP = 2.0  # held-out error over training error
+REPEAT = 10.0  # %, torques of two logs that differ by less are of the same motion
+MISSING = 0.25  # share of the base parameters that the data may leave out
+LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the controller; from the measured torque
+UNSURE = 0.3  # standard error over value from which a parameter wants better data
+EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
+MOST = 5  # next steps on single parameters
+
+
+def judge(found: Identification) -> Verdict:
+    """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
+    against_use, against_simulation = tuple(_against_use(found)), tuple(_against_simulation(found))
+    reasons = (*against_use, *against_simulation)
+    remedies = [reason.remedy for reason in reasons if reason.remedy]
+    return Verdict(
+        use=Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION,
+        reasons=reasons,
+        next=tuple(dict.fromkeys([*remedies, *_next_steps(found)])),
+        held_out=_held_out(found),
+        run=_worst_run(found),
+        residual=_largest_residual(found),
+    )
+
+
+def _against_use(found: Identification) -> Iterator[Reason]:
+    """Yield what stands against any use."""
+    held, train = _logs(found, "validation"), _logs(found, "train")
+    if not held:
+        yield why.NoHoldOut()
+    again = {a.name: b.name for a in held for b in train if _repeat(a.motion, b.motion)}
+    if held and len(again) == len(held):
+        yield why.Repeats(tuple(again.items()))
+    joints = [joint.name for joint in found.model.joints]
+    if silent := [name for k, name in enumerate(joints) if not any(one.motion.tau[:, k].any() for one in train)]:
+        yield why.SilentTorque(tuple(silent))
+    for log in held:
+        yield from _wrong(log, max(map(_error, train)))
+    if found.mass and not found.mass.positive:
+        yield why.MassMatrixNotPositive(found.mass.smallest)
+    lost, whole = _unexcited(found)
+    if lost > MISSING * whole:
+        yield why.MostlyUnexcited(lost, whole)
+
+
+def _wrong(log: LogValidation, trained: float) -> Iterator[Reason]:
+    """Yield what is wrong with the torque on one held-out log; ``trained`` is the error (%) in training."""
+    error = _error(log)
+    if not error <= TORQUE:
+        yield why.TorqueErrorTooLarge(log.name, error, TORQUE)
+    if error != log.relative_error and not log.relative_error <= UNFILTERED:
+        yield why.UnfilteredErrorTooLarge(log.name, log.relative_error, UNFILTERED)
+    if bad := tuple((joint, size) for joint, size in _joints(log).items() if _harmful(log, joint, size)):
+        yield why.JointErrorsTooLarge(log.name, bad, JOINT)
+    if error > GAP * trained and error > TORQUE / 2:
+        yield why.NotCarriedOver(log.name, error / trained)
+
+
+def _against_simulation(found: Identification) -> Iterator[Reason]:
+    """Yield what stands against a simulation, which turns small physical faults into growing errors."""
+    lost, whole = _unexcited(found)
+    if 0 < lost <= MISSING * whole:
+        yield why.PartlyUnexcited(lost, whole)
+    estimate, parameters = found.estimate, found.model.parameters
+    pairs = zip(parameters, estimate.value, strict=True)
+    negative = [x.name for x, value in pairs if x.role in ("viscous", "coulomb", "rotor", "mass") and value < 0]
+    if negative:
+        yield why.NegativeValues(tuple(negative))
+    bodies = any(parameter.role in INERTIAL for parameter in parameters)
+    if bodies and not (estimate.eigenvalues and min(estimate.eigenvalues.values()) >= -1e-9):
+        yield why.InertiasFree()
+    failed = [(run.name, run.failure) for run in found.runs if run.failure]
+    if not found.runs:
+        yield why.NoFreeRun()
+    elif failed:
+        yield why.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
+    else:
+        yield from _astray(*_straying(found))
+
+
+def _astray(run: FreeRun, joint: str, error: float) -> Iterator[Reason]:
+    if not error <= (LOOP if run.driver is Driver.CONTROLLER else WINDOW):
+        yield why.FreeRunAstray(run.name, joint, error, run.driver, run.restart)
+
+
+def _straying(found: Identification) -> tuple[FreeRun, str, float]:
+    """Return the free simulation and the joint with the largest position error, % of its way."""
+    every = [(run, joint, error) for run in found.runs for joint, error in run.motion_error.items()]
+    return max(every, key=lambda one: -1.0 if np.isnan(one[2]) else one[2])
+
+
+def _worst_run(found: Identification) -> WorstRun | None:
+    if not found.runs or any(run.failure for run in found.runs):
+        return None
+    run, joint, error = _straying(found)
+    return WorstRun(run.name, joint, error)
+
+
+def _held_out(found: Identification) -> HeldOut | None:
+    held = _logs(found, "validation")
+    if not held:
+        return None
+    worst, trained = max(held, key=_error), max(_logs(found, "train"), key=_error)
+    filtered = worst.relative_error_filtered is not None
+    return HeldOut(_error(worst), _error(trained), (worst.relative_error, trained.relative_error) if filtered else None)
+
+
+def _largest_residual(found: Identification) -> LargestResidual | None:
+    """Return where most of the torque is left; a residual that is not white is advice, not a reason."""
+    logs = _logs(found, "validation") or _logs(found, "train")
+    sizes = {
+        (log.name, joint): (log.rmse[joint] * _joints(log)[joint], test)
+        for log in logs
+        for joint, test in log.residuals.items()
+        if np.isfinite(_joints(log)[joint]) and np.isfinite(test.lag1)
+    }
+    if not sizes:
+        return None
+    (log_name, joint), (_, test) = max(sizes.items(), key=lambda one: one[1][0])
+    return LargestResidual(joint, log_name, test.causes)
+
+
+def _next_steps(found: Identification) -> Iterator[UnexcitedParameters | Step]:
+    """Yield what to record next, beyond the remedies of the reasons."""
+    held = _logs(found, "validation") or _logs(found, "train")
+    yield from found.unexcited
+    yield from _unsure(found)
+    causes = {joint: test.causes for log in held for joint, test in log.residuals.items()}
+    if reversing := _joints_with(causes, Reversals):
+        yield SlowReversals(reversing)
+    if rippled := _joints_with(causes, Ripple):
+        yield CheckRipple(rippled)
+
+
+def _joints_with(causes: dict[str, tuple[Cause, ...]], kind: type[Cause]) -> tuple[str, ...]:
+    return tuple(joint for joint, given in causes.items() if any(isinstance(one, kind) for one in given))
+
+
+def _unsure(found: Identification) -> Iterator[Sharpen]:
+    """Yield which motion would sharpen the parameters that are known least, of those that move the torque."""
+    basis = found.base_parameters
+    if basis is None:
+        value, names, std = found.estimate.value, found.estimate.names, found.std_hac
+        leads: tuple[int, ...] = tuple(range(len(value)))
+    else:
+        value, names, leads = basis.to_base(found.estimate.value), basis.groupings, basis.independent
+        std = found.base_std if found.base_std_hac is None else found.base_std_hac
+    if std is None:
+        return
+    share = 100.0 * std * _effects(found)[list(leads)]
+    unsure = np.flatnonzero((std > UNSURE * np.abs(value)) & (share > EFFECT) & np.isfinite(std))
+    for k in sorted(unsure, key=lambda k: -share[k])[:MOST]:
+        how, joint = _motion_for(found, leads[k])
+        yield Sharpen(names[k], float(value[k]), float(std[k]), float(share[k]), how, joint)
+
+
+def _effects(found: Identification) -> Array:
+    """Return the torque of one unit of each parameter (p) over that measured, both rms over the training."""
+    columns, torque = [], []
+    for log in _logs(found, "train"):
+        motion = log.motion
+        (rows,) = subsample([motion], 500)
+        columns.append(found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
+        torque.append(motion.tau[rows])
+    size = float(np.linalg.norm(np.concatenate(torque)))
+    return np.asarray(np.linalg.norm(np.concatenate(columns), axis=(0, 1)) / (size or 1.0), dtype=np.float64)
+
+
+def _motion_for(found: Identification, column: int) -> tuple[Excitation, str | None]:
+    """Return which motion shows a parameter: it acts on the torque by position, velocity or acceleration."""
+    model, n = found.model, len(found.model.joints)
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
+    still = np.zeros_like(q)
+    whole = model.regressor(q, dq, ddq)[:, :, column]
+    acting = [joint.name for joint, size in zip(model.joints, np.abs(whole).max(axis=0), strict=True) if size > 1e-9]
+    joint = acting[-1] if acting else None
+    role = model.parameters[column].role
+    if role in ("viscous", "coulomb"):
+        return Excitation.CONSTANT_SPEEDS, joint
+    if np.abs(model.regressor(q, still, still)[:, :, column]).max() > 1e-9:
+        return Excitation.MANY_POSES, joint
+    if np.abs(model.regressor(q, still, ddq)[:, :, column]).max() > 1e-9:
+        return Excitation.ACCELERATE, joint
+    return Excitation.CONSTANT_SPEEDS, joint
+
+
+def _logs(found: Identification, role: str) -> list[LogValidation]:
+    return [log for log in found.logs if log.role == role]
+
+
+def _error(log: LogValidation) -> float:
+    """Return the error that the model is asked to keep small: after the low-pass of the fit, where one is used."""
+    return log.relative_error if log.relative_error_filtered is None else log.relative_error_filtered
+
+
+def _joints(log: LogValidation) -> dict[str, float]:
+    return dict(log.per_joint_filtered or log.per_joint)
+
+
+def _harmful(log: LogValidation, joint: str, error: float) -> bool:
+    return error > JOINT and not log.effort_share.get(joint, np.inf) < SMALL
+
+
+def _unexcited(found: Identification) -> tuple[int, int]:
+    """Return how many base parameters the data leave out, and how many there are."""
+    if found.base_parameters is None or found.structural is None:
+        return max(len(found.estimate.names) - found.estimate.rank, 0), len(found.estimate.names)
+    return max(found.structural.rank - found.base_parameters.rank, 0), found.structural.rank
+
+
+def _repeat(one: Motion, other: Motion) -> bool:
+    """Tell whether the torques of two motions are the same, time by time from their starts."""
+    t = one.t - one.t[0]
+    use = one.mask & (t <= other.t[-1] - other.t[0])
+    if use.sum() < max(0.5 * one.mask.sum(), 10):
+        return False
+    twin = np.column_stack([np.interp(t[use], other.t - other.t[0], column) for column in other.tau.T])
+    return relative_error(one.tau[use], twin) < REPEAT

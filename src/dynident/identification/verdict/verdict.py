@@ -1,0 +1,68 @@
+"""The verdict on a model, and the figures behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from dynident.identification.verdict.reasons import Reason
+from dynident.identification.verdict.steps import Remedy, Step
+from dynident.regression import UnexcitedParameters
+from dynident.validation import Cause
+
+__all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun"]
+
+
+class Use(StrEnum):
+    """What a model is fit for; simulation includes control."""
+
+    SIMULATION = "good for simulation"
+    CONTROL = "good for control"
+    DO_NOT_USE = "do not use"
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """The torque errors (%) of the held-out log and of the training log where they are largest.
+
+    The errors are those after the low-pass of the fit, where it has one; ``unfiltered`` are then the same two logs'
+    errors as measured, else None.
+    """
+
+    error: float
+    training: float
+    unfiltered: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class WorstRun:
+    """The free simulation that strays most: on a ``log`` a ``joint`` is off by ``error`` % of its way."""
+
+    log: str
+    joint: str
+    error: float
+
+
+@dataclass(frozen=True)
+class LargestResidual:
+    """The ``joint`` and ``log`` in which most of the torque is left, and the ``causes`` that its residual points to."""
+
+    joint: str
+    log: str
+    causes: tuple[Cause, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a model is fit for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
+
+    ``reasons`` are empty only for simulation. ``held_out`` is None where no log was held out, ``run`` where no free
+    simulation succeeded, ``residual`` where nothing can be said of what is left of the torque.
+    """
+
+    use: Use
+    reasons: tuple[Reason, ...]
+    next: tuple[Remedy | UnexcitedParameters | Step, ...]
+    held_out: HeldOut | None
+    run: WorstRun | None
+    residual: LargestResidual | None

@@ -1,0 +1,369 @@
+"""Guesses at a configuration from the names and values of columns: each with its reason, or a question where unsure."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.io.columns import Family, families, read_name
+from dynident.io.fields import UNITS
+from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, increases, rows_of
+from dynident.io.settings import POSITIONS, TORQUES
+from dynident.io.tables import DataTable
+
+__all__ = ["ColumnMapping", "Signal", "TimeColumn", "map_columns", "widths"]
+
+Array = NDArray[np.float64]
+
+_DECIMALS = 6  # of locked positions: more than any gripper is known to
+_STILL = 1e-3  # rad or m: a locked joint that moves more is asked about
+_SLACK = 1.05  # on limits of position
+_OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
+_FASTEST, _SLOWEST = 5e-5, 0.3  # s: sampling steps that are taken for granted
+_FEW, _EVEN = 30, 0.1  # samples, and deviation of the steps, of a column that is a clock without being called so
+_GAP = 12  # times the median step, as in the reading of logs
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A channel of a joint: its column (None: not found), its unit, and why, or what is to be confirmed."""
+
+    column: str | None
+    unit: str
+    question: str = ""
+    gain: str = ""  # what the gain is, where the column is no torque yet
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s."""
+
+    column: str | None
+    unit: str = "s"
+    step: float = math.nan
+    question: str = ""
+
+
+@dataclass(frozen=True)
+class ColumnMapping:
+    """Channels by joint, in the order of the robot file; joints that stand still, and at which position.
+
+    ``reasons`` tell how the columns of "position" and "torque" were matched; ``left`` are columns of the same length
+    that are not used, ``strangers`` those of them that are positions of no joint of the robot; ``gaps`` says whether
+    the stamps have any.
+    """
+
+    time: TimeColumn
+    position: Mapping[str, Signal]
+    torque: Mapping[str, Signal]
+    lock: Mapping[str, tuple[float, str]]
+    reasons: Mapping[str, str]
+    left: tuple[str, ...]
+    strangers: tuple[str, ...]
+    gaps: bool
+
+
+def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
+    """Return the widths of those text files, of one recording, that hold one number a line and several per stamp.
+
+    The shortest column has one number per stamp; the others must hold a multiple.
+    """
+    lengths = {key: len(next(iter(one.columns.values()))) for key, one in tables.items() if len(one.columns) == 1}
+    shortest = min(lengths.values(), default=0)
+    return {key: n // shortest for key, n in lengths.items() if n > shortest and n % shortest == 0}
+
+
+def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = False) -> ColumnMapping:
+    """Guess the channels of a recording for the joints of a robot; ``ros``: the units are those of JointState.
+
+    Never raises for want of a guess: what is not found is None, what is unsure carries a question.
+    """
+    usable = [joint for joint in joints if not joint.follows]
+    found = families(table.columns, [joint.name for joint in joints]) or headerless(table, len(usable))
+    position, torque = best_pair(table, found, usable)
+    names = _shared(position, torque, usable)
+    used = [joint for joint in usable if joint.name in names]
+    rows = rows_of(table, position or torque)
+    time = _time(table, found, rows, ros)
+    signals = {} if position is None else _positions(table, usable, position, ros)
+    matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
+    left = _left(table, rows, time, matches.values())
+    return ColumnMapping(
+        time=time,
+        position=_complete(signals, used),
+        torque=_torques(table, used, torque, ros),
+        lock=_lock(table, joints, names, signals),
+        reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
+        left=left,
+        strangers=_strangers(left, position, joints),
+        gaps=_has_gaps(table, time),
+    )
+
+
+def _complete(signals: Mapping[str, Signal], joints: Iterable[JointFacts]) -> dict[str, Signal]:
+    """Return the positions of all joints, in their order, those without a column too."""
+    return {joint.name: signals.get(joint.name, _unknown(joint, POSITIONS)) for joint in joints}
+
+
+def _left(table: DataTable, rows: int, time: TimeColumn, matches: Iterable[Match]) -> tuple[str, ...]:
+    """Return the columns of that length that are neither the time nor matched."""
+    taken = {time.column, *chain.from_iterable(match.columns.values() for match in matches)}
+    return tuple(name for name, column in table.columns.items() if name not in taken and len(column) == rows)
+
+
+def _strangers(left: Iterable[str], position: Match | None, joints: Sequence[JointFacts]) -> tuple[str, ...]:
+    """Return the positions that name no joint, where the other positions are matched by names."""
+    if position is None or not all(isinstance(key, str) for key in position.family.columns):
+        return ()
+    read = (read_name(column, [joint.name for joint in joints]) for column in left)
+    return tuple(
+        one.column for one in read if one.role == "position" and one.joint is None and one.rank == position.family.rank
+    )
+
+
+def _shared(one: Match | None, other: Match | None, joints: Sequence[JointFacts]) -> set[str]:
+    """Return the joints to identify: those with position and torque, or with what was found of the two."""
+    matched = [set(match.columns) for match in (one, other) if match and match.columns]
+    return set.intersection(*matched) if matched else {joint.name for joint in joints}
+
+
+def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match, ros: bool) -> dict[str, Signal]:
+    """Return the positions of the joints that are matched; those of turning joints may look like degrees."""
+    joints = [joint for joint in joints if joint.name in match.columns]
+    values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
+    degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
+    return {joint.name: _position(joint, values[joint.name], match, degrees) for joint in joints}
+
+
+def _degrees(turning: Sequence[tuple[JointFacts, Array]]) -> str:
+    """Return the question whether positions are in degrees, where they fit the joints so, and not in rad."""
+    in_rad, in_deg = (all(_fits(joint, q, factor) for joint, q in turning) for factor in (1.0, math.pi / 180))
+    if in_rad or not in_deg:
+        return ""
+    span = max((float(np.ptp(q)) for _, q in turning if len(q)), default=0.0)
+    return f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
+
+
+def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal:
+    """Return the position of a joint; ``degrees`` is the question where turning joints look like that, else empty."""
+    column, known = match.columns[joint.name], UNITS[POSITIONS[joint.kind]]
+    unit, doubt = match.family.units.get(column, ""), ""
+    if unit in known:
+        if _geared(joint, known[unit] * q):
+            doubt = "it moves farther than the joint can: of the motor, before the gear (see `transmission`)?"
+    elif degrees and joint.kind == "revolute":
+        unit, doubt = "deg", degrees
+    else:
+        unit, doubt = _si(joint, POSITIONS), _doubt(joint, q)
+    return Signal(column, unit, _asked(match.question, doubt))
+
+
+def _asked(*questions: str) -> str:
+    """Return the questions that are none but empty as one."""
+    return "; ".join(filter(None, questions))
+
+
+def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
+    """Whether positions times ``factor``, in rad or m, are what the joint can do."""
+    if not len(q):
+        return True
+    low, high = factor * float(q.min()), factor * float(q.max())
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if lower is not None and upper is not None and lower < upper:
+        slack = (_SLACK - 1) * (upper - lower)
+        return lower - slack <= low and high <= upper + slack
+    return high - low <= (2 * math.pi if joint.kind == "revolute" else 10.0)
+
+
+def _geared(joint: JointFacts, q: Array) -> bool:
+    """Whether positions in rad or m span far more than the joint's limits, as those of motors do."""
+    lower, upper = joint.limits.lower, joint.limits.upper
+    return len(q) > 0 and lower is not None and upper is not None and 0 < _OVER * (upper - lower) < float(np.ptp(q))
+
+
+def _doubt(joint: JointFacts, q: Array) -> str:
+    """Return what is to be asked about a position in rad or m whose unit is not in its name."""
+    if not len(q):
+        return "the column is empty"
+    span, low, high = float(np.ptp(q)), f"{q.min():.3g}", f"{q.max():.3g}"
+    if joint.kind == "prismatic":
+        return "" if _fits(joint, q, 1.0) else f"{low} to {high} is more than the joint can do in m: mm?"
+    if _fits(joint, q, 1.0):
+        return "" if span > 0.02 or span == 0 else f"the joint moves by {span:.2g} only: rad?"
+    if joint.limits.lower is None and span > 2 * math.pi:
+        return f"the range {span:.3g} exceeds 2 pi: does it turn so far (then `multi_turn: true`), or is it degrees?"
+    return f"{low} to {high} is beyond what the joint can do in rad: degrees, encoder counts, another zero, or a motor?"
+
+
+def _unknown(joint: JointFacts, dimensions: Mapping[str, str]) -> Signal:
+    """Return a channel without a column, in SI."""
+    return Signal(None, _si(joint, dimensions))
+
+
+def _si(joint: JointFacts, dimensions: Mapping[str, str]) -> str:
+    return next(unit for unit, factor in UNITS[dimensions[joint.kind]].items() if factor == 1)
+
+
+def _torques(table: DataTable, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
+    if match is None:
+        return {joint.name: _unknown(joint, TORQUES) for joint in joints}
+    if match.family.role == "current":
+        return {joint.name: _current(joint, match) for joint in joints}
+    columns = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
+    peaks = {name: float(np.abs(column).max(initial=0.0)) for name, column in columns.items()}
+    ratios = [peaks[joint.name] / joint.limits.effort for joint in joints if joint.limits.effort]
+    most = max(ratios, default=None)
+    return {joint.name: _torque(joint, match, peaks[joint.name], most, ros) for joint in joints}
+
+
+def _current(joint: JointFacts, match: Match) -> Signal:
+    """Return the torque of a joint by its motor current, with what its gain is."""
+    column, unit = match.columns[joint.name], _si(joint, TORQUES)
+    per = match.family.units.get(column, "A or mA")
+    return Signal(column, unit, match.question, f"torque constant times gear ratio, {unit} per {per}")
+
+
+def _torque(joint: JointFacts, match: Match, peak: float, most: float | None, ros: bool) -> Signal:
+    """Return the torque of a joint; ``most`` is the largest peak of all joints by the limit of the robot file."""
+    column, limit = match.columns[joint.name], joint.limits.effort
+    unit, doubt = match.family.units.get(column, ""), ""
+    if unit in UNITS[TORQUES[joint.kind]]:
+        return Signal(column, unit, match.question)
+    unit = _si(joint, TORQUES)
+    if limit and peak / limit > _OVER:
+        doubt = (
+            f"the peak {peak:.3g} exceeds the limit {limit:.3g} {unit} of the "
+            "robot file: is it a current in mA, or another unit?"
+        )
+    elif most is not None and most < _UNDER:
+        doubt = (
+            f"the peak {peak:.2g} is small against the limit of the robot file: is it the motor's, "
+            "before the gear, or a current? Then `gain`."
+        )
+    elif most is None and not ros:
+        doubt = f"neither the names nor the robot file tell the unit: {unit}?"
+    return Signal(column, unit, _asked(match.question, doubt))
+
+
+def _time(table: DataTable, found: Iterable[Family], rows: int, ros: bool) -> TimeColumn:
+    """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
+    chosen = _stamps(table, found, rows)
+    if rows < 2 or chosen is None:
+        return TimeColumn(None)
+    name, unit, question = chosen
+    column = table.columns[name]
+    unit = unit or ("s" if ros else _epoch(column))
+    if unit is None:
+        return _by_step(name, column, question)
+    return TimeColumn(name, unit, _step(column) * UNITS["time"][unit], question)
+
+
+def _stamps(table: DataTable, found: Iterable[Family], rows: int) -> tuple[str, str | None, str] | None:
+    """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
+    named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
+    stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
+    if not stamps:
+        alone = _clock(table, rows)
+        return (*alone, "the only column that increases evenly: is it the time?") if alone else None
+    name, unit = min(stamps, key=lambda stamp: not increases(table.columns[stamp[0]]))
+    sound = increases(table.columns[name])
+    return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
+
+
+def _by_step(name: str, column: Array, question: str) -> TimeColumn:
+    """Return stamps whose unit follows from their median step."""
+    step = _step(column)
+    if _FASTEST <= step <= _SLOWEST:
+        return TimeColumn(name, "s", step, question)
+    if step == 1 and float(finite(column)[0]).is_integer():
+        asked = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
+        return TimeColumn(name, "ms", 1e-3, asked)
+    unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
+    asked = f"the median step is {step:.4g}: is this {unit}?"
+    return TimeColumn(name, unit, step * UNITS["time"][unit], _asked(question, asked))
+
+
+def _clock(table: DataTable, rows: int) -> tuple[str, str | None] | None:
+    """Return the only column that increases in about equal steps, whatever its name, and the unit that the name has."""
+    even = []
+    for name, column in table.columns.items():
+        if len(column) == rows >= _FEW and increases(column):
+            steps = np.diff(column)
+            if steps.max() < _GAP * np.median(steps) and np.median(np.abs(steps / np.median(steps) - 1)) < _EVEN:
+                even.append(name)
+    if len(even) != 1:
+        return None
+    words = re.split("[^a-z]+", even[0].lower())
+    return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
+
+
+def _epoch(column: Array) -> str | None:
+    """Return the unit in which the stamps count from 1970, None where they do not: a year from 2001 to 2049."""
+    start = float(finite(column).min(initial=np.inf))
+    return next((unit for unit in ("s", "ms", "us", "ns") if 1e9 < start * UNITS["time"][unit] < 2.5e9), None)
+
+
+def _step(column: Array) -> float:
+    """Return the median step, nan where there is none."""
+    steps = np.diff(finite(column))
+    return float(np.median(steps)) if len(steps) else math.nan
+
+
+def _unit_reason(family: Family, ros: bool) -> str:
+    if family.role == "current":
+        return ""
+    if family.units:
+        return "; the unit is in their names"
+    if ros:
+        return "; the unit is that of ROS" + (", but some drivers send currents" if family.role == "torque" else "")
+    return "; the unit is judged by the values and the limits in the robot file"
+
+
+def _has_gaps(table: DataTable, time: TimeColumn) -> bool:
+    if time.column is None:
+        return False
+    column = table.columns[time.column]
+    return bool((np.diff(finite(column)) > _GAP * _step(column)).any())
+
+
+def _lock(
+    table: DataTable, joints: Sequence[JointFacts], used: set[str], recorded: Mapping[str, Signal]
+) -> dict[str, tuple[float, str]]:
+    """Return where the joints stand that are not identified, in rad or m, and what is to be asked about it.
+
+    A joint that follows one that stands still needs no value.
+    """
+    lock: dict[str, tuple[float, str]] = {}
+    for joint in joints:
+        if joint.name in used or (joint.follows and joint.follows not in used):
+            continue
+        signal = recorded.get(joint.name)
+        if joint.follows:
+            lock[joint.name] = 0.0, f"it follows {joint.follows!r}, which moves: a model cannot have both"
+        elif signal is not None and signal.column is not None:
+            lock[joint.name] = _rest(joint, finite(table.columns[signal.column]), signal.unit)
+        else:
+            lock[joint.name] = _unrecorded(joint)
+    return lock
+
+
+def _rest(joint: JointFacts, column: Array, unit: str) -> tuple[float, str]:
+    """Return where a recorded joint stands, and what is to be asked where it moves."""
+    q = column * UNITS[POSITIONS[joint.kind]][unit]
+    if not len(q):
+        return 0.0, ""
+    moves = f"it moves by {np.ptp(q):.2g} {_si(joint, POSITIONS)} in the log" if np.ptp(q) > _STILL else ""
+    return round(float(np.median(q)), _DECIMALS) + 0.0, moves
+
+
+def _unrecorded(joint: JointFacts) -> tuple[float, str]:
+    """Return the position nearest to zero within the limits of a joint, and the question where it stands."""
+    low = -math.inf if joint.limits.lower is None else joint.limits.lower
+    high = math.inf if joint.limits.upper is None else joint.limits.upper
+    return min(max(0.0, low), high), f"it is not in the log: where does it stand ({_si(joint, POSITIONS)})?"

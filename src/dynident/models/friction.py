@@ -1,0 +1,210 @@
+"""Friction and offset of single joints: viscous, Coulomb, and a constant torque."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError, choices
+from dynident.models.term import Joint, Parameter, Partials
+
+__all__ = ["Coulomb", "Offset", "PerJoint", "Viscous"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PerJoint(ABC):
+    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j.
+
+    A class of it says in ``shape``, ``slope`` and ``meaning`` what it is; ``symbol`` begins the parameters' names,
+    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on. Further fields are settings.
+    """
+
+    symbol: ClassVar[str]
+    role: ClassVar[str] = ""
+    of: ClassVar[Literal["dq", "ddq"]] = "dq"
+    joints: tuple[Joint, ...]
+    on: tuple[str, ...] | None = None
+    names: tuple[str, ...] | None = None
+    expressions: tuple[str, ...] | None = None
+    values: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("joints", "on", "names", "expressions", "values"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else tuple(given))
+        known = [joint.name for joint in self.joints]
+        on = known if self.on is None else self.on
+        for k, name in enumerate(on):
+            if name not in known:
+                raise ModelError(f"{type(self).__name__}: no joint {name!r}; {choices(name, known)}")
+            if name in on[:k]:
+                raise ModelError(f"{type(self).__name__}: joint {name!r} is listed twice in 'on'.")
+        for name in ("names", "expressions", "values"):
+            given = getattr(self, name)
+            if given is not None and len(given) != len(on):
+                raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
+
+    @cached_property
+    def _columns(self) -> list[int]:
+        """Index of the joint that each parameter acts on."""
+        known = [joint.name for joint in self.joints]
+        return list(range(len(known))) if self.on is None else [known.index(name) for name in self.on]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One parameter per joint in ``on``, in that order."""
+        joints = [self.joints[j] for j in self._columns]
+        names = self.names or tuple(f"{self.symbol}_{joint.name}" for joint in joints)
+        expressions = self.expressions or (self.meaning(),) * len(joints)
+        values = self.values or (None,) * len(joints)
+        units = [self.unit(joint) for joint in joints]
+        return tuple(map(Parameter, names, units, expressions, values, (self.role,) * len(joints)))
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:  # noqa: ARG002
+        """Return Y, shape (N, n, p), for dq and ddq (N, n) in rad or m and seconds; q has no effect."""
+        joints = self._columns
+        rate = dq if self.of == "dq" else ddq
+        out = np.zeros((*rate.shape, len(joints)))
+        out[:, joints, range(len(joints))] = self.shape(rate[:, joints])
+        return out
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only one of the last two is not zero."""
+        joints, zero = self._columns, np.zeros((*dq.shape, dq.shape[1]))
+        rate, slope = dq if self.of == "dq" else ddq, zero.copy()
+        slope[:, joints, joints] = self.slope(rate[:, joints]) * theta
+        return Partials(zero, slope, zero) if self.of == "dq" else Partials(zero, zero, slope)
+
+    def unit(self, joint: Joint) -> str:
+        """Return the unit of a joint's parameter."""
+        return joint.effort
+
+    @abstractmethod
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
+
+    @abstractmethod
+    def shape(self, dq: Array, /) -> Array:
+        """Return the torque per unit of the parameter."""
+
+    @abstractmethod
+    def slope(self, dq: Array, /) -> Array:
+        """Return the derivative of ``shape``."""
+
+
+@dataclass(frozen=True)
+class Viscous(PerJoint):
+    """Viscous friction, tau_j = Fv_j dq_j, in N m s/rad or N s/m (mu of the article's eqs. 39 and 40).
+
+    It acts on the joints named in ``on`` (default all of ``joints``). Per joint in ``on``, ``names`` replace
+    Fv_<joint>, ``expressions`` the meaning in words, and ``values`` give the true values where they are known.
+    Raises ModelError for an unknown joint, or where the numbers of entries differ.
+    """
+
+    symbol = "Fv"
+    role = "viscous"
+
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
+        return "viscous friction: torque per dq"
+
+    def unit(self, joint: Joint) -> str:
+        """Return the unit of a joint's parameter."""
+        return "N m s/rad" if joint.kind == "revolute" else "N s/m"
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return dq
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        return np.ones_like(dq)
+
+
+@dataclass(frozen=True)
+class Coulomb(PerJoint):
+    """Coulomb friction, tau_j = Fc_j sign(dq_j), in N m or N; ``on``, ``names``, ... as in ``Viscous``.
+
+    The sign may be softened in one of two ways, both in rad/s or m/s: ``width`` > 0 makes it tanh(dq / width), which
+    a simulation needs; ``dead_band`` > 0 makes it 0 within abs(dq) <= dead_band, which leaves uncertain signs out of
+    a fit. With neither, sign(0) = 0. The hard sign has derivative 0 in ``partials``, at its jump too.
+    Raises ModelError where both are given or one is negative or not finite, and as ``Viscous`` does.
+    """
+
+    width: Annotated[float, Ge(0)] = 0.0
+    dead_band: Annotated[float, Ge(0)] = 0.0
+    symbol = "Fc"
+    role = "coulomb"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("width", "dead_band"):
+            value = getattr(self, name)
+            if not 0 <= value < np.inf:
+                raise ModelError(f"Coulomb: {name} is {value}; give a velocity of 0 or more, in rad/s or m/s.")
+        if self.width and self.dead_band:
+            raise ModelError(
+                f"Coulomb: width {self.width} and dead_band {self.dead_band} exclude each other; set one to 0."
+            )
+
+    @property
+    def sharp(self) -> bool:
+        """Whether the torque jumps with the sign of the velocity: there is neither a width nor a dead band."""
+        return not (self.width or self.dead_band)
+
+    def softened(self, width: Array) -> tuple[Coulomb, ...]:
+        """Return one friction for each joint, because each has its own width (n)."""
+        known = [joint.name for joint in self.joints]
+        found = []
+        for k, (name, parameter) in enumerate(zip(self.on or known, self.parameters, strict=True)):
+            value = None if self.values is None else (self.values[k],)
+            one = replace(self, on=(name,), names=(parameter.name,), expressions=None, values=value)
+            found.append(replace(one, width=float(width[known.index(name)])))
+        return tuple(found)
+
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
+        if self.width:
+            return f"Coulomb friction: torque per tanh(dq/{self.width:g})"
+        band = f", 0 within abs(dq) <= {self.dead_band:g}" if self.dead_band else ""
+        return f"Coulomb friction: torque per sign(dq){band}"
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        if self.width:
+            return np.tanh(dq / self.width)
+        return np.where(np.abs(dq) > self.dead_band, np.sign(dq), 0.0)
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        if not self.width:
+            return np.zeros_like(dq)
+        slope: Array = (1 - np.tanh(dq / self.width) ** 2) / self.width
+        return slope
+
+
+@dataclass(frozen=True)
+class Offset(PerJoint):
+    """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``."""
+
+    symbol = "offset"
+
+    def meaning(self) -> str:
+        """Say what the parameter multiplies."""
+        return "constant torque"
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return np.ones_like(dq)
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        return np.zeros_like(dq)

@@ -1,0 +1,144 @@
+"""A rigid body's inertia in three forms: ten parameters, mass with centre and tensor, and the 4x4 pseudo-inertia.
+
+The ten parameters are (m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), in kg, kg m and kg m^2, all about the origin of
+the joint frame; the tensor of the second form is about the centre of mass, with the axes of the same frame, as a URDF
+gives it. The pseudo-inertia is [[Sigma, h], [h', m]] with Sigma = tr(I)/2 E - I (Wensing, Kim and Slotine 2018, "Linear
+matrix inequalities for physically consistent inertial parameter identification"). Leading axes are batches.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ModelError
+
+__all__ = [
+    "consistency_violations",
+    "from_physical",
+    "from_pseudo",
+    "moved",
+    "smallest_eigenvalue",
+    "to_physical",
+    "to_pseudo",
+]
+
+Array = NDArray[np.float64]
+ROWS, COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+ROUNDING = 1e-9  # share of a body's inertia below which a broken inequality is rounding
+
+
+def from_physical(mass: ArrayLike, centre: ArrayLike, tensor: ArrayLike) -> Array:
+    """Return the ten parameters (..., 10) of a mass (...) in kg, its centre (..., 3) in m in the joint frame, and its
+    tensor (..., 3, 3) in kg m^2 about that centre.
+
+    Any mass and tensor will do, physical or not. Raises ModelError for a wrong shape or an asymmetric tensor.
+
+    >>> import numpy as np
+    >>> from_physical(2.0, [0.5, 0.0, 0.0], np.eye(3)).tolist()  # m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    [2.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.5, 0.0, 0.0, 1.5]
+    """
+    m, c, tensor = (np.asarray(value, dtype=float) for value in (mass, centre, tensor))
+    _check("centre of mass", c, (3,))
+    _check("inertia tensor", tensor, (3, 3))
+    if not np.allclose(tensor, tensor.swapaxes(-1, -2), rtol=1e-9, atol=0):
+        raise ModelError(f"The inertia tensor {tensor.tolist()} is not symmetric; give Ixy = Iyx, and so on.")
+    return _packed(m, m[..., None] * c, tensor + _steiner(m, c))
+
+
+def to_physical(theta: ArrayLike, name: str = "the body") -> tuple[Array, Array, Array]:
+    """Return mass (...), centre of mass (..., 3) and tensor about it (..., 3, 3) of the parameters (..., 10).
+
+    Raises ModelError, with the ``name`` of the body, where the mass is zero: it has no centre.
+    """
+    m, h, inertia = _unpacked(theta)
+    if (m == 0).any():
+        raise ModelError(
+            f"{name} has mass 0 and so no centre of mass; give it a mass, or use its ten parameters as they are."
+        )
+    centre = h / m[..., None]
+    return m, centre, inertia - _steiner(m, centre)
+
+
+def to_pseudo(theta: ArrayLike) -> Array:
+    """Return the pseudo-inertia (..., 4, 4) of the parameters (..., 10); it is positive semi-definite for a body."""
+    m, h, inertia = _unpacked(theta)
+    out = np.empty((*m.shape, 4, 4))
+    half_trace = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] / 2
+    out[..., :3, :3] = half_trace * np.eye(3) - inertia
+    out[..., :3, 3] = out[..., 3, :3] = h
+    out[..., 3, 3] = m
+    return out
+
+
+def from_pseudo(pseudo: ArrayLike) -> Array:
+    """Return the parameters (..., 10) of symmetric pseudo-inertias (..., 4, 4)."""
+    P = np.asarray(pseudo, dtype=float)
+    _check("pseudo-inertia", P, (4, 4))
+    sigma = P[..., :3, :3]
+    inertia = np.trace(sigma, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - sigma
+    return _packed(P[..., 3, 3], P[..., :3, 3], inertia)
+
+
+def moved(theta: ArrayLike, placement: ArrayLike) -> Array:
+    """Return the parameters (..., 10) in another frame, in which ``placement`` (..., 4, 4) is the present frame.
+
+    Exact for any parameters, a mass of zero or below included: P becomes T P T'.
+    """
+    T = np.asarray(placement, dtype=float)
+    _check("placement", T, (4, 4))
+    return from_pseudo(T @ to_pseudo(theta) @ T.swapaxes(-1, -2))
+
+
+def smallest_eigenvalue(theta: ArrayLike) -> Array:
+    """Return the smallest eigenvalue (...) of the pseudo-inertias: its sign alone tells, as it mixes kg and kg m^2."""
+    return np.asarray(np.linalg.eigvalsh(to_pseudo(theta))[..., 0])
+
+
+def consistency_violations(theta: ArrayLike) -> tuple[str, ...]:
+    """Say in words what keeps ten parameters (10) from being those of a body; empty where nothing does.
+
+    A body of point masses, a rod or a plate passes: the limits themselves are allowed.
+    """
+    m, h, inertia = _unpacked(theta)
+    if m.ndim:
+        raise ModelError(f"faults are told of one body at a time, got parameters of shape {np.shape(theta)}.")
+    mass = float(m)
+    if mass < 0:
+        return (f"negative mass {mass:g} kg",)
+    if mass == 0:
+        found = (("a first moment", h), ("an inertia", inertia))
+        return tuple(f"{what} without mass" for what, value in found if value.any())
+    tensor = inertia - _steiner(m, h / m)
+    moments = np.linalg.eigvalsh(tensor)
+    slack = ROUNDING * float(np.abs(inertia).max())
+    worded = f"{', '.join(f'{x:.4g}' for x in moments)} kg m^2"
+    if moments[0] < -slack:
+        return (f"negative principal moment about the centre of mass ({worded}): is the tensor about another point?",)
+    if moments[0] + moments[1] < moments[2] - slack:
+        return (f"principal moments {worded} break the triangle inequality: the largest exceeds the sum of the others",)
+    return ()
+
+
+def _steiner(mass: Array, centre: Array) -> Array:
+    """Return the tensor (..., 3, 3) about the origin of a point mass at ``centre``."""
+    square = (centre**2).sum(axis=-1)[..., None, None] * np.eye(3)
+    return np.asarray(mass[..., None, None] * (square - centre[..., :, None] * centre[..., None, :]))
+
+
+def _packed(mass: Array, moment: Array, inertia: Array) -> Array:
+    return np.concatenate([mass[..., None], moment, inertia[..., ROWS, COLUMNS]], axis=-1)
+
+
+def _unpacked(theta: ArrayLike) -> tuple[Array, Array, Array]:
+    values = np.asarray(theta, dtype=float)
+    _check("set of inertial parameters", values, (10,))
+    inertia = np.empty((*values.shape[:-1], 3, 3))
+    inertia[..., ROWS, COLUMNS] = inertia[..., COLUMNS, ROWS] = values[..., 4:]
+    return values[..., 0], values[..., 1:4], inertia
+
+
+def _check(what: str, value: Array, shape: tuple[int, ...]) -> None:
+    if value.shape[-len(shape) :] != shape:
+        expected = ", ".join(["...", *map(str, shape)])
+        raise ModelError(f"A {what} has shape {value.shape}, expected ({expected}).")

@@ -1,0 +1,210 @@
+"""Rigid-body dynamics from symbolic kinetic and potential energies: article, eqs. (1)-(8) and (40)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.models.lumping import Lump, Monomial, compiled, lump
+from dynident.models.term import Joint, Parameter, Partials
+
+__all__ = ["Lagrangian", "Unknown"]
+
+Array = NDArray[np.float64]
+
+_FACTOR = r"(1|[^\W\d_]+(\^-?\d+)?)"
+_UNIT = re.compile(rf"{_FACTOR}( {_FACTOR})*(/{_FACTOR}( {_FACTOR})*)?")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A physical parameter to be lumped: its SymPy symbol, its unit such as ``"kg m^2"``, its value if known (SI).
+
+    Raises ModelError for a unit that is not a product of powers, with at most one ``/``.
+    """
+
+    symbol: Any
+    unit: str
+    value: float | None = None
+
+    def __post_init__(self) -> None:
+        if not _UNIT.fullmatch(self.unit):
+            raise ModelError(
+                f"unknown {self.symbol}: cannot read the unit {self.unit!r}; write it like 'kg m^2', 'N s/m' or '1'."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Lagrangian:
+    """The Euler-Lagrange torque of n joints, linear in p lumped parameters (article, eqs. 1-8).
+
+    ``q``, ``dq`` are n SymPy symbols each, for positions (rad or m) and their rates; ``kinetic`` and ``potential``
+    are energies (J) in them, in the ``unknowns``, and in the ``constants`` (symbol -> number), which are put in as
+    exact decimals. ``names`` of the lumped parameters default to theta1, theta2, ...
+
+    Each product of unknowns in the energies contributes n functions of (q, dq, ddq) to the torque. Products with
+    proportional functions are lumped into one parameter (eq. 40): a sum, scaled so that its product of lowest degree,
+    then first in order of declaration, has factor one. Products without any torque are dropped. Functions are
+    compared at random states with 50 digits. Linear dependence among three or more parameters is left as it is.
+
+    Order of the parameters: those of the kinetic energy, then those of the potential energy only; among the
+    kinetic, constant inertia before inertia that changes with q; then by the last joint acted upon, which orders a
+    chain from base to tip; then by degree and declaration of the unknowns.
+
+    Raises ModelError where the numbers of symbols do not match, an energy holds an undeclared symbol or is not
+    polynomial in the unknowns, the kinetic energy is not quadratic in dq, the potential energy depends on dq, or a
+    part of the torque holds no unknown.
+    """
+
+    joints: tuple[Joint, ...]
+    q: tuple[Any, ...]
+    dq: tuple[Any, ...]
+    kinetic: Any
+    potential: Any
+    unknowns: tuple[Unknown, ...]
+    constants: Mapping[Any, float] = field(default_factory=dict)
+    names: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("joints", "q", "dq", "unknowns"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "constants", dict(self.constants))
+        _check_symbols(self)
+        lumps = self._lumps
+        if self.names is not None and len(self.names) != len(lumps):
+            formulas = "; ".join(str(each.expression) for each in lumps)
+            raise ModelError(f"Lagrangian: {len(self.names)} names for {len(lumps)} lumped parameters: {formulas}.")
+
+    @cached_property
+    def _ddq(self) -> tuple[Any, ...]:
+        import sympy as sp
+
+        return tuple(sp.Dummy(f"ddq{i + 1}") for i in range(len(self.q)))
+
+    @cached_property
+    def _lumps(self) -> tuple[Lump, ...]:
+        symbols = [unknown.symbol for unknown in self.unknowns]
+        kinetic, potential = _energy(self, "kinetic"), _energy(self, "potential")
+        fast = sorted(str(s) for s in potential.free_symbols & set(self.dq))
+        if fast:
+            raise ModelError(f"Lagrangian: the potential energy depends on {fast[0]}; it may depend on q only.")
+        return lump(kinetic, potential, self.q, self.dq, self._ddq, symbols)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p lumped parameters: name, unit, formula, and value (SI) where all unknowns in it have one."""
+        names = self.names or tuple(f"theta{k + 1}" for k in range(len(self._lumps)))
+        values = {u.symbol: u.value for u in self.unknowns if u.value is not None}
+        units = [u.unit for u in self.unknowns]
+        return tuple(
+            Parameter(name, _unit(units, each.leader), str(each.expression), _value(each.expression, values))
+            for name, each in zip(names, self._lumps, strict=True)
+        )
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Z of tau = Z theta (article, eq. 8), shape (N, n, p), for q, dq, ddq of shape (N, n) in SI units."""
+        flat = self._compiled(q.T, dq.T, ddq.T)
+        return _stack(flat, (len(q), len(self.joints), len(self._lumps)))
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the derivatives of Z theta by q, dq and ddq, each (N, n, n); they are symbolic, compiled once."""
+        flat = self._compiled_partials(q.T, dq.T, ddq.T, theta)
+        n = len(self.joints)
+        by_q, by_dq, by_ddq = np.moveaxis(_stack(flat, (len(q), 3, n, n)), 1, 0)
+        return Partials(by_q, by_dq, by_ddq)
+
+    def torques(self, theta: Array) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Return the symbols of q, dq and ddq (3 n), and the n torques in them for the parameters theta (p)."""
+        import sympy as sp
+
+        total = [
+            sp.Add(*(sp.Float(float(x), 17) * each.torque[i] for x, each in zip(theta, self._lumps, strict=True)))
+            for i in range(len(self.q))
+        ]
+        return (*self.q, *self.dq, *self._ddq), tuple(total)
+
+    @cached_property
+    def _compiled(self) -> Callable[..., Sequence[Any]]:
+        torques = [each.torque[i] for i in range(len(self.q)) for each in self._lumps]
+        return compiled((self.q, self.dq, self._ddq), torques)
+
+    @cached_property
+    def _compiled_partials(self) -> Callable[..., Sequence[Any]]:
+        import sympy as sp
+
+        theta = tuple(sp.Dummy(f"theta{k + 1}") for k in range(len(self._lumps)))
+        torques = [
+            sp.Add(*(s * each.torque[i] for s, each in zip(theta, self._lumps, strict=True)))
+            for i in range(len(self.q))
+        ]
+        slopes = [sp.diff(tau, s) for by in (self.q, self.dq, self._ddq) for tau in torques for s in by]
+        return compiled((self.q, self.dq, self._ddq, theta), slopes)
+
+    def __getstate__(self) -> dict[str, Any]:
+        made_here = ("_compiled", "_compiled_partials")  # functions compiled at run time cannot be pickled
+        return {name: value for name, value in self.__dict__.items() if name not in made_here}
+
+
+def _check_symbols(model: Lagrangian) -> None:
+    n = len(model.joints)
+    if not n or len(model.q) != n or len(model.dq) != n:
+        raise ModelError(
+            f"Lagrangian: {n} joints, but {len(model.q)} symbols in q and {len(model.dq)} in dq; "
+            "give one of each per joint."
+        )
+    declared = [*model.q, *model.dq, *(u.symbol for u in model.unknowns), *model.constants]
+    twice = [str(s) for k, s in enumerate(declared) if s in declared[:k]]
+    if twice:
+        raise ModelError(f"Lagrangian: {twice[0]} is declared twice among q, dq, the unknowns and the constants.")
+
+
+def _energy(model: Lagrangian, which: str) -> Any:
+    """Return an energy with its constants put in exactly; ModelError where it holds an undeclared symbol."""
+    import sympy as sp
+
+    exact = {s: sp.Rational(str(value)) for s, value in model.constants.items()}
+    energy = sp.nsimplify(sp.sympify(getattr(model, which)).subs(exact), rational=True)
+    known = {*model.q, *model.dq, *(u.symbol for u in model.unknowns)}
+    strange = sorted(str(s) for s in energy.free_symbols - known)
+    if strange:
+        raise ModelError(
+            f"Lagrangian: the {which} energy holds undeclared {', '.join(strange)}; make each an Unknown or a constant "
+            f"(with the same SymPy assumptions). Declared: {', '.join(sorted(map(str, known)))}."
+        )
+    return energy
+
+
+def _value(expression: Any, values: Mapping[Any, float]) -> float | None:
+    return float(expression.subs(values)) if expression.free_symbols <= values.keys() else None
+
+
+def _unit(units: Sequence[str], powers: Monomial) -> str:
+    """Return the unit of a product of powers: ``_unit(["kg", "m"], (1, 2))`` is ``"kg m^2"``."""
+    total: dict[str, int] = {}
+    for unit, times in zip(units, powers, strict=True):
+        for side, factors in enumerate(unit.split("/") if times else ()):
+            for factor in factors.split():
+                base, _, power = factor.partition("^")
+                total[base] = total.get(base, 0) + (1 - 2 * side) * times * int(power or 1)
+    total.pop("1", None)
+    above, below = ([_power(base, sign * k) for base, k in total.items() if sign * k > 0] for sign in (1, -1))
+    return (" ".join(above) or "1") + ("/" if below else "") + " ".join(below)
+
+
+def _power(base: str, k: int) -> str:
+    return base if k == 1 else f"{base}^{k}"
+
+
+def _stack(flat: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """Stack functions of the samples, some of them constant, into an array of the given shape (N, ...)."""
+    out = np.empty((shape[0], len(flat)))
+    for column, value in enumerate(flat):
+        out[:, column] = value
+    return out.reshape(shape)

@@ -1,0 +1,269 @@
+"""A robot model: the sum of terms that are linear in their parameters, tau = Y(q, dq, ddq) theta."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import DynidentError, ModelError
+from dynident.models.robot_file import Limits
+from dynident.models.term import HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
+
+__all__ = ["MassMatrixCheck", "Model"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MassMatrixCheck:
+    """The smallest eigenvalue of the mass matrix over some configurations, and the configuration ``q`` (n) of it.
+
+    ``positive`` is True where it exceeds the rounding error of the largest eigenvalue. Where revolute and prismatic
+    joints are mixed, the sign of the eigenvalue counts, not its size, which depends on the units.
+    """
+
+    smallest: float
+    q: Array
+    positive: bool
+
+
+@dataclass(frozen=True)
+class Model:
+    """An ordered sum of terms for the same n joints; its p parameters are those of the terms, one after the other.
+
+    In all methods q (rad or m), dq, ddq and tau (N m or N) are (N, n), and theta is (p) or, but for ``partials``,
+    one row per sample (N, p). Raises ModelError where the terms differ in their joints or share a parameter name;
+    its methods do where a shape does not fit, or a term fails or returns a wrong shape or a number that is not finite.
+    """
+
+    terms: tuple[Term, ...]
+    name: str = "model"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        if not self.terms:
+            raise ModelError(f"{self.name}: a model needs at least one term.")
+        for term in self.terms[1:]:
+            if tuple(term.joints) != self.joints:
+                raise ModelError(
+                    f"{self.name}: term {_name(term)} has joints {_listed(term.joints)}, but {_name(self.terms[0])} "
+                    f"has {_listed(self.joints)}; give all terms the same joints, in the same order."
+                )
+        for k, name in enumerate(self.names):
+            if name in self.names[:k]:
+                raise ModelError(
+                    f"{self.name}: two parameters are called {name!r}; rename one with the field 'names' of its term."
+                )
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The n joints, in the order of the columns of q."""
+        return tuple(self.terms[0].joints)
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p parameters, in the order of the regressor's columns."""
+        return tuple(parameter for term in self.terms for parameter in term.parameters)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the p parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def values(self) -> Array | None:
+        """The true parameters (p) in SI units, or None where one of them is not known."""
+        known = [parameter.value for parameter in self.parameters if parameter.value is not None]
+        return np.array(known) if len(known) == len(self.parameters) else None
+
+    @property
+    def limits(self) -> Mapping[str, Limits]:
+        """Limits of the joints, by name, as far as a term knows them from a robot file."""
+        return {name: limit for term in self.terms for name, limit in _limits(term).items()}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the terms say of the files they were made from."""
+        return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+        """Return Y, shape (N, n, p): article, eq. (8)."""
+        return self._regressor(*self._states(q=q, dq=dq, ddq=ddq))
+
+    def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Array:
+        """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
+        q, dq, ddq = self._states(q=q, dq=dq, ddq=ddq)
+        return self._torque(q, dq, ddq, self._theta(theta, len(q)))
+
+    def mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> Array:
+        """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
+        (q,) = self._states(q=q)
+        return self._linear(q, np.zeros_like(q), self._theta(theta, len(q)))[0]
+
+    def mass_and_bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> tuple[Array, Array]:
+        """Return ``mass_matrix`` and ``bias`` from one call of the regressor."""
+        q, dq = self._states(q=q, dq=dq)
+        return self._linear(q, dq, self._theta(theta, len(q)))
+
+    def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> Array:
+        """Return the torque at ddq = 0, shape (N, n): C dq + G of the article's eq. (4), with friction."""
+        q, dq = self._states(q=q, dq=dq)
+        return self.torque(q, dq, np.zeros_like(q), theta)
+
+    def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, theta: ArrayLike) -> Array:
+        """Return ddq = D^-1 (tau - bias), shape (N, n): article, eq. (43).
+
+        Raises ModelError where the mass matrix is singular.
+        """
+        q, dq, tau = self._states(q=q, dq=dq, tau=tau)
+        theta = self._theta(theta, len(q))
+        mass, bias = self._linear(q, dq, theta)
+        try:
+            ddq = np.linalg.solve(mass, (tau - bias)[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            self._singular(q, mass, theta)
+        # a solution this large comes from a mass matrix that is singular to working precision
+        reach = 10 * np.finfo(float).eps * np.abs(mass).max(axis=(1, 2)) * np.abs(ddq).max(axis=1)
+        if (reach > np.abs(tau).max(axis=1) + np.abs(bias).max(axis=1)).any():
+            self._singular(q, mass, theta)
+        return np.asarray(ddq, dtype=np.float64)
+
+    def partials(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Partials:
+        """Return the derivatives of the torque by q, dq and ddq, each (N, n, n), for one theta (p)."""
+        states = self._states(q=q, dq=dq, ddq=ddq)
+        theta = self._theta(theta, None)
+        shape = (*states[0].shape, len(self.joints))
+        total = np.zeros((3, *shape))
+        for term, part in zip(self.terms, np.split(theta, np.cumsum(self._widths)[:-1]), strict=True):
+            slopes = self._call(term, "partials", *states, part)
+            for k, wrt in enumerate(("q", "dq", "ddq")):
+                total[k] += self._checked(term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
+        return Partials(*total)
+
+    def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
+        """Find the smallest eigenvalue of the mass matrix over the configurations q (N, n), at least one."""
+        (q,) = self._states(q=q)
+        if not len(q):
+            raise ModelError(
+                f"{self.name}: the mass matrix cannot be checked at 0 configurations; give some rows of q."
+            )
+        eigenvalues = np.linalg.eigvalsh(self.mass_matrix(q, theta))
+        i = int(np.argmin(eigenvalues[:, 0]))
+        rounding = np.finfo(float).eps * len(self.joints) * np.abs(eigenvalues[i]).max()
+        smallest = float(eigenvalues[i, 0])
+        return MassMatrixCheck(smallest, q[i].copy(), smallest > rounding)
+
+    @cached_property
+    def _widths(self) -> list[int]:
+        return [len(term.parameters) for term in self.terms]
+
+    def _linear(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
+        """Return mass matrix and bias from one call of the torque, which is linear in ddq."""
+        rows, n = q.shape
+        ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
+        many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
+        tau = self._torque(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq, many)
+        tau = tau.reshape(n + 1, rows, n)
+        return (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
+
+    def _singular(self, q: Array, mass: Array, theta: Array) -> NoReturn:
+        i = int(np.argmin(np.abs(np.linalg.eigvalsh(mass)).min(axis=1)))
+        raise ModelError(
+            f"{self.name}: the mass matrix is singular at q = {q[i].tolist()} for theta = "
+            f"{(theta[i] if theta.ndim == 2 else theta).tolist()}; every joint needs an inertia."
+        )
+
+    def _regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return np.concatenate([self._block(k, (q, dq, ddq)) for k in range(len(self.terms))], axis=2)
+
+    def _block(self, k: int, states: tuple[Array, ...]) -> Array:
+        """Return the columns of the regressor that belong to term k."""
+        block = self._call(self.terms[k], "regressor", *states)
+        return self._checked(self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
+
+    @cached_property
+    def _recursive(self) -> list[bool]:
+        return [isinstance(term, Recursive) for term in self.terms]
+
+    def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        if theta.ndim == 2 or not any(self._recursive):
+            return _times(self._regressor(q, dq, ddq), theta)
+        total, states, first = np.zeros(q.shape), (q, dq, ddq), 0
+        for k, width in enumerate(self._widths):
+            part, first = theta[first : first + width], first + width
+            if self._recursive[k]:
+                tau = self._call(self.terms[k], "torque", *states, part)
+                total += self._checked(self.terms[k], "torque", tau, q.shape, states)
+            else:
+                total += _times(self._block(k, states), part)
+        return total
+
+    def _call(self, term: Term, method: str, *arguments: Array) -> Any:
+        try:
+            return getattr(term, method)(*arguments)
+        except DynidentError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise ModelError(
+                f"{self.name}: {method} of term {_name(term)} failed with {type(error).__name__}: {error}"
+            ) from error
+
+    def _checked(self, term: Term, what: str, value: Any, shape: tuple[int, ...], states: tuple[Array, ...]) -> Array:
+        array: Array = np.asarray(value)
+        if array.shape != shape or array.dtype.kind not in "fiu":
+            raise ModelError(
+                f"{self.name}: the {what} of term {_name(term)} has shape {array.shape} and type {array.dtype}, "
+                f"expected floats of shape {shape}."
+            )
+        if not np.isfinite(array).all():
+            place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+            q, dq, ddq = (state[place[0]].tolist() for state in states)
+            raise ModelError(
+                f"{self.name}: term {_name(term)} returned {array[place]} at sample {place[0]} in its {what}, "
+                f"joint {self.joints[place[1]].name!r}, where q = {q}, dq = {dq}, ddq = {ddq}; check both."
+            )
+        return array
+
+    def _states(self, **given: ArrayLike) -> tuple[Array, ...]:
+        """Return the arrays as floats; ModelError unless all are (N, n) with the same N."""
+        arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}
+        rows = next(iter(arrays.values())).shape[:1]
+        for name, array in arrays.items():
+            if array.ndim != 2 or array.shape != (*rows, len(self.joints)):
+                raise ModelError(
+                    f"{self.name}: {name} has shape {array.shape}, expected ({rows[0] if rows else 'N'}, "
+                    f"{len(self.joints)}): one row per sample, one column per joint ({_listed(self.joints)})."
+                )
+        return tuple(arrays.values())
+
+    def _theta(self, theta: ArrayLike, rows: int | None) -> Array:
+        array = np.asarray(theta, dtype=float)
+        p = len(self.parameters)
+        if array.shape not in ((p,), (rows, p)):
+            per_sample = f" or ({rows}, {p})" if rows is not None else ""
+            raise ModelError(
+                f"{self.name}: theta has shape {array.shape}, expected ({p},){per_sample}: {', '.join(self.names)}."
+            )
+        return array
+
+
+def _times(Y: Array, theta: Array) -> Array:
+    """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
+    return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
+
+
+def _limits(term: Term) -> Mapping[str, Limits]:
+    return term.limits if isinstance(term, HasLimits) else {}
+
+
+def _name(term: Term) -> str:
+    return type(term).__name__
+
+
+def _listed(joints: tuple[Joint, ...]) -> str:
+    return ", ".join(f"{joint.name} ({joint.kind})" for joint in joints)

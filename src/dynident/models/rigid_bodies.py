@@ -1,0 +1,287 @@
+"""The rigid bodies of a robot file: URDF or MJCF in, the regressor of its inertial parameters out, by Pinocchio.
+
+The file is read here, link by link, so that nothing of it is guessed; Pinocchio computes the dynamics (Carpentier et
+al. 2019, "The Pinocchio C++ library"), with the recursion of Newton and Euler.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.models.inertia import consistency_violations
+from dynident.models.robot_file import Arm, ArmBody, Limits, RobotFile, assemble, parse, read_mjcf, read_urdf
+from dynident.models.term import INERTIAL, Joint, Parameter, Partials
+
+__all__ = ["RigidBodies", "read_robot_file"]
+
+Array = NDArray[np.float64]
+READERS = {"robot": read_urdf, "mujoco": read_mjcf}
+ADVICE = (
+    "Install it with `pip install pin` on Linux and macOS; on Windows, where there is no wheel, with "
+    "`conda install -c conda-forge pinocchio`."
+)
+UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
+MEANINGS = (
+    "mass",
+    *(f"mass times the {axis} of the centre of mass" for axis in "xyz"),
+    *(f"inertia {name[1:]} about the origin of the joint frame" for name in INERTIAL[4:]),
+)
+
+
+@dataclass(frozen=True)
+class RigidBodies:
+    """The rigid-body term of a robot: ten inertial parameters for each link that moves, about its joint's frame.
+
+    ``xml`` is the text of a URDF or MJCF file. ``joints_used`` chooses the moving joints and their order (default:
+    all that are not locked, from the base outwards); all others stand still at their value in ``locked`` (rad or m),
+    else at zero, a mimic joint at what it mimics. ``gravity`` (3), in m/s^2, is given in the frame of the root link: a
+    base that is mounted turned is a turned gravity. Links that do not move against each other are one body, called
+    after the child link of its joint. ``source`` names the file in messages.
+
+    Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
+    is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
+    missing. Implausible inertias are no error, because they are only nominal values: see ``notes``.
+    """
+
+    xml: str
+    joints_used: tuple[str, ...] | None = None
+    locked: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    source: str = "robot"
+
+    def __post_init__(self) -> None:
+        pairs = self.locked.items() if isinstance(self.locked, Mapping) else self.locked
+        object.__setattr__(self, "locked", tuple((str(name), float(value)) for name, value in pairs))
+        object.__setattr__(self, "gravity", tuple(float(x) for x in self.gravity))
+        if self.joints_used is not None:
+            object.__setattr__(self, "joints_used", tuple(self.joints_used))
+        if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
+            raise ModelError(f"{self.source}: gravity is {self.gravity}; give three numbers in m/s^2: x, y, z.")
+        _ = self._arm, self._model
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def format(self) -> Literal["urdf", "mjcf"]:
+        """What the file is, by its root element: "urdf" or "mjcf"."""
+        return self._file.format
+
+    @property
+    def file(self) -> RobotFile:
+        """What the file says, before links are merged."""
+        return self._file
+
+    @property
+    def arm(self) -> Arm:
+        """The moving bodies, with the links that each is made of."""
+        return self._arm
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """The n moving joints, in the chosen order."""
+        return tuple(
+            Joint(body.joint.name, "prismatic" if body.joint.kind == "prismatic" else "revolute")
+            for body in self._arm.chosen
+        )
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Ten parameters per moving body, in the order of ``joints`` and INERTIAL; the value is the file's.
+
+        It is None for a body with a link whose inertia the file leaves to be computed from shapes.
+        """
+        return tuple(
+            Parameter(
+                f"{body.joint.child}.{role}", unit, f"{meaning} of {body.joint.child}", value, role, body.joint.child
+            )
+            for body in self._arm.chosen
+            for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
+        )
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        """Limits of each moving joint, as far as the file gives them."""
+        return {body.joint.name: body.joint.limits for body in self._arm.chosen}
+
+    @property
+    def damping(self) -> dict[str, float]:
+        """Nominal viscous friction, in N m s/rad or N s/m, of the moving joints for which the file gives one."""
+        return self._nominal("damping")
+
+    @property
+    def friction(self) -> dict[str, float]:
+        """Nominal Coulomb friction, in N m or N, of the moving joints for which the file gives one."""
+        return self._nominal("friction")
+
+    @property
+    def armature(self) -> dict[str, float]:
+        """Nominal rotor inertia, in kg m^2 or kg, of the moving joints for which the file gives one."""
+        return self._nominal("armature")
+
+    @property
+    def merged(self) -> dict[str, tuple[str, ...]]:
+        """Body -> links that move with it, for those that have any; the root link stands for all that stand still."""
+        owners = {body.joint.child: body.links for body in self._arm.chosen}
+        still = {self._file.root: self._arm.still}
+        return {name: links[1:] for name, links in (still | owners).items() if len(links) > 1}
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on what the file says and is not read, and on inertias in it that no body can have."""
+        notes = list(self._file.notes)
+        if self._file.gravity not in (None, self.gravity):
+            notes.append(f"the file's gravity {self._file.gravity} is not read; {self.gravity} m/s^2 is used")
+        for body in self._arm.chosen:
+            if np.isnan(body.theta).any():
+                notes.append(f"body {body.joint.child!r}: the file gives no inertia, but shapes to compute it from")
+            elif not body.theta.any():
+                notes.append(f"body {body.joint.child!r}: the file gives no inertia")
+            else:
+                notes += [f"body {body.joint.child!r}: {flaw}" for flaw in consistency_violations(body.theta)]
+        return tuple(f"{self.source}: {note}." for note in notes)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m and seconds."""
+        pin, model = _pinocchio(), self._model
+        data, compute = model.createData(), pin.computeJointTorqueRegressor
+        rows, n = q.shape
+        out = np.empty((rows, n, 10 * n))
+        for position, rate, acceleration, row in zip(*self._ordered(q, dq, ddq), out, strict=True):
+            row[:] = compute(model, data, position, rate, acceleration)
+        if self._sorted:
+            return out
+        back = np.argsort(self._arm.order)
+        return out.reshape(rows, n, n, 10)[:, back[:, None], back].reshape(rows, n, 10 * n)
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not.
+
+        Pinocchio divides by masses. The torque is linear in theta: where a mass is too small, or negative, a larger
+        one takes its place, and the torque of the surplus, a point mass in the joint frame's origin, is taken off.
+        """
+        stand_in, surplus = self._with_mass(theta)
+        slopes = self._slopes(q, dq, ddq, stand_in)
+        if surplus.any():
+            slopes -= self._slopes(q, dq, ddq, surplus)
+        back = np.argsort(self._arm.order)
+        return Partials(*slopes[:, :, back[:, None], back])
+
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        """Return Y theta, shape (N, n), by the recursion itself, for any theta (10 n), physical or not."""
+        stand_in, surplus = self._with_mass(theta)
+        tau = self._recursion(q, dq, ddq, stand_in)
+        if surplus.any():
+            tau -= self._recursion(q, dq, ddq, surplus)
+        return tau[:, np.argsort(self._arm.order)]
+
+    def under(self, gravity: tuple[float, ...]) -> RigidBodies:
+        """Return the bodies under another gravity (3), m/s^2."""
+        x, y, z = gravity
+        return replace(self, gravity=(x, y, z))
+
+    def _with_mass(self, theta: Array) -> tuple[Array, Array]:
+        """Return bodies (n, 10), in Pinocchio's order, of enough mass to divide by, and the surplus of their mass."""
+        values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
+        stand_in, surplus = values.copy(), np.zeros_like(values)
+        # a centre of mass more than 1 m away from the joint along an axis costs digits
+        stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
+        empty = stand_in[:, 0] == 0
+        stand_in[empty, 0] = np.abs(values[empty, 4:]).max(axis=1)
+        surplus[:, 0] = stand_in[:, 0] - values[:, 0]
+        return stand_in, surplus
+
+    def _slopes(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
+        """Return the derivatives (3, N, n, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        pin, model = _pinocchio(), self._filled(values)
+        data = model.createData()
+        out = np.empty((3, *q.shape, q.shape[1]))
+        for i, state in enumerate(zip(*self._ordered(q, dq, ddq), strict=True)):
+            out[:, i] = pin.computeRNEADerivatives(model, data, *state)
+        return out
+
+    def _recursion(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
+        """Return the torque (N, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        model = self._filled(values)
+        data, compute = model.createData(), _pinocchio().rnea
+        out = np.empty(q.shape)
+        for position, rate, acceleration, row in zip(*self._ordered(q, dq, ddq), out, strict=True):
+            row[:] = compute(model, data, position, rate, acceleration)
+        return out
+
+    def _filled(self, values: Array) -> Any:
+        """Return Pinocchio's model with the inertias of the bodies (n, 10)."""
+        pin, model = _pinocchio(), self._model
+        model = model.copy()
+        for k, body in enumerate(values):
+            model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(body) if body[0] else pin.Inertia.Zero()
+        return model
+
+    def _ordered(self, *states: Array) -> list[Array]:
+        return [
+            np.ascontiguousarray(state if self._sorted else state[:, self._arm.order], dtype=float) for state in states
+        ]
+
+    def _nominal(self, key: str) -> dict[str, float]:
+        return {body.joint.name: body.joint.nominal[key] for body in self._arm.chosen if key in body.joint.nominal}
+
+    @cached_property
+    def _file(self) -> RobotFile:
+        return read_robot_file(self.xml, self.source)
+
+    @cached_property
+    def _arm(self) -> Arm:
+        return assemble(self._file, self.joints_used, dict(self.locked))
+
+    @cached_property
+    def _sorted(self) -> bool:
+        """Whether the joints were chosen in the order of the bodies."""
+        return bool((np.diff(self._arm.order) > 0).all())
+
+    @cached_property
+    def _model(self) -> Any:
+        """Pinocchio's model of the moving bodies, without their inertias."""
+        pin = _pinocchio()
+        model = pin.Model()
+        for k, body in enumerate(self._arm.bodies):
+            kind = (
+                pin.JointModelPrismaticUnaligned if body.joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
+            )
+            # names of the file could clash with Pinocchio's own, such as universe
+            parent = 0 if body.parent is None else body.parent + 1
+            model.addJoint(parent, kind(body.joint.axis), pin.SE3(body.placement), f"joint {k}")
+        model.gravity = pin.Motion(np.array(self.gravity), np.zeros(3))
+        return model
+
+
+def read_robot_file(xml: str, source: str) -> RobotFile:
+    """Return what the text of a URDF or MJCF file says; ModelError where it is neither, or contradicts itself."""
+    root = parse(xml, source)
+    if root.tag not in READERS:
+        raise ModelError(
+            f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
+        )
+    return READERS[root.tag](root, source)
+
+
+def _values(body: ArmBody) -> list[float | None]:
+    return [None] * 10 if np.isnan(body.theta).any() else body.theta.tolist()
+
+
+def _pinocchio() -> Any:
+    """Import Pinocchio; another package of that name, without robots, does not count."""
+    try:
+        module = importlib.import_module("pinocchio")
+    except ImportError as error:
+        raise ModelError(f"Robot files need Pinocchio, which cannot be imported ({error}). {ADVICE}") from error
+    if not hasattr(module, "computeJointTorqueRegressor"):
+        raise ModelError(f"The package 'pinocchio' that is installed is not the robotics library. {ADVICE}")
+    return module

@@ -1,0 +1,49 @@
+"""Robot files: URDF and MJCF as text to links and joints, and these to an arm of moving bodies."""
+
+from dynident.models.robot_file.arm import Arm, ArmBody, assemble
+from dynident.models.robot_file.mjcf import read_mjcf
+from dynident.models.robot_file.urdf import read_urdf
+from dynident.models.robot_file.xml import (
+    HUGE,
+    Coupled,
+    Limits,
+    RobotFile,
+    RobotJoint,
+    Tied,
+    angles,
+    corrected,
+    exact,
+    known,
+    motion,
+    numbers,
+    parse,
+    placement,
+    rotation,
+    unique,
+    unit,
+)
+
+__all__ = [
+    "HUGE",
+    "Arm",
+    "ArmBody",
+    "Coupled",
+    "Limits",
+    "RobotFile",
+    "RobotJoint",
+    "Tied",
+    "angles",
+    "assemble",
+    "corrected",
+    "exact",
+    "known",
+    "motion",
+    "numbers",
+    "parse",
+    "placement",
+    "read_mjcf",
+    "read_urdf",
+    "rotation",
+    "unique",
+    "unit",
+]

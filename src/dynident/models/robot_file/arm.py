@@ -1,0 +1,174 @@
+"""The moving part of a robot file: which joints move, which stand still, and which links are one body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.models.inertia import moved
+from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion
+
+__all__ = ["Arm", "ArmBody", "assemble"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBody:
+    """A moving body: its ``joint``, the index of the body it hangs on (None: the base), the placement (4, 4) of its
+    joint's frame in that body's, its nominal inertia (10) about that frame, nan where not known, its ``links``, and
+    the ``frames`` (4, 4) of these in the body's, the first of which is the identity.
+    """
+
+    joint: RobotJoint
+    parent: int | None
+    placement: Array
+    theta: Array
+    links: tuple[str, ...]
+    frames: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The moving ``bodies``, depth first, each after its parent; ``order[k]`` is the place of body k among the joints
+    as they were chosen. ``still`` are the links that do not move; ``standing`` (rad or m) says where the joints stand
+    that could move and do not.
+    """
+
+    bodies: tuple[ArmBody, ...]
+    order: NDArray[np.intp]
+    still: tuple[str, ...]
+    standing: Mapping[str, float]
+
+    @property
+    def chosen(self) -> list[ArmBody]:
+        """The bodies in the order in which their joints were chosen."""
+        return [self.bodies[k] for k in np.argsort(self.order)]
+
+
+def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> Arm:
+    """Return the arm whose joints ``used`` move (None: all but the locked); the others stand at ``locked``, else at 0.
+
+    Raises ModelError where a name is unknown, a moving joint cannot be one, or a constraint ties moving links.
+    """
+    names = _used(file, used, locked)
+    arm = _walk(file, set(names), locked)
+    if used is not None:
+        order = np.array([names.index(body.joint.name) for body in arm.bodies])
+        arm = replace(arm, order=order)
+    _check_ties(file, arm)
+    return arm
+
+
+def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:
+    """Return the names of the moving joints: all known, of one coordinate, not bound to another."""
+    movable = {joint.name: joint for joint in file.joints if joint.kind != "fixed" or joint.refusal}
+    names = [name for name in movable if name not in locked] if used is None else list(used)
+    _check_named(file, movable, names, locked)
+    for name in names:
+        _check_movable(file, movable[name])
+    _check_mimics(file, names, locked)
+    return names
+
+
+def _check_named(
+    file: RobotFile, movable: Mapping[str, RobotJoint], names: Sequence[str], locked: Mapping[str, float]
+) -> None:
+    """Check that the names used and locked are joints that can move, each named once."""
+    for name in (*names, *locked):
+        known(name, movable, file.source, "joint that can move")
+        if [*names, *locked].count(name) > 1:
+            raise ModelError(f"{file.source}: joint {name!r} is listed twice among the joints used and locked.")
+    if not names:
+        raise ModelError(f"{file.source}: no joint is left to move; the file has {', '.join(movable) or 'none'}.")
+    for name, value in locked.items():
+        if not abs(value) < HUGE or (movable[name].kind == "fixed" and value):
+            raise ModelError(f"{file.source}: joint {name!r} cannot be locked at {value}; lock it at 0.")
+
+
+def _check_mimics(file: RobotFile, names: Sequence[str], locked: Mapping[str, float]) -> None:
+    for joint in file.joints:
+        if joint.follows and joint.name not in locked and joint.follows[0] in names:
+            raise ModelError(
+                f"{file.source}: joint {joint.name!r} mimics {joint.follows[0]!r}, which moves; lock that one, or "
+                f"state a value for {joint.name!r} in 'locked' if it does stand still."
+            )
+
+
+def _check_movable(file: RobotFile, joint: RobotJoint) -> None:
+    reason = f"it mimics {joint.follows[0]!r}" if joint.follows else joint.refusal
+    for constraint in file.constraints:
+        if isinstance(constraint, Coupled) and joint.name in constraint.joints:
+            reason = f"{constraint.what} binds it to {', '.join(map(repr, constraint.joints))}"
+    if reason:
+        raise ModelError(
+            f"{file.source}: joint {joint.name!r} cannot be one of the moving joints: {reason}. Name the joints of the "
+            "arm in 'joints_used'; the others stand still."
+        )
+
+
+def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm:
+    """Gather the links into bodies, from the root outwards, in the order of the file."""
+    below: dict[str, list[RobotJoint]] = {}
+    for branch in file.joints:
+        below.setdefault(branch.parent, []).append(branch)
+    joints: list[tuple[RobotJoint, int | None, Array]] = []
+    links: list[dict[str, Array]] = []  # by body: inertia of each link in the body's frame
+    frames: list[list[Array]] = []
+    still: list[str] = []
+    standing: dict[str, float] = {}
+    todo: list[tuple[str, RobotJoint | None, int | None, Array]] = [(file.root, None, None, np.eye(4))]
+    while todo:
+        link, joint, host, frame = todo.pop()
+        if joint is not None and joint.name in moving:
+            joints.append((joint, host, frame))
+            links.append({})
+            frames.append([])
+            host, frame = len(joints) - 1, np.eye(4)
+        elif joint is not None:
+            position = _position(file, joint, locked)
+            frame = frame @ motion(joint, position)
+            if joint.kind != "fixed":
+                standing[joint.name] = position
+        if host is None:
+            still.append(link)
+        else:
+            inertia = file.links[link]
+            links[host][link] = np.full(10, np.nan) if inertia is None else moved(inertia, frame)
+            frames[host].append(frame)
+        todo += [(x.child, x, host, frame @ x.placement) for x in reversed(below.get(link, []))]
+    bodies = (
+        ArmBody(*joints[k], sum(own.values(), np.zeros(10)), tuple(own), tuple(frames[k]))
+        for k, own in enumerate(links)
+    )
+    return Arm(tuple(bodies), np.arange(len(links)), tuple(still), standing)
+
+
+def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -> float:
+    """Return where a joint stands still: as stated, else as what it mimics stands, else at zero."""
+    named = {x.name: x for x in file.joints}
+    factor, offset, seen = 1.0, 0.0, [joint.name]
+    while seen[-1] not in locked and (follows := named[seen[-1]].follows):
+        master, multiplier, shift = follows
+        factor, offset = factor * multiplier, offset + factor * shift
+        if master in seen:
+            raise ModelError(f"{file.source}: the joints {' -> '.join([*seen, master])} mimic each other in a circle.")
+        seen.append(master)
+    return factor * locked.get(seen[-1], 0.0) + offset
+
+
+def _check_ties(file: RobotFile, arm: Arm) -> None:
+    """Refuse closed loops; a tie between links that do not move against each other is none."""
+    host = {link: body.joint.child for body in arm.bodies for link in body.links} | dict.fromkeys(arm.still, file.root)
+    for tie in file.constraints:
+        if isinstance(tie, Tied):
+            one, other = (host.get(link or "") for link in tie.links)
+            if one is None or one != other:
+                raise ModelError(
+                    f"{file.source}: {tie.what} closes a loop through moving bodies; only trees can be identified. "
+                    "Delete it, or leave the joints it acts on out of 'joints_used'."
+                )

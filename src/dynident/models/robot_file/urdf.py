@@ -1,0 +1,169 @@
+"""Reads a URDF: links, joints, inertias, limits and nominal friction; shapes and all else are left out.
+
+Reference: the URDF specification of ROS, http://wiki.ros.org/urdf/XML. An inertia is given about the link's centre of
+mass, in a frame that may be turned against the link's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError, choices
+from dynident.models.inertia import from_physical
+from dynident.models.robot_file.xml import (
+    Limits,
+    RobotFile,
+    RobotJoint,
+    angles,
+    corrected,
+    known,
+    numbers,
+    placement,
+    rotation,
+    unique,
+    unit,
+)
+
+__all__ = ["read_urdf"]
+
+Array = NDArray[np.float64]
+Kind = Literal["fixed", "revolute", "prismatic"]
+WORLD = "world"
+KINDS: dict[str, Kind] = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "fixed",
+    "planar": "fixed",
+}
+TENSOR = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+
+
+def read_urdf(root: Element, source: str) -> RobotFile:
+    """Return what the <robot> element says.
+
+    Raises ModelError where links and joints do not make one tree, a name is unknown, missing or given twice, or an
+    attribute is not what it should be.
+    """
+    links, joints = root.findall("link"), root.findall("joint")
+    unique((link.get("name", "") for link in links), "link", source)
+    unique((joint.get("name", "") for joint in joints), "joint", source)
+    inertias = {link.get("name", ""): _inertia(link, source) for link in links}
+    # exporters leave the world undeclared that the base is welded to
+    if any(parent.get("link") == WORLD for joint in joints for parent in joint.findall("parent")):
+        inertias.setdefault(WORLD, np.zeros(10))
+    found = tuple(_joint(joint, list(inertias), source) for joint in joints)
+    for joint in found:
+        if joint.follows:
+            known(joint.follows[0], (x.name for x in found), f"{source}, <mimic> of joint {joint.name!r}")
+    origins = ((repr(joint.get("name")), joint.find("origin")) for joint in joints)
+    notes = corrected("rpy", ((name, origin.get("rpy", "")) for name, origin in origins if origin is not None))
+    return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=notes)
+
+
+def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
+    """Return the one link without a parent, from which all others must be reached."""
+    parents: dict[str, RobotJoint] = {}
+    for joint in joints:
+        if joint.child in parents:
+            raise ModelError(
+                f"{source}: link {joint.child!r} has two parents, by the joints {parents[joint.child].name!r} and "
+                f"{joint.name!r}: a closed loop. Only trees can be identified; cut the loop at one of them."
+            )
+        parents[joint.child] = joint
+    roots = [link for link in links if link not in parents]
+    if len(roots) > 1:
+        raise ModelError(
+            f"{source}: {len(roots)} links have no parent ({', '.join(map(repr, roots[:5]))}); the file must describe "
+            "one tree: connect the others by joints (fixed ones perhaps), or delete them."
+        )
+    for link in links:
+        above: list[str] = []
+        while link in parents and link not in above:
+            above.append(link)
+            link = parents[link].parent
+        if link in above:
+            loop = " -> ".join([*above[above.index(link) :], link][::-1])
+            raise ModelError(f"{source}: the links {loop} form a cycle; only trees can be identified.")
+    if not roots:
+        raise ModelError(f"{source}: the file has no <link>.")
+    return roots[0]
+
+
+def _origin(element: Element | None, where: str) -> tuple[Array, Array]:
+    """Return rotation (3, 3) and translation (3) of an <origin>: roll, pitch, yaw about fixed axes."""
+    x, y, z = np.eye(3)
+    roll, pitch, yaw = angles(element, "rpy", "0 0 0", where, 3)
+    return rotation(z, yaw) @ rotation(y, pitch) @ rotation(x, roll), numbers(element, "xyz", "0 0 0", where, 3)
+
+
+def _inertia(link: Element, source: str) -> Array:
+    """Return the parameters (10) in the link's frame; a link without <inertial> has no mass, by the specification."""
+    inertial, where = link.find("inertial"), f"{source}, <inertial> of link {link.get('name')!r}"
+    if inertial is None:
+        return np.zeros(10)
+    mass, tensor = inertial.find("mass"), inertial.find("inertia")
+    if mass is None or tensor is None:
+        raise ModelError(f"{where}: it needs both <mass> and <inertia>.")
+    values = {key: numbers(tensor, key, "", where)[0] for row in TENSOR for key in row}
+    turn, centre = _origin(inertial.find("origin"), where)
+    about_centre = turn @ np.array([[values[key] for key in row] for row in TENSOR]) @ turn.T
+    return from_physical(numbers(mass, "value", "", where)[0], centre, (about_centre + about_centre.T) / 2)
+
+
+def _joint(element: Element, links: list[str], source: str) -> RobotJoint:
+    name, type_ = element.get("name", ""), element.get("type", "")
+    where = f"{source}, joint {name!r}"
+    if type_ not in KINDS:
+        raise ModelError(f"{where}: type {type_!r}; {choices(type_, KINDS)}")
+    ends = {tag: _end(element, tag, links, where) for tag in ("parent", "child")}
+    # exporters write an axis without direction for fixed joints
+    axis = (
+        np.eye(3)[0]
+        if KINDS[type_] == "fixed"
+        else unit(numbers(element.find("axis"), "xyz", "1 0 0", where, 3), where)
+    )
+    dynamics = element.find("dynamics")
+    given = [key for key in ("damping", "friction") if dynamics is not None and key in dynamics.attrib]
+    mimic = element.find("mimic")
+    follows = None
+    if mimic is not None:
+        multiplier, offset = (numbers(mimic, key, x, where)[0] for key, x in (("multiplier", "1"), ("offset", "0")))
+        follows = (mimic.get("joint", ""), float(multiplier), float(offset))
+    return RobotJoint(
+        name=name,
+        kind=KINDS[type_],
+        **ends,
+        placement=placement(*_origin(element.find("origin"), where)),
+        axis=axis,
+        limits=_limits(element.find("limit"), type_, where),
+        nominal={key: float(numbers(dynamics, key, "0", where)[0]) for key in given},
+        follows=follows,
+        refusal=f"it is a {type_} joint, which has several coordinates" if type_ in ("floating", "planar") else "",
+    )
+
+
+def _end(joint: Element, tag: str, links: list[str], where: str) -> str:
+    element = joint.find(tag)
+    if element is None or not element.get("link"):
+        raise ModelError(f"{where}: it has no <{tag} link=...>.")
+    link = element.get("link", "")
+    known(link, links, f"{where}, <{tag}>", "link")
+    return link
+
+
+def _limits(limit: Element | None, type_: str, where: str) -> Limits:
+    """Return the limits; an infinite one is none, and a continuous joint has none of position."""
+    keys = ["effort", "velocity"] + (["lower", "upper"] if type_ in ("revolute", "prismatic") else [])
+    values: dict[str, float] = {}
+    for key in keys if limit is not None else []:
+        text = (limit.get(key) or "inf").strip() if limit is not None else "inf"
+        if text.lstrip("+-").lower() not in ("inf", "infinity"):
+            values[key] = float(numbers({key: text}, key, "", where)[0])
+    return Limits(**values)

@@ -1,0 +1,147 @@
+"""The protocol of a term: one physical effect, linear in its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from dynident.models.robot_file import Limits
+
+__all__ = [
+    "INERTIAL",
+    "HasGravity",
+    "HasLimits",
+    "HasNotes",
+    "HasSign",
+    "Joint",
+    "Parameter",
+    "Partials",
+    "Recursive",
+    "Term",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N)."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"] = "revolute"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the position."""
+        return "rad" if self.kind == "revolute" else "m"
+
+    @property
+    def effort(self) -> str:
+        """Unit of the torque or force."""
+        return "N m" if self.kind == "revolute" else "N"
+
+
+INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""The 10 standard parameters of a rigid body, in the order of the regressor: about the origin of its joint frame."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One column of the regressor: its name, unit, and meaning in words or as a formula.
+
+    ``value`` is the nominal one where it is known (the true one of a simulated arm, the robot file's of a real one).
+    ``role`` tells estimators what physics demands of it: one of INERTIAL (with the ``body`` it belongs to), "viscous",
+    "coulomb", "rotor" (none of these may be negative), or "" (free).
+    """
+
+    name: str
+    unit: str
+    expression: str = ""
+    value: float | None = None
+    role: str = ""
+    body: str = ""
+
+
+@dataclass(frozen=True)
+class Partials:
+    """Partial derivatives of the torque: ``dq[i, j, k]`` = d tau_j / d dq_k at sample i; each (N, n, n)."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+class Term(Protocol):
+    """One effect of the model: tau_term = Y(q, dq, ddq) theta_term.
+
+    A term is frozen configuration, picklable, and vectorised over samples: q, dq, ddq are (N, n).
+    """
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All n joints of the arm, in the order of the columns of q."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The p parameters of this term, in the order of the regressor's columns."""
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return Y, shape (N, n, p)."""
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        """Return the partial derivatives of Y theta with respect to q, dq and ddq, each (N, n, n)."""
+
+
+@runtime_checkable
+class Recursive(Protocol):
+    """A term that gives its torque faster than by the regressor."""
+
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
+        """Return Y theta, shape (N, n), for one theta (p)."""
+
+
+@runtime_checkable
+class HasGravity(Protocol):
+    """A term in which gravity acts."""
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Gravity (3) in the frame of the root link, m/s^2."""
+
+    def under(self, gravity: tuple[float, ...], /) -> Term:
+        """Return the term under another gravity."""
+
+
+@runtime_checkable
+class HasSign(Protocol):
+    """A term whose torque may jump with the sign of a velocity."""
+
+    @property
+    def sharp(self) -> bool:
+        """Whether it jumps, as it is configured."""
+
+    def softened(self, width: Array, /) -> tuple[Term, ...]:
+        """Return terms with the same parameters in which sign(dq) is tanh(dq / width), ``width`` (n) by joint."""
+
+
+@runtime_checkable
+class HasLimits(Protocol):
+    """A term that knows limits of joints."""
+
+    @property
+    def limits(self) -> Mapping[str, Limits]:
+        """Limits by joint name."""
+
+
+@runtime_checkable
+class HasNotes(Protocol):
+    """A term with something to say of what it was made from."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences for the user."""

@@ -1,0 +1,46 @@
+"""The linear problem tau = Y theta: rows, parallel filter, triangular factors, rank and base parameters."""
+
+from dynident.regression.base_parameters import (
+    BaseParameters,
+    UnexcitedParameters,
+    base_parameters,
+    base_std,
+    compare,
+    informed_std,
+    structural_base_parameters,
+)
+from dynident.regression.linear_problem import (
+    BLOCK,
+    ParallelFilter,
+    Regression,
+    RegressorBlock,
+    TriangularFactors,
+    fast_enough,
+    one_thread,
+    stretches,
+    triangularise,
+)
+from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
+
+__all__ = [
+    "BLOCK",
+    "BaseParameters",
+    "ParallelFilter",
+    "Rank",
+    "Regression",
+    "RegressorBlock",
+    "TriangularFactors",
+    "UnexcitedParameters",
+    "base_parameters",
+    "base_std",
+    "compare",
+    "fast_enough",
+    "informed_std",
+    "one_thread",
+    "precision",
+    "rank_of",
+    "rank_of_information",
+    "stretches",
+    "structural_base_parameters",
+    "triangularise",
+]

@@ -1,0 +1,314 @@
+"""Base parameters: which combinations of the standard parameters act on the torque, and what data leave undetermined.
+
+A rank-revealing reading of one triangular factor, after Gautier and Khalil (1990), "Direct calculation of minimum set
+of inertial parameters of serial robots", and Gautier (1991), "Numerical calculation of the base inertial parameters".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ModelError, Note
+from dynident.log import Motion
+from dynident.models import INERTIAL, Model, Parameter
+from dynident.regression.linear_problem import RegressorBlock, TriangularFactors, triangularise
+from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
+
+__all__ = [
+    "BaseParameters",
+    "UnexcitedParameters",
+    "base_parameters",
+    "base_std",
+    "compare",
+    "informed_std",
+    "structural_base_parameters",
+]
+
+Array = NDArray[np.float64]
+SMALL = 1e-8  # a share this small in a base parameter is rounding error
+CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """The base parameters beta = B theta = theta_b + K theta_d (r) of the standard parameters theta (p), in SI units.
+
+    ``independent``: the indices b of the standard parameters that lead a base parameter; ``combination`` (r, p): the
+    matrix B, the identity in the columns b; ``singular_values`` (p) of the column-scaled factor, falling; ``scale``
+    (p): what its columns were divided by (``Rank``).
+    """
+
+    names: tuple[str, ...]
+    rank: int
+    singular_values: Array
+    independent: tuple[int, ...]
+    combination: Array
+    scale: Array
+
+    @property
+    def gap(self) -> float:
+        """Ratio of the last kept to the first dropped singular value: the larger, the clearer the rank."""
+        kept, dropped = self.singular_values[: self.rank], self.singular_values[self.rank :]
+        with np.errstate(over="ignore"):
+            return float(kept[-1] / dropped[0]) if len(kept) and len(dropped) and dropped[0] > 0 else float("inf")
+
+    @property
+    def dependent(self) -> tuple[int, ...]:
+        """Indices d of the standard parameters that lead no base parameter."""
+        return tuple(k for k in range(len(self.names)) if k not in self.independent)
+
+    @cached_property
+    def groupings(self) -> tuple[str, ...]:
+        """Each base parameter as a formula of standard ones, such as ``Izz1 + Ia1 + 0.05185*m3``."""
+        leads = zip(self.combination, self.independent, strict=True)
+        return tuple(_formula(row, lead, self.names) for row, lead in leads)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of the standard parameters that no torque depends on."""
+        return tuple(self.names[k] for k in np.flatnonzero(~self.combination.any(axis=0)))
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Names of the standard parameters that are base parameters by themselves."""
+        alone = (self.combination != 0).sum(axis=1) == 1
+        return tuple(self.names[k] for k, single in zip(self.independent, alone, strict=True) if single)
+
+    @property
+    def null(self) -> Array:
+        """Directions (p, p - r) of theta that change no torque, one for each dependent parameter."""
+        d = list(self.dependent)
+        out = np.zeros((len(self.names), len(d)))
+        out[d, range(len(d))] = 1.0
+        out[list(self.independent)] = -self.combination[:, d]
+        return out
+
+    def to_base(self, theta: ArrayLike) -> Array:
+        """Return beta (r) = B theta for theta (p); ModelError where the shape does not fit."""
+        return self.combination @ _vector(theta, len(self.names), "theta")
+
+    def to_standard(self, beta: ArrayLike, near: ArrayLike | None = None) -> Array:
+        """Return the theta (p) with B theta = beta (r) that is closest to ``near`` (p, default zero) in scaled columns.
+
+        Raises ModelError where a shape does not fit.
+        """
+        start = np.zeros(len(self.names)) if near is None else _vector(near, len(self.names), "near")
+        rest = _vector(beta, self.rank, "beta") - self.combination @ start
+        if not self.rank:
+            return start
+        return start + np.linalg.lstsq(self.combination / self.scale, rest)[0] / self.scale
+
+
+def base_parameters(
+    factor: Array | Rank, parameters: Sequence[Parameter], tolerance: float | None = None
+) -> BaseParameters:
+    """Read the base parameters off a rank, or off the triangular factor (``rank_of``) of a regressor.
+
+    Kept are, where there is a choice, friction and other effects first, then inertia of later bodies, then masses,
+    rotors last. Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape does not fit the
+    parameters.
+    """
+    p = len(parameters)
+    if isinstance(factor, Rank):
+        found = factor
+    elif factor.shape not in ((p, p), (p + 1, p + 1)):
+        raise ModelError(f"factor has shape {factor.shape}, expected ({p}, {p}) or ({p + 1}, {p + 1}).")
+    else:
+        found = rank_of(factor, parameters, tolerance)
+    known = found.vectors[:, : found.rank].T
+    known = np.where(np.linalg.norm(known, axis=0) <= 10 * found.tolerance, 0.0, known)  # without effect
+    size = np.linalg.norm(R := found.values[: found.rank, None] * known, axis=0)
+    kept = sorted(_choose(R / np.where(size > 0, size, 1.0), found.rank, _preference(parameters)))
+    B = _combine(known, kept, found.scale, found.tolerance)
+    return BaseParameters(tuple(x.name for x in parameters), found.rank, found.values, tuple(kept), B, found.scale)
+
+
+def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array, weights: Array | None = None) -> Array:
+    """Return the standard errors (r) of the base parameters of a least-squares fit.
+
+    ``sigma`` (n) is the standard deviation of each joint's residual, ``weights`` (n) what each joint's rows were
+    multiplied with in the fit (one where None): A^-1 (sum w^4 sigma^2 G_j) A^-1 with A = sum w^2 G_j and G_j = X_j' X_j
+    over the independent columns. Holds for independent errors and an exactly known regressor. Raises ModelError where
+    the factors do not fit the basis.
+    """
+    p, kept = len(basis.names), list(basis.independent)
+    if triangular.factors.shape[1:] != (p + 1, p + 1):
+        raise ModelError(f"factors have shape {triangular.factors.shape[1:]}, expected ({p + 1}, {p + 1}).")
+    w = np.ones(len(triangular.factors)) if weights is None else np.asarray(weights)
+    scale = basis.scale[kept]
+    R = triangular.factors[:, :p, kept] / scale
+    gram = np.einsum("jki,jkl->jil", R, R)
+    inverse = rank_of_information(np.tensordot(w**2, gram, axes=1)).inverse
+    covariance = inverse @ np.tensordot(w**4 * np.asarray(sigma) ** 2, gram, axes=1) @ inverse
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+
+
+def informed_std(basis: BaseParameters, information: Array) -> Array:
+    """Return the standard errors (r) of the base parameters from Fisher's information (p, p) of the standard ones.
+
+    They are infinite where the information is singular, which only rounding can make of independent columns.
+    """
+    kept = list(basis.independent)
+    return np.asarray(np.sqrt(np.diag(rank_of_information(information[np.ix_(kept, kept)]).covariance())))
+
+
+def structural_base_parameters(
+    model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float | None = None
+) -> BaseParameters:
+    """Return the base parameters that any motion could show: from ``samples`` random states of the whole arm.
+
+    ``rng`` draws the states, by default the same ones each time. Raises the errors of ``base_parameters`` and of the
+    model.
+    """
+    rng = rng or np.random.default_rng(0)
+    return base_parameters(_factor(model, *_states(model, rng, samples)), model.parameters, tolerance)
+
+
+@dataclass(frozen=True)
+class UnexcitedParameters(Note):
+    """Base parameters that the arm could show but the data do not, and the joints whose motion would show them.
+
+    The joints are to move all at the same time where ``together`` is set, else one by one; those in ``still`` stand
+    still in the data.
+    """
+
+    groupings: tuple[str, ...]
+    joints: tuple[str, ...]
+    together: bool = False
+    still: tuple[str, ...] = ()
+
+
+def compare(
+    structural: BaseParameters, on_data: BaseParameters, model: Model, motions: Sequence[Motion] = ()
+) -> tuple[UnexcitedParameters, ...]:
+    """Name the excitation that is missing where the rank on the data falls short of the structural rank.
+
+    Joints help that show the parameters when they move alone, or, where none does, all together; with ``motions``
+    those that stand still in them are named. Raises ModelError where the three are not about the same parameters.
+    """
+    if not structural.names == on_data.names == model.names:
+        raise ModelError("the two bases and the model must be about the same parameters, in the same order.")
+    hidden = on_data.null
+    seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
+    U, s, Vt = np.linalg.svd(seen, full_matrices=False)
+    k = int((s > 10 * precision(model.parameters) * s.max(initial=1.0)).sum())  # both bases are exact to it
+    U, lifted = U[:, :k], hidden @ (Vt[:k].T / s[:k])
+    still = _still(motions)
+    return tuple(_unexcited(structural, model, group, lifted @ U[group].T, still) for group in _ties(U @ U.T))
+
+
+def _unexcited(
+    structural: BaseParameters, model: Model, group: list[int], directions: Array, still: Sequence[str]
+) -> UnexcitedParameters:
+    groupings = tuple(structural.groupings[k] for k in group)
+    names = [joint.name for joint in model.joints]
+    alone = [name for j, name in enumerate(names) if _shows(model, j, directions)]
+    asked = [name for name in alone if name in still] or alone or names
+    return UnexcitedParameters(groupings, tuple(asked), not alone, tuple(name for name in asked if name in still))
+
+
+def _shows(model: Model, joint: int, directions: Array) -> bool:
+    """Tell whether moving one joint alone, in a few postures of the others, makes a torque along these directions."""
+    rng = np.random.default_rng(1)
+    q, dq, ddq = _states(model, rng, 60)
+    others = [j for j in range(len(model.joints)) if j != joint]
+    whole = np.linalg.norm(model.regressor(q, dq, ddq) @ directions)
+    q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
+    dq[:, others] = ddq[:, others] = 0.0
+    effect = model.regressor(q, dq, ddq) @ directions
+    # what a posture shows at rest does not count as shown by the joint
+    moved = effect.reshape(3, 20, *effect.shape[1:])
+    return bool(np.linalg.norm(moved - moved.mean(axis=1, keepdims=True)) > 1e-3 * whole)
+
+
+def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
+    """Return the joints whose velocity never reaches a thousandth of a unit per second in any motion."""
+    fastest: dict[str, float] = {}
+    for motion in motions:
+        for name, peak in zip(motion.joints, np.abs(motion.dq[motion.mask]).max(axis=0, initial=0.0), strict=True):
+            fastest[name] = max(fastest.get(name, 0.0), float(peak))
+    return tuple(name for name, peak in fastest.items() if peak < 1e-3)
+
+
+def _states(model: Model, rng: np.random.Generator, samples: int) -> tuple[Array, Array, Array]:
+    """Draw random positions, velocities and accelerations, each (samples, n), as large as those of common arms."""
+    reach = [np.pi if joint.kind == "revolute" else 1.0 for joint in model.joints]
+    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, len(reach)))
+    return q * reach, dq * reach, 3.0 * ddq * reach
+
+
+def _factor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    block = RegressorBlock(model.regressor(q, dq, ddq), np.zeros_like(q))
+    return triangularise(iter([block]), len(model.joints), len(model.parameters)).stacked()
+
+
+def _preference(parameters: Sequence[Parameter]) -> list[int]:
+    """Return the columns in the order in which they are kept as leaders of a base parameter."""
+    bodies = list(dict.fromkeys(x.body for x in parameters))
+
+    def key(k: int) -> tuple[int, int, int]:
+        role, body = parameters[k].role, parameters[k].body
+        kind = {"mass": 2, "rotor": 3}.get(role, 1 if role in INERTIAL else 0)
+        return kind, -bodies.index(body), k
+
+    return sorted(range(len(parameters)), key=key)
+
+
+def _choose(R: Array, rank: int, order: list[int]) -> list[int]:
+    """Choose ``rank`` independent columns: the clearly independent ones in the given order, then the largest left."""
+    rest, chosen = R.copy(), list[int]()
+
+    def keep(k: int) -> None:
+        nonlocal rest
+        unit = rest[:, k] / np.linalg.norm(rest[:, k])
+        rest = rest - np.outer(unit, unit @ rest)
+        rest[:, k] = 0.0
+        chosen.append(k)
+
+    for k in order:
+        if len(chosen) < rank and np.linalg.norm(rest[:, k]) > CLEAR:
+            keep(k)
+    while len(chosen) < rank:
+        keep(int(np.argmax(np.linalg.norm(rest, axis=0))))
+    return chosen
+
+
+def _combine(known: Array, kept: list[int], scale: Array, tolerance: float) -> Array:
+    """Return B of which the determined directions ``known`` (r, p) are the rows, free of rounding error."""
+    B = np.linalg.solve(known[:, kept], known)
+    B = np.where(np.abs(B) < max(SMALL, tolerance), 0.0, B) * scale / scale[kept, None]
+    whole = np.round(B)
+    B = np.where((whole != 0) & (np.abs(B - whole) < SMALL), whole, B)
+    B[:, kept] = np.eye(len(kept))
+    return np.asarray(B, dtype=np.float64)
+
+
+def _formula(row: Array, lead: int, names: tuple[str, ...]) -> str:
+    text = names[lead]
+    for k in np.flatnonzero(row):
+        if k != lead:
+            size = f"{abs(row[k]):.4g}"
+            text += f" {'-' if row[k] < 0 else '+'} {'' if size == '1' else size + '*'}{names[k]}"
+    return text
+
+
+def _ties(projector: Array) -> list[list[int]]:
+    """Return the sets of rows that a projector ties together."""
+    from scipy.sparse.csgraph import connected_components
+
+    tied = np.abs(projector) > 1e-3
+    _, label = connected_components(tied, directed=False)
+    involved = tied.any(axis=1)
+    return [np.flatnonzero(label == one).tolist() for one in sorted(set(label[involved]))]
+
+
+def _vector(value: ArrayLike, size: int, name: str) -> Array:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (size,):
+        raise ModelError(f"{name} has shape {array.shape}, expected ({size},).")
+    return array

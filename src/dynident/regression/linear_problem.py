@@ -1,0 +1,258 @@
+"""The linear problem y = X theta + e, eqs. (9)-(10): streamed block by block to one triangular factor per joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError
+from dynident.log import Motion
+from dynident.models import Model
+
+__all__ = [
+    "BLOCK",
+    "ParallelFilter",
+    "Regression",
+    "RegressorBlock",
+    "TriangularFactors",
+    "fast_enough",
+    "one_thread",
+    "stretches",
+    "triangularise",
+]
+
+Array = NDArray[np.float64]
+BLOCK = 4096
+
+
+@dataclass(frozen=True)
+class ParallelFilter:
+    """Parallel filtering: the same zero-phase low-pass and decimation for the torque and every regressor column.
+
+    The relation tau = Y theta survives it exactly, because it is linear. ``decimate`` keeps every k-th sample;
+    ``cutoff`` (Hz) of the Butterworth filter of ``order``, forward and backward; None takes 0.8 of half the rate that
+    remains. Reference: Gautier and Poignet (2000), cited by the article.
+    """
+
+    decimate: int = 1
+    cutoff: float | None = None
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
+        if not whole or not (self.cutoff is None or self.cutoff > 0):
+            raise ConfigError(
+                f"parallel filter: decimate = {self.decimate} and order = {self.order} must be whole numbers from 1 "
+                f"and cutoff = {self.cutoff} positive (Hz)."
+            )
+        if self.decimate == 1 and self.cutoff is None:
+            raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
+
+    def sections(self, motion: Motion) -> Array:
+        """Return the filter's second-order sections for the mean rate of a motion."""
+        from scipy.signal import butter
+
+        rate = 1.0 / float(np.diff(motion.t).mean())
+        cutoff = self.cutoff or 0.4 * rate / self.decimate
+        if not cutoff < 0.5 * rate:
+            raise ConfigError(
+                f"{motion.source}: the parallel filter's cut-off {cutoff:g} Hz does not lie below half the sampling "
+                f"rate ({0.5 * rate:g} Hz)."
+            )
+        return np.asarray(butter(self.order, cutoff, fs=rate, output="sos"))
+
+    def pad(self, sections: Array) -> int:
+        """Return the number of samples after which the filter has forgotten all but about 1e-12."""
+        poles = np.concatenate([np.roots(row[3:]) for row in sections])
+        slowest = np.abs(poles).max(initial=0.1)  # a pole at zero has no logarithm
+        return int(np.ceil(np.log(1e-12) / np.log(slowest)))
+
+    def apply(self, sections: Array, x: Array) -> Array:
+        """Return x (N, ...) filtered at all N samples, not yet decimated."""
+        from scipy.signal import sosfiltfilt
+
+        return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=min(3 * self.order, len(x) - 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class RegressorBlock:
+    """Some rows of the problem: ``Y`` (B, n, p), ``tau`` (B, n), and which of them to use, ``keep`` (B, n) or all."""
+
+    Y: Array
+    tau: Array
+    keep: NDArray[np.bool_] | None = None
+
+    def times(self, weight: Array) -> RegressorBlock:
+        """Return the block with each row multiplied by its weight (B, n)."""
+        return RegressorBlock(self.Y * weight[:, :, None], self.tau * weight, self.keep)
+
+
+@dataclass(frozen=True, eq=False)
+class TriangularFactors:
+    """What least squares needs of any number of rows: per joint the R factor of [Y_j | tau_j].
+
+    ``factors`` (n, p + 1, p + 1), upper triangular; ``rows`` (n) is the number of rows behind each of them.
+    """
+
+    factors: Array
+    rows: NDArray[np.int_]
+
+    @property
+    def samples(self) -> int:
+        """The largest number of rows of a joint."""
+        return int(self.rows.max())
+
+    @property
+    def total(self) -> int:
+        """The number of rows of all joints."""
+        return int(self.rows.sum())
+
+    def stacked(self, weights: Array | None = None) -> Array:
+        """Return one factor (p + 1, p + 1) of all joints, each multiplied by its weight (n) (one over its noise)."""
+        factors = self.factors if weights is None else self.factors * np.asarray(weights)[:, None, None]
+        if len(factors) == 1:
+            return np.asarray(factors[0])
+        with one_thread():
+            return _triangle(np.concatenate(factors))
+
+    def residual(self, theta: Array) -> Array:
+        """Return the sum of squared residuals of each joint (n) at theta (p)."""
+        return np.asarray(np.square(self.factors @ np.append(-theta, 1.0)).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The torque equation of a model over any number of motions; only the masked-in samples enter.
+
+    The matrix is never formed: ``blocks`` makes it again, a few thousand samples at a time, as often as it is asked;
+    ``triangular_factors`` keeps its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
+    equation the samples at which that joint is slower, where friction is not what the model says; None leaves none out.
+    ``weights`` multiply the rows of each motion, one (N, n) for each, after any filter; empty: all rows count the same.
+    """
+
+    model: Model
+    motions: tuple[Motion, ...]
+    filter: ParallelFilter | None = None
+    min_speed: tuple[float, ...] | None = None
+    weights: tuple[Array, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = tuple(joint.name for joint in self.model.joints)
+        for motion in self.motions:
+            if motion.joints != names:
+                raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
+        if self.min_speed is not None and (
+            len(self.min_speed) != len(names) or not all(v >= 0 for v in self.min_speed)
+        ):
+            raise ConfigError(
+                f"min_speed = {self.min_speed}: give a speed >= 0 for each of the joints {', '.join(names)}."
+            )
+
+        shapes = [motion.q.shape for motion in self.motions]
+        if self.weights and [weight.shape for weight in self.weights] != shapes:
+            raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
+
+    def blocks(self) -> Iterator[RegressorBlock]:
+        """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""
+        for k, motion in enumerate(self.motions):
+            for part in stretches(motion.mask):
+                rows = self._plain if self.filter is None else partial(self._filtered, parallel_filter=self.filter)
+                for kept, block in rows(motion, part):
+                    yield block.times(self.weights[k][kept]) if self.weights else block
+
+    @cached_property
+    def triangular_factors(self) -> TriangularFactors:
+        """The triangular factors; InputError where no more rows than parameters are left."""
+        found = triangularise(self.blocks(), len(self.model.joints), len(self.model.parameters))
+        unknowns = len(self.model.parameters)
+        if not unknowns:
+            raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
+        if found.total <= unknowns:
+            raise InputError(
+                f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
+                f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
+            )
+        return found
+
+    def _plain(self, motion: Motion, part: slice) -> Iterator[tuple[slice, RegressorBlock]]:
+        for start in range(part.start, part.stop, BLOCK):
+            rows = slice(start, min(start + BLOCK, part.stop))
+            yield rows, self._rows(motion, rows)
+
+    def _filtered(
+        self, motion: Motion, part: slice, parallel_filter: ParallelFilter
+    ) -> Iterator[tuple[slice, RegressorBlock]]:
+        """Filter pieces that overlap by the filter's memory, so that the pieces fit together."""
+        sections, step = parallel_filter.sections(motion), parallel_filter.decimate
+        pad = parallel_filter.pad(sections)
+        size = -(-max(BLOCK, 4 * pad) // step) * step
+        for start in range(part.start, part.stop, size):
+            stop = min(start + size, part.stop)
+            first, last = max(part.start, start - pad), min(part.stop, stop + pad)
+            if last - first < 2:
+                continue
+            rows = self._rows(motion, slice(first, last))
+            kept = slice(start - first, stop - first, step)
+            Y, tau = (parallel_filter.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
+            yield slice(start, stop, step), RegressorBlock(Y, tau, None if rows.keep is None else rows.keep[kept])
+
+    def _rows(self, motion: Motion, rows: slice) -> RegressorBlock:
+        q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
+        return RegressorBlock(self.model.regressor(q, dq, ddq), motion.tau[rows], fast_enough(dq, self.min_speed))
+
+
+def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
+    """Return where each joint (N, n) is at least as fast as ``min_speed`` (n) says; None for everywhere."""
+    return None if min_speed is None else np.abs(dq) >= np.array(min_speed)
+
+
+def stretches(mask: NDArray[np.bool_]) -> list[slice]:
+    """Return the uninterrupted runs of True in a mask (N) as slices."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def triangularise(blocks: Iterator[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
+    """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
+    factors = np.zeros((joints, parameters + 1, parameters + 1))
+    count = np.zeros(joints, dtype=int)
+
+    def merge(block: RegressorBlock) -> None:
+        # all joints in one call, which lets the next block be made meanwhile; a row of zeros changes no factor
+        rows = np.concatenate((block.Y, block.tau[:, :, None]), axis=2).swapaxes(0, 1)
+        rows = rows if block.keep is None else rows * block.keep.T[:, :, None]
+        factors[:] = _triangle(np.concatenate((factors, rows), axis=1))
+        count[:] += len(block.tau) if block.keep is None else block.keep.sum(axis=0)
+
+    with one_thread(), ThreadPoolExecutor(1) as worker:
+        merging: Future[None] | None = None
+        for block in blocks:  # the next block is made while this one is factorised
+            if merging is not None:
+                merging.result()
+            merging = worker.submit(merge, block)
+        if merging is not None:
+            merging.result()
+    return TriangularFactors(factors, count)
+
+
+def _triangle(rows: Array) -> Array:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@cache
+def _controller() -> Any:
+    import scipy.linalg  # noqa: F401  # it brings a BLAS of its own, which must be there to be found
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def one_thread() -> Any:
+    """Limit BLAS to one thread: with several, the many small factorisations run several times slower."""
+    return _controller().limit(limits=1, user_api="blas")

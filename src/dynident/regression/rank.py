@@ -1,0 +1,148 @@
+"""Rank: which directions of the parameters act on the torque, and which are only rounding; one decision for all.
+
+A column that ought to be zero is, in a robot file whose angles are rounded to the precision eps (rad), about eps times
+the columns that other axes have. So inertial parameters are not measured against themselves, which would lift such
+rounding to the size of data, but against the largest effect that a parameter of their kind (mass, first or second
+moment) has on the torque. By Weyl's inequality singular values that ought to be zero then stay below about eps times
+the largest. Everything else of a model is exact to double precision, and so are models without a robot file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError
+from dynident.models import INERTIAL, Parameter
+
+__all__ = ["Rank", "precision", "rank_of", "rank_of_information"]
+
+Array = NDArray[np.float64]
+ANGLES = 1e-5  # rad: angles of robot files are exact to this; compiled from 3.1416, one is off by 7e-6
+ARITHMETIC = 1e-12  # double precision, after sums over many rows
+SQUARED = 1e-12  # the same for an information matrix, which squares all ratios
+EMPTY = 1e-14  # a column this small beside the largest is rounding error
+TIED = (1e-6, 1e-2)  # entries of the projector on what is not determined, from which on two parameters are tied
+KINDS = (INERTIAL[:1], INERTIAL[1:4], INERTIAL[4:])  # mass, first and second moments: of one unit each
+
+
+@dataclass(frozen=True, eq=False)
+class Rank:
+    """The ``rank`` r of a factor, and the directions of the parameters (p) that it determines and leaves free.
+
+    ``scale`` (p) is the effect that a unit of each parameter is measured by, ``values`` (p) are the singular values of
+    the factor's columns over it, falling, with their ``left`` (p, p) and right ``vectors`` (p, p) as columns.
+    ``tolerance``: values below this share of the largest count as zero.
+    """
+
+    rank: int
+    scale: Array
+    values: Array
+    left: Array
+    vectors: Array
+    tolerance: float
+
+    @property
+    def determined(self) -> Array:
+        """Directions (p, r) that act on the torque, in the parameters' units."""
+        return self.vectors[:, : self.rank] / self.scale[:, None]
+
+    @property
+    def free(self) -> Array:
+        """Directions (p, p - r) that do not act on the torque, in the parameters' units."""
+        return self.vectors[:, self.rank :] / self.scale[:, None]
+
+    @property
+    def condition(self) -> float:
+        """Ratio of the largest to the smallest of all singular values, inf where one is zero."""
+        with np.errstate(over="ignore"):
+            return float(self.values[0] / self.values[-1]) if len(self.values) and self.values[-1] > 0 else np.inf
+
+    @cached_property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Sets of parameters that cannot be told apart, one by one those without effect; empty at full rank."""
+        if self.rank == len(self.values):
+            return ()
+        from scipy.sparse.csgraph import connected_components
+
+        null = self.vectors[:, self.rank :]
+        tied = np.abs(null @ null.T) > np.clip(100 * self.tolerance, *TIED)
+        _, label = connected_components(tied, directed=False)
+        involved = tied.any(axis=1)
+        return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Whether each parameter (p) is in one of the groups, so that no data tell its value."""
+        out = np.zeros(len(self.values), dtype=bool)
+        out[[k for group in self.groups for k in group]] = True
+        return out
+
+    @property
+    def inverse(self) -> Array:
+        """(X' X)^-1 on the determined directions, (p, p), in the parameters' units."""
+        half = self.determined / self.values[: self.rank]
+        return np.asarray(half @ half.T)
+
+    def covariance(self, variance: float = 1.0) -> Array:
+        """Return ``variance`` times the inverse, with an infinite variance for what is not determined."""
+        lost = self.lost
+        out = np.where(lost | lost[:, None], 0.0, variance * self.inverse)
+        out[lost, lost] = np.inf
+        return out
+
+    def within(self, information: Array) -> Rank:
+        """Return the rank of an information matrix (p, p) on the determined directions; the others stay free."""
+        known = self.vectors[:, : self.rank]
+        squares, turn = np.linalg.eigh(known.T @ (information / np.outer(self.scale, self.scale)) @ known)
+        squares, turn = squares[::-1], turn[:, ::-1]
+        values = np.concatenate([np.sqrt(np.maximum(squares, 0.0)), np.zeros(len(self.scale) - self.rank)])
+        vectors = np.concatenate([known @ turn, self.vectors[:, self.rank :]], axis=1)
+        kept = int((squares > SQUARED * squares[0]).sum()) if self.rank and squares[0] > 0 else 0
+        return Rank(kept, self.scale, values, vectors, vectors, self.tolerance)
+
+
+def precision(parameters: Sequence[Parameter]) -> float:
+    """Return to what relative precision a model's regressor is known: that of a robot file, or of the arithmetic."""
+    return ANGLES if any(x.role in INERTIAL for x in parameters) else ARITHMETIC
+
+
+def rank_of(factor: Array, parameters: Sequence[Parameter] = (), tolerance: float | None = None) -> Rank:
+    """Return the rank of a triangular factor, (p, p) or with the torque (p + 1, p + 1), of a regressor.
+
+    ``tolerance``: share of the largest singular value that counts as zero; None takes the ``precision`` of the
+    parameters (that of the arithmetic where they are not given). Raises ConfigError for one outside (0, 1).
+    """
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise ConfigError(f"tolerance of the rank is {tolerance}; give a number between 0 and 1, such as 1e-12.")
+    p = len(parameters) or len(factor) - 1
+    limit = precision(parameters) if tolerance is None else tolerance
+    R = factor[:p, :p]
+    scale, empty = _measured(np.linalg.norm(R, axis=0), parameters)
+    U, s, Vt = np.linalg.svd(np.where(empty, 0.0, R / scale))
+    rank = int((s > limit * s[0]).sum()) if p and s[0] > 0 else 0
+    vectors = Vt.T.copy()
+    vectors[empty, :rank] = 0.0  # a zero column has no share in any direction
+    return Rank(rank, scale, s, U, vectors, limit)
+
+
+def rank_of_information(information: Array, parameters: Sequence[Parameter] = ()) -> Rank:
+    """Return the rank of an information matrix X' X (p, p), in which half of the digits are lost."""
+    p = len(information)
+    scale, empty = _measured(np.sqrt(np.maximum(np.diag(information), 0.0)), parameters)
+    whole = Rank(p, scale, np.ones(p), np.eye(p), np.eye(p), precision(parameters))
+    return whole.within(np.where(empty | empty[:, None], 0.0, information))
+
+
+def _measured(effect: Array, parameters: Sequence[Parameter]) -> tuple[Array, NDArray[np.bool_]]:
+    """Return what each column (p) is measured by, and whether it is empty."""
+    scale = effect.copy()
+    for kind in KINDS:
+        alike = [k for k, x in enumerate(parameters) if x.role in kind]
+        scale[alike] = effect[alike].max(initial=0.0)
+    empty = (effect <= EMPTY * effect.max(initial=0.0)) | (scale == 0)
+    return np.where(empty & (scale == 0), 1.0, scale), empty

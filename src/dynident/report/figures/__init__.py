@@ -1,0 +1,39 @@
+"""Figures of a study and of an identification: nouns in, plotly figures out; no file is opened or written.
+
+Backgrounds are transparent and fonts inherited. Lines with ``meta`` "ink" and all text are drawn in a grey that is
+readable on white and on black; a page may repaint them in its own text colour.
+"""
+
+from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
+from dynident.report.figures.canvas import Array, share, thin
+from dynident.report.figures.identification import (
+    error_figure,
+    motion_figure,
+    run_figure,
+    smoothing_figure,
+    torque_figure,
+)
+from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
+from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
+
+__all__ = [
+    "CHANGE_NAMES",
+    "Array",
+    "bound_figure",
+    "efficiency_figure",
+    "error_figure",
+    "interval_figure",
+    "method_name",
+    "motion_figure",
+    "only_nominal",
+    "relative_std",
+    "run_figure",
+    "scientific",
+    "share",
+    "singular_figure",
+    "smoothing_figure",
+    "spread_figure",
+    "thin",
+    "torque_figure",
+    "trace_figure",
+]

@@ -1,0 +1,114 @@
+"""Figures of the Cramer-Rao bound: what a record can say of each parameter, and what methods make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Array, panels, plain
+from dynident.report.figures.study import colours_of, method_name, scientific
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from dynident.bounds import AccuracyBound
+    from dynident.studies import Reproduction
+
+__all__ = ["CHANGE_NAMES", "bound_figure", "efficiency_figure"]
+
+CHANGE_NAMES: Mapping[str, str] = {
+    "now": "now",
+    "bit": "+1 encoder bit",
+    "torque": "torque × 10",
+    "twice": "2 × record",
+    "longer": "4 × record",
+}
+LOOKS = {
+    "now": (RED, "circle"), "bit": (BLUE, "circle-open"),
+    "torque": (GREEN, "diamond"), "longer": (AMBER, "line-ns-open"),
+}  # fmt: skip
+MARKS = ("circle", "square", "diamond", "triangle-up", "x", "star")
+
+
+def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> go.Figure:
+    """Draw the least standard deviation of each parameter in % of its value, now and after each change; log axis."""
+    import plotly.graph_objects as go
+
+    labels = [plain(label) for label in labels]
+    figure = panels([""], 130 + 20 * len(labels), shared=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fit = 100 * found.fit / np.abs(found.value)
+        series = {name: 100 * std / np.abs(found.value) for name, std in found.std.items() if name in LOOKS}
+    shown = {"fit": (fit, "this fit", INK, "x-thin-open"), **{
+        name: (values, CHANGE_NAMES[name], *LOOKS[name]) for name, values in series.items()
+    }}  # fmt: skip
+    rows = np.arange(len(labels))
+    for values, title, colour, symbol in shown.values():
+        good = np.isfinite(values) & (values > 0)
+        trace = go.Scatter(
+            x=values[good],
+            y=rows[good],
+            mode="markers",
+            name=title,
+            marker={"color": colour, "size": 9, "symbol": symbol, "line": {"width": 1.6}},
+            text=[labels[k] for k in np.flatnonzero(good)],
+            hovertemplate="%{text}: %{x:.3g} %",
+            meta="ink" if colour == INK else None,
+        )
+        figure.add_trace(trace, row=1, col=1)
+    figure.update_yaxes(tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
+    figure.update_xaxes(type="log", title="standard deviation, % of the value", dtick=1, exponentformat="power")
+    return figure.update_layout(hovermode="closest")
+
+
+def efficiency_figure(reproduction: Reproduction) -> go.Figure:
+    """Draw the rms error of each parameter in % of its true value by method, over the bound; one panel per level."""
+    levels = sorted(reproduction.bounds)
+    names, true = [plain(name) for name in reproduction.names], np.abs(reproduction.true)
+    headings = [f"σ<sub>q</sub>² = {scientific(level)} rad²" for level in levels]
+    figure = panels(["rms error, %"] * len(levels), 90 + 260 * len(levels), headings)
+    methods = list(dict.fromkeys(case.method for case in reproduction.cases))
+    colours = colours_of(methods)
+    cases = {(case.sigma_q2, case.method): case for case in reproduction.cases if len(case.estimates)}
+    for row, level in enumerate(levels, start=1):
+        least = _least(names, 100 * np.sqrt(reproduction.bounds[level]) / true)
+        figure.add_trace(least.update(showlegend=row == 1), row=row, col=1)
+        for method, symbol in zip(methods, cycle(MARKS)):
+            if case := cases.get((level, method)):
+                error = 100 * np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0)) / true
+                reached = _reached(names, error, method, colours[method], symbol)
+                figure.add_trace(reached.update(showlegend=row == 1), row=row, col=1)
+    figure.update_yaxes(type="log", dtick=1, exponentformat="power")
+    figure.update_xaxes(type="category", showticklabels=True, showgrid=False)
+    return figure.update_layout(hovermode="closest")
+
+
+def _least(names: list[str], percent: Array) -> go.Bar:
+    import plotly.graph_objects as go
+
+    return go.Bar(
+        x=names,
+        y=percent,
+        name="Cramér-Rao bound",
+        legendgroup="bound",
+        marker={"color": BLUE, "opacity": 0.35},
+        hovertemplate="%{x}: bound %{y:.3g} %<extra></extra>",
+    )
+
+
+def _reached(names: list[str], percent: Array, method: str, colour: str, symbol: str) -> go.Scatter:
+    import plotly.graph_objects as go
+
+    return go.Scatter(
+        x=names,
+        y=percent,
+        mode="markers",
+        name=plain(method_name(method)),
+        legendgroup=method,
+        marker={"color": colour, "size": 9, "symbol": symbol},
+        hovertemplate="%{x}: %{y:.3g} %",
+        meta="ink" if colour == INK else None,
+    )

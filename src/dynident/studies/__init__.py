@@ -1,0 +1,35 @@
+"""Studies: many simulated runs of many methods, the article's study, and the tables it published."""
+
+from dynident.studies.article import (
+    LEVELS,
+    METHODS,
+    SCENARIOS,
+    ArmScenario,
+    Case,
+    Likelihood,
+    Reproduction,
+    SmoothAndFit,
+    reproduce,
+)
+from dynident.studies.published_tables import PRINTED, Row
+from dynident.studies.study import Method, Outcome, Scenario, Statistics, run_study, statistics
+
+__all__ = [
+    "LEVELS",
+    "METHODS",
+    "PRINTED",
+    "SCENARIOS",
+    "ArmScenario",
+    "Case",
+    "Likelihood",
+    "Method",
+    "Outcome",
+    "Reproduction",
+    "Row",
+    "Scenario",
+    "SmoothAndFit",
+    "Statistics",
+    "reproduce",
+    "run_study",
+    "statistics",
+]

@@ -1,0 +1,152 @@
+"""Standard errors that hold where residuals are correlated in time and between joints, as real ones are.
+
+The scores u_t = sum_j w_j^2 Y_jt' e_jt of the least-squares fit sum to zero; how far such sums wander says how far the
+estimate does. Their long-run covariance is Newey and West's (1987), with the bandwidth of Andrews (1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import ModelError
+from dynident.log import pieces
+from dynident.regression import Regression, RegressorBlock, rank_of, stretches
+
+__all__ = ["bandwidth", "robust_covariance"]
+
+Array = NDArray[np.float64]
+MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece of them
+
+
+def robust_covariance(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+    slopes: Sequence[Array] = (),
+) -> Array:
+    """Return the covariance of a least-squares fit, robust to correlated residuals: A^-1 S A^-1 (p, p), SI units.
+
+    ``theta`` (p) is the estimate, ``weights`` (n) what each joint's rows were multiplied with in the fit (one where
+    None). ``columns`` (r) are those of the regressor to invert, the leaders of base parameters say (then (r, r)); they
+    must be independent. The regression's own weights of samples count in A and S; ``slopes``, for each motion (N, n),
+    stand for their squares in A where the weights depend on the residual (Huber's psi'). A = sum w_j^2 Y_j' Y_j, and
+    with Bartlett's weights of bandwidth L
+
+        S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' = (1/L) sum_t b_t b_t',  b_t = u_t + ... + u_(t+L-1).
+
+    The second form needs one pass over the blocks and keeps only one block and L rows. It holds for an exactly known
+    regressor, and where residuals decorrelate within about a tenth of the data; if they do not, it is too small.
+    Raises ModelError where shapes do not fit or the columns are dependent.
+    """
+    p, n = len(regression.model.parameters), len(regression.model.joints)
+    value = np.asarray(theta, dtype=float)
+    w = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
+    kept = list(range(p)) if columns is None else list(columns)
+    if value.shape != (p,) or w.shape != (n,):
+        raise ModelError(f"theta has shape {value.shape} and weights {w.shape}, expected ({p},) and ({n},).")
+    curved = replace(regression, weights=tuple(np.sqrt(np.maximum(one, 0.0)) for one in slopes))
+    scale, inverse = _bread(curved if slopes else regression, w, kept)
+
+    def scores(part: Regression) -> Iterator[Array]:
+        return (_scores(block, value, w, kept, scale) for block in part.blocks())
+
+    parts = _stretches(regression)
+    length = bandwidth(scores(part) for part in parts)
+    rows, total = 0, np.zeros((len(kept), len(kept)))
+    for part in parts:
+        count, one = _bartlett(scores(part), length, len(kept))
+        rows, total = rows + count, total + one
+    small_sample = rows / max(rows - len(kept) / n, 1.0)
+    total = total * (_samples(regression) / sum(map(_samples, parts)))
+    return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
+
+
+def bandwidth(series: Iterator[Iterator[Array]]) -> int:
+    """Return Andrews' (1991, eqs. 5.3 and 6.4) L in samples for Bartlett's kernel, each column fitted as AR(1).
+
+    ``series`` holds for each uninterrupted stretch its blocks (B, r). All columns count alike; L is at most a tenth of
+    the samples.
+    """
+    now: Array | float = 0.0
+    lagged: Array | float = 0.0
+    rows = 0
+    for blocks in series:
+        last = None
+        for u in blocks:
+            joined = u if last is None else np.concatenate((last, u))
+            now, lagged = now + np.square(u).sum(axis=0), lagged + (joined[1:] * joined[:-1]).sum(axis=0)
+            last, rows = u[-1:], rows + len(u)
+    rho = np.clip(lagged / np.where(np.asarray(now) > 0, now, 1.0), -0.9999, 0.9999)
+    spread = (1 - rho**2) ** 2  # squared innovation variance of a series of unit variance
+    alpha = np.sum(4 * rho**2 * spread / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.sum(spread / (1 - rho) ** 4)
+    return int(np.clip(np.ceil(1.1447 * (alpha * rows) ** (1 / 3)), 1, max(rows // 10, 1)))
+
+
+def _bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Array]:
+    """Return the norms of the columns and the inverse of A in columns scaled by them."""
+    found = rank_of(np.asarray(np.linalg.qr(regression.triangular_factors.stacked(w)[:, [*kept, -1]], mode="r")))
+    if found.groups:
+        if any(len(group) == 1 for group in found.groups):
+            raise ModelError("a column of the regressor is zero; leave it out of the columns.")
+        raise ModelError("the columns of the regressor are dependent; give those of base parameters.")
+    return found.scale, found.inverse * np.outer(found.scale, found.scale)
+
+
+def _scores(block: RegressorBlock, theta: Array, w: Array, kept: list[int], scale: Array) -> Array:
+    """Return u (B, r) in scaled columns, of all joints together, so that their correlation counts too."""
+    error = (block.tau - block.Y @ theta) * w**2
+    if block.keep is not None:
+        error = np.where(block.keep, error, 0.0)
+    return np.asarray(np.einsum("bj,bjp->bp", error, block.Y[:, :, kept]) / scale)
+
+
+def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Array]:
+    """Return the number of rows and (1/L) sum b_t b_t', the running sums b reaching past both ends."""
+    held, rows, total = np.zeros((length - 1, width)), 0, np.zeros((width, width))
+
+    def add(u: Array) -> None:
+        nonlocal held, total
+        sums = np.cumsum(np.concatenate((np.zeros((1, width)), held, u)), axis=0)
+        b = sums[length:] - sums[:-length]
+        total = total + b.T @ b
+        held = np.concatenate((held, u))[len(u) :]
+
+    for u in blocks:
+        add(u)
+        rows += len(u)
+    add(np.zeros((length - 1, width)))
+    return rows, total / length
+
+
+def _stretches(regression: Regression) -> list[Regression]:
+    """Return the regression of each uninterrupted stretch: samples on both sides of a gap do not correlate.
+
+    Of long stretches a few pieces must do, evenly spread; how scores correlate is the same all along.
+    """
+    share = min(1.0, MOST / max(_samples(regression), 1))
+    found = []
+    for k, motion in enumerate(regression.motions):
+        weights = regression.weights[k : k + 1]
+        for part in stretches(motion.mask):
+            for piece in _pieces(part, share):
+                mask = np.zeros(len(motion), dtype=bool)
+                mask[piece] = True
+                found.append(replace(regression, motions=(replace(motion, mask=mask),), weights=weights))
+    return found
+
+
+def _pieces(part: slice, share: float) -> list[slice]:
+    """Return about that share of a stretch, in pieces of about PIECE samples; all of it where the share is 1."""
+    length = part.stop - part.start
+    if share == 1.0 or share * length < 100:
+        return [part]
+    return pieces(part, max(1, round(share * length / PIECE)), share)
+
+
+def _samples(regression: Regression) -> int:
+    return sum(int(motion.mask.sum()) for motion in regression.motions)

@@ -1,0 +1,164 @@
+"""What a log says of its channels, and of gaps in its time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks import Finding, channels, check_log, inspect_log, require, split_gaps
+from dynident.errors import InputError, Severity
+from dynident.log import Log
+
+N = 2000
+
+
+def log(**changes) -> Log:
+    """A sound log of one revolute joint at 500 Hz, with some fields replaced."""
+    t = np.arange(N) * 0.002
+    fields = {"t": t, "q": np.sin(2 * t)[:, None], "tau": np.cos(3 * t)[:, None], "joints": ("elbow",)}
+    return Log(**(fields | changes))
+
+
+def stretched(rows: int, gap: float) -> np.ndarray:
+    t = np.arange(N) * 0.002
+    t[rows:] += gap
+    return t
+
+
+def jittered() -> np.ndarray:
+    return np.cumsum(np.random.default_rng(1).uniform(0.001, 0.003, N))
+
+
+T = np.arange(N) * 0.002
+SATURATED = np.clip(np.sin(3 * T), -0.9, 2)[:, None]
+CASES = {
+    "gap": ({"t": stretched(500, 0.1)}, "error", None, ("a gap of 0.102 s after t = 0.998 s", "gaps: split", "1 such")),
+    "jitter": ({"t": jittered()}, "warning", None, ("time steps vary by", "%")),
+    "still": ({"q": np.full((N, 1), 0.3)}, "warning", "elbow", ("never moves", "near 0.3")),
+    "dead torque": ({"tau": np.zeros((N, 1))}, "warning", "elbow", ("torque is 0 throughout",)),
+    "degrees": ({"q": 90 * np.sin(2 * T)[:, None]}, "error", "elbow", ("spans 180 rad", "unit: deg", "multi_turn")),
+    "fast": ({"q": 4 * np.sin(12 * T)[:, None]}, "error", "elbow", ("rad/s", "degrees")),
+    "saturated": ({"tau": SATURATED}, "warning", "elbow", ("exactly the extreme value -0.9", "saturated")),
+    "quantised": ({"q": np.round(np.sin(2 * T) / 0.001)[:, None] * 0.001}, "warning", "elbow", ("steps of 0.001",)),
+}
+
+
+@pytest.mark.parametrize(("changes", "severity", "joint", "fragments"), CASES.values(), ids=CASES)
+def test_each_fault_is_found_and_is_the_only_one(changes, severity, joint, fragments):
+    (finding,) = check_log(log(**changes), {"elbow": "revolute"})
+    assert (finding.severity, finding.joint) == (severity, joint)
+    assert all(fragment in finding.message for fragment in fragments)
+
+
+def test_a_sound_log_has_no_findings():
+    assert check_log(log(), {"elbow": "revolute"}) == ()
+
+
+def test_noise_does_not_look_like_speed():
+    noise = np.random.default_rng(2).normal(0, 0.01, (N, 1))
+    assert check_log(log(q=np.sin(2 * T)[:, None] + noise), {"elbow": "revolute"}) == ()
+
+
+@pytest.mark.parametrize(("kind", "multi_turn"), [("revolute", {"elbow"}), ("prismatic", set())])
+def test_a_wide_range_is_allowed_where_declared(kind, multi_turn):
+    assert check_log(log(q=90 * np.sin(2 * T)[:, None]), {"elbow": kind}, multi_turn) == ()
+
+
+def test_an_arm_let_go_is_not_saturated():
+    tau = np.where(T[:, None] < 2, 1 + np.sin(T[:, None]), 0)
+    assert check_log(log(tau=tau), {"elbow": "revolute"}) == ()
+
+
+@pytest.mark.parametrize(("count", "errors"), [(2, 1), (29, 1), (30, 0)])
+def test_too_few_samples(count, errors):
+    found = check_log(log().window(stop=T[count - 1]), {"elbow": "revolute"})
+    assert sum("samples; at least 30" in finding.message for finding in found) == errors
+
+
+def test_a_joint_without_a_kind_is_refused():
+    with pytest.raises(InputError, match="'elbow' has no kind"):
+        check_log(log(), {"wrist": "revolute"})
+
+
+def test_findings_name_the_joint_at_fault():
+    two = replace(log(), q=np.column_stack([np.sin(T), np.ones(N)]), tau=np.tile(log().tau, 2), joints=("a", "b"))
+    (finding,) = check_log(two, {"a": "revolute", "b": "revolute"})
+    assert str(finding).startswith("joint 'b': the position never moves")
+
+
+def test_require_words_every_error_and_lets_warnings_pass():
+    warning = Finding(Severity.WARNING, None, "odd")
+    require([warning], "x.csv")
+    errors = [Finding(Severity.ERROR, "a", "first"), warning, Finding(Severity.ERROR, None, "second")]
+    with pytest.raises(InputError) as caught:
+        require(errors, "x.csv")
+    assert str(caught.value) == "x.csv: joint 'a': first\n  second"
+
+
+def test_split_gaps_keeps_all_long_pieces_and_all_channels():
+    t = stretched(500, 0.1)
+    t[510:] += 1.0
+    whole = log(t=t, dq=np.ones((N, 1)), command=np.arange(N)[:, None])
+    pieces = split_gaps(whole)
+    assert [len(piece) for piece in pieces] == [500, N - 510]
+    assert pieces[1].command is not None
+    assert pieces[1].command[0] == 510
+    assert [piece.source for piece in pieces] == ["log part 1", "log part 2"]
+    assert not any("gap" in found.message for piece in pieces for found in check_log(piece, {"elbow": "revolute"}))
+
+
+def test_split_gaps_returns_an_uninterrupted_log_unchanged():
+    whole = log()
+    assert split_gaps(whole) == (whole,)
+
+
+def told(one: Log) -> dict[str, str]:
+    return {finding.topic: finding.message for finding in inspect_log(one, dict.fromkeys(one.joints, "revolute"))}
+
+
+@pytest.mark.parametrize(("hold", "advice"), [(2, "one row in 2"), (4, "one row in 4")])
+def test_positions_that_are_read_less_often_than_logged(hold, advice):
+    q = np.sin(2 * T)[np.arange(N) // hold * hold]
+    one = log(q=q[:, None])
+    assert channels(one)[0].repeats == pytest.approx(1 - 1 / hold, abs=0.05)
+    assert advice in told(one)["stale"]
+
+
+def test_an_encoder_in_slow_motion_is_not_stale():
+    q = np.round(np.sin(0.05 * T) / 1e-3) * 1e-3
+    assert channels(log(q=q[:, None]))[0].repeats == 0
+    assert "stale" not in told(log(q=q[:, None]))
+
+
+def test_a_rest_of_the_whole_arm_is_named_with_its_time():
+    q = np.sin(2 * np.minimum(T, 2.5)) + np.random.default_rng(6).normal(0, 1e-6, N)
+    assert "stands still from 2.5 to 4 s" in told(log(q=q[:, None]))["rest"]
+    assert channels(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
+
+
+def test_one_joint_at_rest_while_the_other_moves_is_no_rest():
+    q = np.column_stack([np.sin(2 * np.minimum(T, 2)), np.sin(2 * T)])
+    assert told(Log(T, q, np.cos(q), ("a", "b"))) == {}
+
+
+def test_the_facts_on_a_channel_are_those_put_in():
+    rng = np.random.default_rng(7)
+    q = np.round((np.sin(2 * T) + rng.normal(0, 2e-3, N)) / 1e-4) * 1e-4
+    tau = np.round((3 * np.cos(3 * T) + rng.normal(0, 0.1, N)) / 0.05) * 0.05
+    (found,) = channels(log(q=q[:, None], tau=tau[:, None]))
+    assert found.noise == pytest.approx(2e-3, rel=0.1)
+    assert found.torque_noise == pytest.approx(0.1, rel=0.1)
+    assert found.resolution == pytest.approx(1e-4)
+    assert found.torque_resolution == pytest.approx(0.05)
+    assert found.rms == pytest.approx(3 / np.sqrt(2), rel=0.05)
+    assert np.isnan(channels(log())[0].resolution)
+
+
+def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
+    counts = np.round(np.sin(2 * T) / 3.14159265e-4)
+    rounded = np.round(counts * 3.14159265e-4, 7)
+    (found,) = channels(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
+    assert found.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
+    assert np.isnan(found.torque_resolution)

@@ -1,0 +1,82 @@
+"""All together: what is left out, what fails, and what is still said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.checks import Finding, run_checks
+from dynident.errors import Severity
+from dynident.identification import Recipe
+from dynident.log import Log
+from dynident.models import Model, RigidBodies
+from dynident.models.gallery import slider
+from dynident.smoothers import Butterworth
+from tests.robots import ARM_MJCF
+
+T = np.arange(3000) * 0.002
+NAME = slider().joints[0].name
+
+
+def log(scale: float = 1.0, t: np.ndarray = T) -> Log:
+    x = 0.3 * np.sin(3 * T) + 1e-6 * np.random.default_rng(9).standard_normal(len(T))
+    force = -13.5 * np.sin(3 * T) + 7.2 * np.cos(3 * T) + 3 * np.sign(np.cos(3 * T))
+    return Log(t, x[:, None], scale * force[:, None], (NAME,))
+
+
+def topics(found) -> list[str]:
+    return [finding.topic for finding in found.findings]
+
+
+def test_a_sound_log_gives_facts_and_no_findings() -> None:
+    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": log()}})
+    assert topics(found) == []
+    assert not found.failed
+    assert found.timings.keys() == found.channels.keys() == {"one", "two"}
+    assert found.rank is not None
+    assert [one.joint for one in found.excitations] == [one.joint for one in found.agreements] == [NAME]
+
+
+def test_a_log_with_an_error_is_left_out_of_the_motion() -> None:
+    torn = log(t=T + np.where(np.arange(len(T)) > 1000, 3.0, 0.0))
+    both = run_checks(slider(), {"train": {"good": log(), "torn": torn}})
+    assert topics(both) == ["gap"]
+    assert both.failed
+    assert both.findings[0].source == "torn"
+    assert both.excitations == run_checks(slider(), {"train": {"good": log()}}).excitations
+    assert run_checks(slider(), {"train": {"torn": torn}}).excitations == ()
+
+
+def test_a_stage_that_fails_is_a_finding() -> None:
+    found = run_checks(slider(), {"train": {"one": log()}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
+    assert topics(found) == ["motion"]
+    assert found.failed
+
+
+@pytest.mark.parametrize("count", [4, 6, 29])
+def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
+    found = run_checks(slider(), {"train": {"one": log().window(stop=T[count - 1])}})
+    assert topics(found) == ["samples"]
+
+
+def test_the_gravest_come_first() -> None:
+    given = [
+        Finding(Severity.INFO, None, "so"),
+        Finding(Severity.ERROR, None, "torn"),
+        Finding(Severity.WARNING, None, "odd"),
+    ]
+    found = run_checks(slider(), {"train": {"one": log()}}, found=given)
+    assert [one.severity for one in found.findings] == ["error", "warning", "info"]
+
+
+def test_another_gravity_in_the_file_is_said() -> None:
+    moon = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62"/><default>', 1)
+    assert "gravity" in topics(run_checks(Model((RigidBodies(moon),)), {}))
+    assert "gravity" not in topics(run_checks(Model((RigidBodies(ARM_MJCF),)), {}))
+
+
+def test_joints_are_matched_by_name() -> None:
+    one = log()
+    two = Log(T, np.hstack([np.zeros_like(one.q), one.q]), np.hstack([one.tau * 0, one.tau]), ("other", NAME))
+    found = run_checks(slider(), {"train": {"one": two}})
+    assert found.excitations == run_checks(slider(), {"train": {"one": one}}).excitations

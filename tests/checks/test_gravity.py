@@ -1,0 +1,64 @@
+"""The direction of gravity that torques ask for, on simulated arms that are mounted in other ways than assumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.gravity import gravity_findings
+from dynident.log import Motion
+from dynident.models import Coulomb, Model, RigidBodies, RotorInertia, Viscous
+from dynident.models.gallery import slider
+from tests.robots import joint, link, urdf
+
+FOUR = urdf(
+    link("base", 10.0),
+    *(link(f"l{k}", 5.0 - k, (0.12, 0.02, 0.05), tensor=np.diag([0.02, 0.04, 0.04])) for k in range(1, 5)),
+    joint("j1", "revolute", "base", "l1", (0.0, 0.0, 0.3)),
+    joint("j2", "revolute", "l1", "l2", (0.0, 0.0, 0.2), axis=(0, 1, 0)),
+    joint("j3", "revolute", "l2", "l3", (0.4, 0.0, 0.0), axis=(0, 1, 0)),
+    joint("j4", "revolute", "l3", "l4", (0.3, 0.0, 0.0), axis=(1, 0, 0)),
+)
+T = np.arange(0, 20, 0.01)
+
+
+def arm(gravity=(0.0, 0.0, -9.81)) -> Model:
+    bodies = RigidBodies(FOUR, gravity=gravity)
+    return Model((bodies, RotorInertia(bodies.joints), Viscous(bodies.joints), Coulomb(bodies.joints)))
+
+
+def motion(gravity, gain=1.0) -> Motion:
+    """The arm moves with inertias that differ from the file's by up to 40 %."""
+    model, rng = arm(gravity), np.random.default_rng(3)
+    theta = np.array([1.0 if x.value is None else x.value for x in model.parameters])
+    theta[:40] *= np.repeat(rng.uniform(0.6, 1.4, 4), 10)
+    rates, sizes = 1.1 + 0.6 * np.arange(4), 1.2 - 0.2 * np.arange(4)
+    wave = np.outer(T, rates)
+    q, dq, ddq = sizes * np.sin(wave), sizes * rates * np.cos(wave), -sizes * rates**2 * np.sin(wave)
+    tau = model.torque(q, dq, ddq, theta)
+    tau += 0.05 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    return Motion(T, q, dq, ddq, gain * tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (0.0, -6.9, -6.9)])
+def test_an_arm_that_is_mounted_otherwise_is_asked_about(gravity) -> None:
+    (found,) = gravity_findings(arm(), [motion(gravity)])
+    said = [float(x) for x in found.message.split("(")[1].split(")")[0].split(",")]
+    assert np.dot(said, gravity) > 0.95 * np.linalg.norm(said) * np.linalg.norm(gravity)
+    assert list(gravity_findings(arm(gravity), [motion(gravity)])) == []
+
+
+def test_a_right_gravity_and_turned_torques_raise_no_question() -> None:
+    assert list(gravity_findings(arm(), [motion((0.0, 0.0, -9.81))])) == []
+    assert list(gravity_findings(arm(), [motion((0.0, 0.0, -9.81), gain=-1.0)])) == []
+
+
+def test_what_cannot_tell_says_nothing() -> None:
+    still = replace(motion((0.0, 0.0, 9.81)), q=np.zeros((len(T), 4)), dq=np.zeros((len(T), 4)))
+    assert list(gravity_findings(arm(), [still])) == []
+    model = slider()
+    n = len(model.joints)
+    moved = Motion(T, *np.ones((4, len(T), n)), tuple(x.name for x in model.joints), np.ones(len(T), bool))
+    assert list(gravity_findings(model, [moved])) == []

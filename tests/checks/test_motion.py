@@ -1,0 +1,96 @@
+"""What motions show, with motions whose speeds, turns and limits are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks import ExcitedRank
+from dynident.checks.motion import excitation, excited_rank, limit_findings, rank_findings
+from dynident.log import Motion
+from dynident.models.gallery import slider, two_link_arm
+from dynident.models.robot_file import Limits
+from dynident.regression import Regression
+
+T = np.arange(0, 4 * np.pi, 0.002)
+
+
+def motion(amplitude: float = 0.5, rate: float = 2.0, tau: float = 3.0) -> Motion:
+    q, dq, ddq = (
+        amplitude * np.sin(rate * T),
+        amplitude * rate * np.cos(rate * T),
+        -amplitude * rate**2 * np.sin(rate * T),
+    )
+    return Motion(T, *(x[:, None] for x in (q, dq, ddq, tau * np.cos(T))), ("a",), np.ones(len(T), bool))
+
+
+def test_the_facts_are_those_of_a_sine() -> None:
+    found = excitation([motion()], "a")
+    assert (found.lower, found.upper) == pytest.approx((-0.5, 0.5), rel=1e-3)
+    assert (found.peak_speed, found.rms_speed) == pytest.approx((1.0, np.sqrt(0.5)), rel=1e-2)
+    assert (found.peak_acceleration, found.rms_acceleration) == pytest.approx((2.0, np.sqrt(2)), rel=1e-2)
+    assert found.reversals == 8
+    assert found.slow == pytest.approx(2 * np.arcsin(0.02) / np.pi, rel=0.1)
+    assert excitation([motion(), motion()], "a").reversals == 16
+
+
+def test_only_usable_samples_count() -> None:
+    part = replace(motion(), mask=np.less(T, np.pi))
+    assert excitation([part], "a").reversals == 2
+
+
+WIDE = Limits(effort=10, velocity=2, lower=-1, upper=1)
+CASES = {
+    "inside": (motion(), WIDE, []),
+    "no limits": (motion(40, 5, 500), None, []),
+    "position": (motion(), replace(WIDE, upper=0.2), ["position limit"]),
+    "velocity": (motion(), replace(WIDE, velocity=0.5), ["velocity limit"]),
+    "effort": (motion(), replace(WIDE, effort=2), ["effort limit"]),
+    "far too much": (motion(tau=3000), WIDE, ["effort limit"]),
+    "far too little": (motion(tau=1e-3), WIDE, ["effort limit"]),
+    "one turn": (motion(0.5, 0.2), WIDE, ["reversals"]),
+}
+
+
+@pytest.mark.parametrize(("moved", "limits", "topics"), CASES.values(), ids=CASES)
+def test_limits(moved: Motion, limits: Limits | None, topics: list[str]) -> None:
+    assert [one.topic for one in limit_findings(excitation([moved], "a"), limits, "N m")] == topics
+
+
+def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
+    def words(tau: float) -> str:
+        return next(limit_findings(excitation([motion(tau=tau)], "a"), WIDE, "N m")).message
+
+    assert "motor current" in words(300)
+    assert "motor current" not in words(12)
+    assert "motor's side" in words(1e-3)
+
+
+def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
+    arm = two_link_arm()
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.standard_normal((3, 500, 2))
+    names = tuple(joint.name for joint in arm.joints)
+    full = Motion(np.arange(500.0), q, dq, ddq, np.zeros_like(q), names, np.ones(500, bool))
+    dead = np.zeros(500)
+    held = replace(full, **{name: np.column_stack([getattr(full, name)[:, 0], dead]) for name in ("q", "dq", "ddq")})
+    good, poor = (excited_rank(arm, Regression(arm, (one,))) for one in (full, held))
+    assert good.on_data == good.structural == good.count
+    assert list(rank_findings(good)) == []
+    assert poor.on_data < poor.structural
+    told = list(rank_findings(poor))
+    assert told
+    assert [one.message for one in told] == list(poor.missing)
+    assert all(one.joints == (names[1],) for one in poor.missing)
+
+
+def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:
+    assert [one.topic for one in rank_findings(ExcitedRank(5, 5, 5, 1e6, ()))] == ["condition"]
+    assert list(rank_findings(ExcitedRank(5, 5, 5, 1e3, ()))) == []
+
+
+def test_a_slider_is_well_excited_by_a_sine() -> None:
+    moved = replace(motion(), joints=(slider().joints[0].name,))
+    assert excited_rank(slider(), Regression(slider(), (moved,))).condition < 10

@@ -1,0 +1,119 @@
+"""Robot files with one flaw each: the flaw is named, and nothing else is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.checks import Finding, check_robot, link_facts
+from dynident.errors import Severity
+from dynident.models.rigid_bodies import read_robot_file
+from tests.robots import ARM, ARM_MJCF, joint, link, urdf
+
+BASE = link("base", 4.0)
+ROD = np.diag([0.001, 0.015, 0.015])  # 2 kg, 0.3 m long
+UPPER = link("upper", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
+FORE = link("fore", 1.5, (0.12, 0.0, 0.0), tensor=0.6 * ROD)
+SHOULDER = joint("shoulder", "revolute", "base", "upper")
+ELBOW = joint("elbow", "revolute", "upper", "fore", (0.3, 0.0, 0.0))
+
+
+def arm(upper: str = UPPER, fore: str = FORE, shoulder: str = SHOULDER, elbow: str = ELBOW, *more: str) -> str:
+    return urdf(BASE, upper, fore, shoulder, elbow, *more)
+
+
+def found(xml: str, **options) -> tuple[Finding, ...]:
+    return check_robot(read_robot_file(xml, "arm.urdf"), **options)
+
+
+def origin(mass: float, c: float) -> np.ndarray:
+    return np.diag([0.0, mass * c**2, mass * c**2])
+
+
+LIMIT = '<limit effort="{}" velocity="{}" lower="{}" upper="{}"/>'
+FLAWS = {
+    "negative mass": (arm(upper=link("upper", -2.0)), "error", "impossible", "upper", "negative mass -2"),
+    "no triangle": (
+        arm(upper=link("upper", 2.0, tensor=np.diag([0.001, 0.001, 0.02]))), "error", "impossible", "upper", "triangle",
+    ),
+    "massless": (arm(fore=link("fore")), "warning", "massless", "fore", "no mass in the file"),
+    "millimetres": (arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", "millimetres"),
+    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "0.41 m from"),
+    "grams": (
+        arm(link("upper", 2e3, (0.15, 0, 0), tensor=1e3 * ROD), link("fore", 4e3, (0.12, 0, 0), tensor=2e3 * ROD)),
+        "warning", "total mass", "", "6004 kg",
+    ),
+    "about origin": (
+        arm(
+            link("upper", 2.0, (0.15, 0.0, 0.0), tensor=ROD + origin(2.0, 0.15)),
+            link("fore", 1.5, (0.12, 0.0, 0.0), tensor=0.6 * ROD + origin(1.5, 0.12)),
+        ),
+        "warning", "about origin", "", "upper, fore",
+    ),
+    "a point": (arm(fore=link("fore", 0.2, tensor=np.zeros((3, 3)))), "info", "point", "fore", "rounded to zero"),
+    "no effort": (
+        arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(0, 2, -1, 1))),
+        "warning", "limits", "", "effort limit is 0",
+    ),
+    "no range": (
+        arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(9, 2, 0, 0))),
+        "warning", "limits", "", "not below its upper limit",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("xml", "severity", "topic", "link", "words"), FLAWS.values(), ids=FLAWS)
+def test_each_flaw_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, words: str) -> None:
+    (finding,) = found(xml)
+    assert (finding.severity, finding.topic, finding.link) == (severity, topic, link)
+    assert words in finding.message
+    assert finding.source == "arm.urdf"
+
+
+def test_a_sound_arm_has_none() -> None:
+    assert found(arm()) == ()
+
+
+def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
+    assert {one.severity for one in found(FLAWS["negative mass"][0], grave=Severity.WARNING)} == {"warning"}
+
+
+def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:
+    twin = link("fore", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
+    (copied,) = found(arm(fore=twin))
+    assert (copied.severity, copied.topic) == ("info", "copied")
+    assert "upper, fore" in copied.message
+    (all_alike,) = found(arm(fore=twin).replace(BASE, link("base", 2.0, (0.15, 0.0, 0.0), tensor=ROD)))
+    assert (all_alike.severity, all_alike.topic) == ("warning", "copied")
+    fingers = [link(name, 0.1, tensor=1e-5 * np.eye(3)) for name in ("left", "right")]
+    joints = [joint(f"{name} joint", "prismatic", "fore", name) for name in ("left", "right")]
+    assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *fingers, *joints)) == ()
+
+
+def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
+    flange = (link("flange"), joint("flange joint", "fixed", "fore", "flange"))
+    assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *flange)) == ()
+
+
+def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
+    bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
+    effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
+    assert "no effort limit of s, e" in effort.message
+    assert "no velocity limit of s, e" in velocity.message
+    assert "of s:" in found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message
+
+
+def test_both_formats_say_the_same() -> None:
+    one, other = (link_facts(read_robot_file(xml, "arm")) for xml in (ARM, ARM_MJCF))
+    assert [fact.link for fact in one] == [fact.link for fact in other]
+    for a, b in zip(one, other, strict=True):
+        assert (a.mass, *a.centre, *a.moments) == pytest.approx((b.mass, *b.centre, *b.moments), abs=1e-12)
+
+
+def test_what_mujoco_computes_from_shapes_is_said() -> None:
+    xml = (
+        '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom type="box" size="1 1 1"/></body></worldbody>'
+        "</mujoco>"
+    )
+    shapes = [one for one in found(xml) if one.topic == "shapes"]
+    assert [one.link for one in shapes] == ["arm"]

@@ -1,0 +1,81 @@
+"""The time axis: stamps or sampling at fault, lost samples, with known truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.checks import inspect_log, timing
+from dynident.log import Log
+
+N, STEP = 4000, 0.005
+EVEN = np.arange(N) * STEP
+JITTER = 0.2 * STEP * np.random.default_rng(3).uniform(-1, 1, N)
+
+
+def log(stamped: np.ndarray, sampled: np.ndarray, noise: float = 1e-6) -> Log:
+    """Two joints in motion, sampled at some instants and stamped with others."""
+    q = np.column_stack([np.sin(2 * sampled), 0.5 * np.cos(3 * sampled)])
+    q = q + noise * np.random.default_rng(4).standard_normal(q.shape)
+    return Log(stamped, q, np.cos(q), ("a", "b"), "log")
+
+
+def topics(one: Log) -> dict[str, str]:
+    kinds = dict.fromkeys(one.joints, "revolute")
+    return {finding.topic: f"{finding.severity}: {finding.message}" for finding in inspect_log(one, kinds)}
+
+
+def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
+    noisy, true = log(EVEN + JITTER, EVEN), log(EVEN + JITTER, EVEN + JITTER)
+    assert timing(noisy).even < 0.05
+    assert timing(true).even > 20
+    assert topics(noisy).keys() == {"stamps"}
+    assert topics(noisy)["stamps"].startswith("warning")
+    assert "rate: 200" in topics(noisy)["stamps"]
+    assert topics(true).keys() == {"jitter"}
+    assert topics(true)["jitter"].startswith("info")
+    assert "Keep the stamps" in topics(true)["jitter"]
+
+
+def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
+    hidden = log(EVEN + JITTER, EVEN, noise=0.1)
+    assert timing(hidden).even == pytest.approx(1, abs=0.05)
+    assert "do not tell" in topics(hidden)["jitter"]
+
+
+def test_an_even_time_axis_has_no_findings() -> None:
+    even = log(EVEN, EVEN)
+    assert topics(even) == {}
+    found = timing(even)
+    assert (found.samples, found.missing, found.even) == (N, 0, 1.0)
+    assert found.rate == pytest.approx(200)
+    assert found.length == pytest.approx((N - 1) * STEP)
+
+
+@pytest.mark.parametrize(("lost", "severity"), [(13, "info"), (200, "warning")])
+def test_lost_samples_are_counted(lost: int, severity: str) -> None:
+    drop = np.random.default_rng(5).choice(np.arange(1, N - 1), lost, replace=False)
+    kept = np.delete(EVEN, drop)
+    found = timing(log(kept, kept))
+    assert found.missing == lost
+    assert found.rate == pytest.approx(200)
+    told = topics(log(kept, kept))["lost"]
+    assert told.startswith(f"{severity}: about {lost} samples")
+
+
+def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> None:
+    kept = np.delete(np.arange(N), np.arange(50, N, 37))
+    told = topics(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
+    assert "Round the stamps to multiples of 0.005" in told["stamps"]
+    assert "rate:" not in told["stamps"]
+
+
+def test_a_gap_is_no_count_of_lost_samples() -> None:
+    t = EVEN + np.where(np.arange(N) > 1000, 5.0, 0.0)
+    assert timing(log(t, t)).missing == 0
+    assert topics(log(t, t)).keys() == {"gap"}
+
+
+def test_a_joint_that_does_not_move_says_nothing_of_the_time() -> None:
+    still = Log(EVEN + JITTER, np.zeros((N, 1)), np.cos(EVEN)[:, None], ("a",), "log")
+    assert timing(still).even == 1.0

@@ -1,0 +1,78 @@
+"""Sign, scale and column of a torque against the robot file, on simulated torques whose faults are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.torque import agreement, agreement_findings
+from dynident.log import Motion
+from dynident.models import Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.models.gallery import slider
+from tests.robots import ARM
+
+BODIES = RigidBodies(ARM)
+JOINTS = BODIES.joints
+ARM_MODEL = Model((BODIES, RotorInertia(JOINTS), Viscous(JOINTS), Offset(JOINTS)))
+TRUE = np.array([parameter.value if parameter.value is not None else 0.1 for parameter in ARM_MODEL.parameters])
+T = np.arange(0, 20, 0.01)
+
+
+def motion(model: Model = ARM_MODEL, theta: np.ndarray = TRUE) -> Motion:
+    n = len(model.joints)
+    rates, sizes = 1.3 + 0.7 * np.arange(n), 0.8 - 0.1 * np.arange(n)
+    q = sizes * np.sin(np.outer(T, rates))
+    dq, ddq = sizes * rates * np.cos(np.outer(T, rates)), -sizes * rates**2 * np.sin(np.outer(T, rates))
+    tau = model.torque(q, dq, ddq, theta)
+    tau += 0.02 * tau.std(axis=0) * np.random.default_rng(8).standard_normal(tau.shape)
+    return Motion(T, q, dq, ddq, tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
+
+
+def topics(moved: Motion, model: Model = ARM_MODEL) -> list[tuple[str, str | None]]:
+    found = agreement(model, [moved])
+    return [(one.topic, one.joint) for each in found for one in agreement_findings(each, "N m")]
+
+
+def test_a_right_torque_raises_no_question() -> None:
+    assert topics(motion()) == []
+
+
+@pytest.mark.parametrize("joint", range(len(JOINTS)))
+def test_a_turned_sign_is_asked_about_for_that_joint_alone(joint: int) -> None:
+    gain = np.ones(len(JOINTS))
+    gain[joint] = -1
+    moved = motion()
+    assert topics(replace(moved, tau=gain * moved.tau)) == [("sign", JOINTS[joint].name)]
+
+
+@pytest.mark.parametrize("gain", [100.0, 0.01])
+def test_a_missing_gear_or_unit_is_asked_about(gain: float) -> None:
+    moved = motion()
+    told = topics(replace(moved, tau=gain * moved.tau))
+    assert told
+    assert {topic for topic, _ in told} == {"scale"}
+
+
+def test_a_torque_of_another_joint_is_asked_about() -> None:
+    moved = motion()
+    weak = int(np.argmin(moved.tau.std(axis=0)))
+    strong = int(np.argmax(moved.tau.std(axis=0)))
+    swapped = moved.tau.copy()
+    swapped[:, strong] = moved.tau[:, weak]
+    assert ("foreign", JOINTS[strong].name) in topics(replace(moved, tau=swapped))
+
+
+def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
+    model = slider()
+    moved = motion(model, np.array([5.0, 8.0, 3.0, 0.5]))
+    assert topics(moved, model) == []
+    assert topics(replace(moved, tau=-moved.tau), model) == [("sign", model.joints[0].name)]
+
+
+def test_what_the_file_does_not_say_is_not_compared() -> None:
+    (found,) = agreement(slider(), [motion(slider(), np.array([5.0, 8.0, 3.0, 0.5]))])
+    assert np.isnan([found.scale, found.correlation, found.asked]).all()
+    assert found.rotor == pytest.approx(5.0, rel=0.05)
+    assert found.friction > 0

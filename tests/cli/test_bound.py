@@ -1,0 +1,93 @@
+"""``dynident bound``: what it prints and writes, its options, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_cli import configure, run, write_log
+
+KEYS = {
+    "name", "alone", "value", "unit", "std", "relative", "fit", "position_share", "inflation", "partner", "correlation"
+}  # fmt: skip
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    write_log(tmp_path)
+    return configure(tmp_path)
+
+
+def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
+    done = run("bound", config, "--out", tmp_path / "out", "--json", tmp_path / "numbers.json")
+    assert done.exit_code == 0, done.output
+    for word in (
+        "M",
+        "Fv",
+        "Fc",
+        "torque x 10",
+        "+1 bit",
+        "4 x record",
+        "limited by",
+        "position noise",
+        "report.html",
+    ):
+        assert word in done.output
+    found = json.loads((tmp_path / "numbers.json").read_text())
+    assert found == json.loads((tmp_path / "out" / "bound.json").read_text())
+    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "versions", "settings"}
+    assert {one["name"] for one in found["parameters"]} == {"M", "Fv", "Fc", "offset"}
+    for one in found["parameters"]:
+        assert one.keys() == KEYS
+        assert one["std"].keys() == {"now", "bit", "torque", "twice", "longer"}
+        assert one["std"]["longer"] == pytest.approx(one["std"]["now"] / 2)
+        assert one["std"]["bit"] <= one["std"]["now"] * (1 + 1e-9)
+    assert found["noise"]["q"]["slider"] == pytest.approx(1e-5, rel=0.15)
+    assert found["noise"]["sensor"]["slider"] == pytest.approx(0.01, rel=0.5)
+    assert "configuration" in found["settings"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "http://" not in page.split("<script>")[0]
+    assert page.count("<figure>") == 1
+
+
+def test_given_noise_scales_the_bound(config: Path, tmp_path: Path) -> None:
+    """Both noises ten times as large: so is every standard deviation."""
+    stds = []
+    for q, tau in ((1e-5, 0.01), (1e-4, 0.1)):
+        given = ("--sigma-q", q, "--sigma-tau", f"slider={tau}")
+        done = run("bound", config, *given, "--json", tmp_path / "numbers.json")
+        assert done.exit_code == 0, done.output
+        found = json.loads((tmp_path / "numbers.json").read_text())
+        assert found["noise"]["from"] == {"positions": "as given", "torques": "as given"}
+        stds.append([one["std"]["now"] for one in found["parameters"]])
+    assert stds[1] == pytest.approx([10 * x for x in stds[0]], rel=1e-6)
+
+
+def test_the_torque_sensor_alone(config: Path, tmp_path: Path) -> None:
+    assert run("bound", config, "--torque", "sensor", "--json", tmp_path / "numbers.json").exit_code == 0
+    noise = json.loads((tmp_path / "numbers.json").read_text())["noise"]
+    assert noise["tau"] == noise["sensor"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--sigma-q", "tiny"), "--sigma-q tiny: give a number in SI units, or joint=number."),
+        (("--sigma-q", "slidr=1e-5"), "sigma_q: there is no joint 'slidr'. did you mean 'slider'?"),
+        (("--sigma-tau", "0"), "sigma_tau of slider is 0.0; give a positive number"),
+        (("--sigma-tau", "1", "--sigma-tau", "slider=2"), "--sigma-tau is given 2 times"),
+    ],
+)
+def test_wrong_options(config: Path, tmp_path: Path, options: tuple[str, ...], words: str) -> None:
+    done = run("bound", config, *options, "--json", tmp_path / "numbers.json")
+    assert done.exit_code == 1
+    assert words in done.output.replace("\n", " ")
+    assert not (tmp_path / "numbers.json").exists()
+
+
+def test_a_missing_configuration(tmp_path: Path) -> None:
+    done = run("bound", tmp_path / "none.yaml")
+    assert done.exit_code == 1
+    assert "none.yaml" in done.output

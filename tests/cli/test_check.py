@@ -1,0 +1,90 @@
+"""``dynident check`` as a user meets it: what it prints, its exit code, and the file it writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.test_cli import configure, run, write_log
+from tests.robots import ARM, link
+
+SINE = np.sin(6e-3 * np.arange(2000))
+
+
+def test_a_sound_configuration(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    done = run("check", configure(tmp_path), "--json", tmp_path / "out" / "found.json")
+    assert done.exit_code == 0, done.output
+    assert "No errors and no warnings" in done.output
+    ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
+    assert name.endswith("identify.yaml")
+    assert [one["topic"] for one in told["findings"]] == ["delay"]
+    assert told["logs"]["log 0-3 s"]["rate"] == pytest.approx(500)
+    assert told["joints"][0]["peak_speed"] == pytest.approx(0.9, rel=0.05)
+    assert told["rank"]["on_data"] == 4
+
+
+def test_every_finding_is_printed_before_the_exit_code(tmp_path: Path) -> None:
+    """An error in one log hides neither the warnings nor the other logs."""
+    write_log(tmp_path)
+    write_log(tmp_path, "torn.csv", time=np.arange(2000) * 0.002 + np.where(np.arange(2000) > 600, 0.5, 0.0))
+    write_log(tmp_path, "holes.csv", pos=np.where(np.arange(2000) == 700, np.nan, SINE))
+    write_log(tmp_path, "dead.csv", force=np.zeros(2000))
+    logs = [{"file": f"{name}.csv"} for name in ("log", "torn", "holes", "dead")]
+    done = run("check", configure(tmp_path, train=logs, validation=[]))
+    assert done.exit_code == 1
+    assert "Traceback" not in done.output
+    for words in ("2 errors and 1 warning", "a gap of", "gaps: split", "line 702", "torque is 0 throughout"):
+        assert words in " ".join(done.output.split()), words
+    assert "Motion in training" in done.output
+
+
+def test_a_turned_sign_is_a_question(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    done = run("check", configure(tmp_path, torque={"slider": {"column": "force", "gain": -1, "unit": "N"}}))
+    assert done.exit_code == 0
+    assert "is the sign of the torque turned?" in done.output
+
+
+def test_robot_files_alone(tmp_path: Path) -> None:
+    (tmp_path / "good.urdf").write_text(ARM)
+    (tmp_path / "bad.urdf").write_text(ARM.replace(link("base", 4.0), link("base", -4.0)))
+    good = run("check", tmp_path / "good.urdf")
+    assert good.exit_code == 0, good.output
+    for words in ("Links", "upper", "wrist", "8.200"):
+        assert words in good.output
+    both = run("check", tmp_path / "bad.urdf", tmp_path / "good.urdf")
+    assert both.exit_code == 1
+    assert "negative mass -4" in both.output
+    assert "good.urdf" in both.output
+
+
+def test_a_file_that_cannot_be_used_does_not_hide_the_next(tmp_path: Path) -> None:
+    (tmp_path / "good.urdf").write_text(ARM)
+    (tmp_path / "bad.yaml").write_text("model: arm.urdf\nsmother: {}\n")
+    done = run(
+        "check", tmp_path / "missing.urdf", tmp_path / "bad.yaml", tmp_path / "good.urdf", "--json", tmp_path / "x"
+    )
+    assert done.exit_code == 1
+    assert "cannot be read" in done.output
+    assert "did you mean 'smoother'" in done.output
+    assert "good.urdf: No errors" in " ".join(done.output.split())
+    assert len(json.loads((tmp_path / "x").read_text())) == 3
+
+
+def test_nowhere_to_write_is_said_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    done = run("check", tmp_path / "missing.yaml", "--json", tmp_path / "taken" / "x.json")
+    assert done.exit_code == 1
+    assert "taken" in done.output
+    assert "missing.yaml" not in done.output
+
+
+def test_names_from_files_are_not_markup(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM.replace('"wrist"', '"[red]wrist[/]"'))
+    done = run("check", tmp_path / "arm.urdf")
+    assert done.exit_code == 0, done.output
+    assert "[red]wrist[/]" in done.output

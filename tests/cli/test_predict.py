@@ -1,0 +1,235 @@
+"""From a result to new torques and other formats: what identify writes, and what predict and export make of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+
+from dynident.export.formats import Yaml
+from dynident.models import RigidBodies
+from tests.cli.test_cli import configure, run, write_log
+from tests.laws.test_new_user import CONSTANT, RATIO, folder, identify
+
+__all__ = ["folder"]
+
+
+@pytest.fixture
+def slider(tmp_path: Path) -> Path:
+    """A slider that was identified; the result's path."""
+    write_log(tmp_path)
+    done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    return tmp_path / "out" / "result.json"
+
+
+@pytest.fixture
+def arm(folder: Path) -> Path:
+    """The new user's arm, identified as a consistent model; the folder of its result."""
+    identify(folder, estimator={"kind": "consistent"})
+    return folder / "out"
+
+
+def change(path: Path, **settings: str) -> None:
+    data = json.loads(path.read_text())
+    data["settings"] |= settings
+    path.write_text(json.dumps(data))
+
+
+class TestIdentify:
+    def test_the_robot_file_is_proven_and_written(self, arm: Path) -> None:
+        result = json.loads((arm / "result.json").read_text())
+        files = {one["file"]: one for one in result["exports"]}
+        assert files.keys() == {"arm.identified.urdf", "parameters.yaml", "model.py"}
+        for name, one in files.items():
+            assert (arm / name).exists()
+            assert one["proven"]
+            assert one["agreement"] <= 1e-8
+        robot = files["arm.identified.urdf"]
+        assert robot["readers"].keys() == {"Pinocchio", "dynident"}
+        assert any(words.startswith("offset_elbow") for words in robot["left_out"])
+        found = {one["name"]: one["value"] for one in result["parameters"]}
+        again = RigidBodies((arm / "arm.identified.urdf").read_text())
+        for parameter in again.parameters:
+            assert parameter.value == pytest.approx(found[parameter.name], rel=1e-9, abs=1e-12)
+        assert again.damping["elbow"] == found["Fv_elbow"]
+        assert "arm.identified.urdf" in (arm / "report.html").read_text()
+
+    def test_impossible_values_are_refused_and_an_old_file_goes(self, arm: Path) -> None:
+        result = identify(arm.parent, estimator={"kind": "least_squares"})
+        (robot,) = (one for one in result["exports"] if one["format"] == "urdf")
+        assert not robot["proven"]
+        assert "kind: consistent" in robot["refusal"]
+        assert not (arm / "arm.identified.urdf").exists()
+        assert (arm / "model.py").exists()
+
+    def test_a_failed_proof_leaves_no_file(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        make = Yaml.write
+        monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
+        (folder / "out" / "parameters.yaml").unlink(missing_ok=True)
+        result = identify(folder)
+        (failed,) = (one for one in result["exports"] if one["format"] == "yaml")
+        assert not failed["proven"]
+        assert "cannot read it" in failed["refusal"]
+        assert not (folder / "out" / "parameters.yaml").exists()
+
+    @pytest.mark.parametrize("name", ["parameters.yaml", "model.py"])
+    def test_what_was_read_is_not_replaced(self, tmp_path: Path, name: str) -> None:
+        write_log(tmp_path)
+        (tmp_path / "mine.py").write_text("from dynident.models.gallery import slider as build")
+        path = configure(tmp_path, model="model.py:build" if name == "model.py" else "mine.py:build")
+        (tmp_path / "mine.py").rename(tmp_path / "model.py") if name == "model.py" else path.rename(tmp_path / name)
+        done = run("identify", tmp_path / name if name.endswith("yaml") else path, "--out", tmp_path)
+        assert done.exit_code == 1
+        assert f"{name}: would be replaced" in done.output
+        assert not (tmp_path / "result.json").exists()
+
+    def test_a_symbolic_model_has_no_robot_file(self, slider: Path) -> None:
+        assert sorted(path.name for path in slider.parent.iterdir()) == [
+            "model.py", "parameters.yaml", "report.html", "result.json",
+        ]  # fmt: skip
+
+
+class TestPredict:
+    def test_errors_are_those_of_the_validation(self, arm: Path) -> None:
+        table = arm.parent / "torques.csv"
+        done = run("predict", arm / "result.json", arm.parent / "tuesday.csv", "--out", table)
+        assert done.exit_code == 0, done.output
+        frame = pl.read_csv(table)
+        result = json.loads((arm / "result.json").read_text())
+        (errors,) = result["validation"].values()
+        used = frame.filter(pl.col("used"))
+        for joint, expected in errors["rmse"].items():
+            difference = used[f"measured_{joint}"] - used[f"predicted_{joint}"]
+            assert np.sqrt((difference**2).mean()) == pytest.approx(expected, rel=1e-9)
+            assert f"{errors['per_joint'][joint]:.3g}" in done.output
+        assert frame.columns[:3] == ["log", "t", "used"]
+        assert set(frame["log"]) == {"tuesday"}
+        assert frame["t"][1] == pytest.approx(0.002)
+
+    def test_a_recording_without_torques(self, arm: Path) -> None:
+        bare = arm.parent / "bare.csv"
+        full = pl.read_csv(arm.parent / "tuesday.csv", separator=";")
+        full.select([name for name in full.columns if "i_q" not in name]).write_csv(bare)
+        for name in (bare, arm.parent / "tuesday.csv"):
+            done = run("predict", arm / "result.json", name, "--out", arm.parent / f"{name.stem}.parquet")
+            assert done.exit_code == 0, done.output
+            assert "Warning" not in done.output
+        one, other = (pl.read_parquet(arm.parent / f"{stem}.parquet") for stem in ("bare", "tuesday"))
+        assert one["predicted_elbow"].equals(other["predicted_elbow"])
+        assert one["measured_elbow"].is_null().all()
+        done = run("predict", arm / "result.json", bare)
+        assert done.exit_code == 1
+        assert "--out" in done.output
+
+    def test_some_torques_are_no_torques_at_all(self, arm: Path) -> None:
+        full = pl.read_csv(arm.parent / "tuesday.csv", separator=";")
+        full.drop("elbow i_q").write_csv(arm.parent / "some.csv")
+        done = run("predict", arm / "result.json", arm.parent / "some.csv")
+        assert done.exit_code == 1
+        assert "'elbow i_q'" in done.output
+
+    def test_several_recordings_in_one_table(self, slider: Path) -> None:
+        write_log(slider.parent, "second.csv")
+        table = slider.parent / "t.csv"
+        logs = (slider.parents[1] / "log.csv", slider.parent / "second.csv")
+        done = run("predict", slider, *logs, "--out", table)
+        assert done.exit_code == 0, done.output
+        frame = pl.read_csv(table)
+        assert frame.group_by("log").len().sort("log").rows() == [("log", 2000), ("second", 2000)]
+
+    def test_files_of_one_recording_are_named_by_their_keys(self, tmp_path: Path) -> None:
+        frame = pl.read_csv(write_log(tmp_path))
+        for name, columns in {"p": ["time", "pos"], "f": ["force"]}.items():
+            frame.select(columns).write_csv(tmp_path / f"{name}.csv")
+        changes: dict[str, Any] = {
+            "time": {"column": "p.time", "unit": "s"},
+            "position": {"slider": {"column": "p.pos", "unit": "m"}},
+            "torque": {"slider": {"column": "f.force", "unit": "N"}},
+            "train": [{"file": {"p": "p.csv", "f": "f.csv"}, "name": "both"}],
+            "validation": [],
+        }
+        assert run("identify", configure(tmp_path, **changes), "--out", tmp_path).exit_code == 0
+        result, p, f = tmp_path / "result.json", tmp_path / "p.csv", tmp_path / "f.csv"
+        assert run("predict", result, f"p={p},f={f}").exit_code == 0
+        assert run("predict", result, f"p={p}", "--out", tmp_path / "t.csv").exit_code == 0
+        for wrong, words in ((p, "no file is called"), (f"f={f}", "'p' is missing"), (f"p=,f={f}", "'p' is missing")):
+            done = run("predict", result, wrong)
+            assert done.exit_code == 1
+            assert words in done.output
+            assert "f=FILE,p=FILE" in done.output
+
+    def test_a_robot_file_that_changed_is_noticed(self, arm: Path) -> None:
+        robot = arm.parent / "arm.urdf"
+        text = robot.read_text()
+        robot.write_text(text + "<!-- changed -->")
+        done = run("predict", arm / "result.json", arm.parent / "tuesday.csv")
+        robot.write_text(text)
+        assert done.exit_code == 1
+        assert "has changed since" in done.output
+        assert run("predict", arm / "result.json", arm.parent / "tuesday.csv").exit_code == 0
+
+    def test_the_chosen_smoother_is_used_again(self, slider: Path) -> None:
+        words = json.loads(slider.read_text())["settings"]["smoother used"]
+        assert words.startswith("Spline(")
+        change(slider, **{"smoother used": words.replace("factor=", "factor=9")})
+        done = run("predict", slider, slider.parents[1] / "log.csv")
+        assert done.exit_code == 1
+        assert "smoother" in done.output
+
+    @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
+    def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:
+        (tmp_path / "r.json").write_text(text)
+        done = run("predict", tmp_path / "r.json", "log.csv")
+        assert done.exit_code == 1
+        assert "r.json" in done.output
+        assert "Traceback" not in done.output
+
+    def test_parameters_of_another_model_are_refused(self, slider: Path) -> None:
+        data = json.loads(slider.read_text())
+        data["parameters"][0]["name"] = "mass"
+        slider.write_text(json.dumps(data))
+        done = run("predict", slider, slider.parents[1] / "log.csv")
+        assert done.exit_code == 1
+        assert "identify again" in done.output
+
+    def test_a_wrong_table_is_said_before_the_work(self, tmp_path: Path) -> None:
+        done = run("predict", tmp_path / "missing.json", "log.csv", "--out", tmp_path / "t.xls")
+        assert done.exit_code == 1
+        assert ".xls" in done.output
+
+
+class TestExport:
+    @pytest.mark.parametrize("kind", ["urdf", "numpy", "yaml"])
+    def test_it_writes_what_identify_does(self, arm: Path, kind: str) -> None:
+        (name,) = (
+            one["file"] for one in json.loads((arm / "result.json").read_text())["exports"] if one["format"] == kind
+        )
+        done = run("export", arm / "result.json", "--format", kind, "--out", arm / "again")
+        assert done.exit_code == 0, done.output
+        if kind == "yaml":
+            one, other = (yaml.safe_load((arm / file).read_text())["parameters"] for file in ("again", name))
+            assert one == other
+        else:
+            assert (arm / "again").read_bytes() == (arm / name).read_bytes()
+
+    def test_what_cannot_be_written_is_said(self, slider: Path) -> None:
+        done = run("export", slider, "--format", "urdf", "--out", slider.parent / "x.urdf")
+        assert done.exit_code == 1
+        assert "not made of a robot file" in done.output
+        assert not (slider.parent / "x.urdf").exists()
+
+
+def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:
+    """The channels' gains are those of the configuration: torques in N m, not mA."""
+    table = arm.parent / "gains.csv"
+    assert run("predict", arm / "result.json", arm.parent / "monday.csv", "--out", table).exit_code == 0
+    frame = pl.read_csv(table)
+    current = pl.read_csv(arm.parent / "monday.csv", separator=";")["elbow i_q"]
+    np.testing.assert_allclose(frame["measured_elbow"], current * 1e-3 * CONSTANT * RATIO["elbow"], rtol=1e-9)

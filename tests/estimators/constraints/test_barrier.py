@@ -1,0 +1,85 @@
+"""The barrier: its derivatives, Newton's method inside of it, and matrices along some directions only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.estimators.constraints import Barrier, Penalised, PsdConstraint
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_derivatives(rng: np.random.Generator) -> None:
+    half = rng.standard_normal((3, 2, 2, 4))
+    slopes = half + half.swapaxes(1, 2)
+    slopes[..., 0] = np.eye(2)
+    barrier = Barrier((PsdConstraint(slopes, slopes @ np.array([9.0, 0, 0, 0])),), 0.5)
+    theta = np.array([9.0, 0.3, -0.2, 0.1])
+    assert barrier.inside(theta)
+    assert not barrier.inside(-theta)
+    gradient, hessian = barrier.slopes(theta)
+    for k, e in enumerate(1e-5 * np.eye(4)):
+        change = barrier.value(theta + e) - barrier.value(theta - e)
+        assert change / 2e-5 == pytest.approx(gradient[k], rel=1e-5, abs=1e-8)
+        up, down = barrier.slopes(theta + e)[0], barrier.slopes(theta - e)[0]
+        np.testing.assert_allclose((up - down) / 2e-5, hessian[k], rtol=1e-5, atol=1e-8)
+
+
+def test_steps_end_at_the_minimum_inside(rng: np.random.Generator) -> None:
+    """From near the boundary, pulled far beyond it: the gradient vanishes, and a fixed parameter stays."""
+    rows = np.eye(4)[:, None, None, :]
+    barrier = Barrier(tuple(PsdConstraint(row[None]) for row in rows), 1e-3)
+    half, theta = rng.standard_normal((6, 4)), np.array([1e-7, 1.0, 1e-3, 2.0])
+    H, g = half.T @ half, 100 * rng.standard_normal(4)
+    step = barrier.minimum(theta, H, g, 1e-12, np.array([0, 1, 2]))
+    assert barrier.inside(theta + step)
+    assert step[3] == 0.0
+    left = (g - H @ step - barrier.slopes(theta + step)[0])[:3] * (theta + step)[:3]
+    np.testing.assert_allclose(left, 0.0, atol=1e-5)
+
+
+def random_demand(rng: np.random.Generator) -> PsdConstraint:
+    """Return a demand on three matrices (2, 2) of four numbers, met at (9, 0, 0, 0)."""
+    half = rng.standard_normal((3, 2, 2, 4))
+    slopes = half + half.swapaxes(1, 2)
+    slopes[..., 0] = np.eye(2)
+    return PsdConstraint(slopes, offset=0.5 * np.eye(2) + np.zeros((3, 2, 2)))
+
+
+def test_along_directions_it_is_the_same_barrier(rng: np.random.Generator) -> None:
+    one, number = random_demand(rng), PsdConstraint(np.eye(4)[:1].reshape(1, 1, 1, 4))
+    origin, directions = np.array([9.0, 0.1, 0.2, 0.3]), rng.standard_normal((4, 2))
+    whole, along = (
+        Barrier(tuple(found), 0.3) for found in ((one, number), [x.along(origin, directions) for x in (one, number)])
+    )
+    y = np.array([0.1, -0.2])
+    assert along.value(y) == pytest.approx(whole.value(origin + directions @ y), rel=1e-12)
+    gradient, hessian = whole.slopes(origin + directions @ y)
+    np.testing.assert_allclose(along.slopes(y)[0], gradient @ directions, rtol=1e-10)
+    np.testing.assert_allclose(along.slopes(y)[1], directions.T @ hessian @ directions, rtol=1e-10)
+    assert along.degree == 7
+    assert along.value(y, 0.6) == pytest.approx(2 * along.value(y))
+
+
+def test_outside_it_is_infinite_and_has_no_slopes(rng: np.random.Generator) -> None:
+    barrier = Barrier((random_demand(rng),))
+    outside = np.array([-9.0, 0, 0, 0])
+    assert barrier.value(outside) == np.inf
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        barrier.slopes(outside)
+
+
+def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None:
+    """One is part of the objective, the other keeps inside: where the method ends, all slopes cancel."""
+    kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((PsdConstraint(np.eye(4)[3].reshape(1, 1, 1, 4)),))
+    origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
+    task = Penalised(np.eye(4), g, origin, ((kept, 1.0), (edge, 1e-2)), np.arange(4))
+    d, fall = task.settled(np.zeros(4), 1e-12)
+    assert fall < 1e-12
+    slope = d - g + kept.slopes(origin + d)[0] + edge.slopes(origin + d, 1e-2)[0]
+    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
+    assert 0 < (origin + d)[3] < 1e-2

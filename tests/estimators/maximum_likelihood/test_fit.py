@@ -1,0 +1,323 @@
+"""Maximum likelihood of eq. (7): against the bound, outliers, colour, time offset, a moving start, bodies, failure."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.bounds import cramer_rao_bound
+from dynident.errors import ConfigError
+from dynident.estimators import Estimate, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators.constraints import Barrier
+from dynident.estimators.maximum_likelihood import measured, newton, psd_constraints
+from dynident.estimators.notes import (
+    Averaged,
+    Failed,
+    MovingStart,
+    NotConverged,
+    NotWhite,
+    RankDeficient,
+    ScatterLarger,
+    SmoothSigns,
+)
+from dynident.log import Log
+from dynident.models import Coulomb, Joint, Model, Offset, RigidBodies, RotorInertia, Viscous
+from dynident.models.gallery import two_link_arm
+from dynident.regression import Regression, informed_std, structural_base_parameters
+from dynident.smoothers import Spline, TimeShifted
+from dynident.studies import SCENARIOS
+from tests.robots import joint, link, urdf
+
+ARM = two_link_arm()
+TRUE = np.array(ARM.values)
+
+
+def recording(name: str, level: float, seed: int) -> Log:
+    return SCENARIOS[name].record(level, np.random.default_rng(seed)).log
+
+
+def posed(log: Log, level: float) -> Problem:
+    motions = (Spline(sigma=np.sqrt(level), ends=0.0)(log.window(0.25)),)
+    return Problem(ARM, motions, Regression(ARM, motions), (log,))
+
+
+def estimate(name: str, level: float, seed: int, **settings) -> Estimate:
+    return MaximumLikelihood(**settings)(posed(recording(name, level, seed), level))
+
+
+@pytest.mark.parametrize(("name", "level"), [("stated", 1e-8), ("stated", 1e-4), ("weak", 1e-8), ("weak", 1e-4)])
+def test_reaches_the_bound(name: str, level: float) -> None:
+    """Eight runs: the mean square error in units of the bound is chi-square with about 8 degrees of freedom."""
+    runs = [estimate(name, level, seed, start="rest", profile=None) for seed in range(8)]
+    scenario = SCENARIOS[name]
+    least = np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True))
+    error = np.array([run.value - TRUE for run in runs])
+    assert {run.notes for run in runs} == {()}
+    assert ((error**2).mean(axis=0) < 3.0 * least).all()
+    assert min(run.value[1] for run in runs) > 0
+    np.testing.assert_allclose(runs[0].sigma, scenario.sigma_tau, rtol=0.05)
+
+
+def test_follows_the_transient_better_than_free_torques_allow() -> None:
+    found = estimate("stated", 1e-8, 0, start="rest")
+    scenario = SCENARIOS["stated"]
+    least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth(), 1e-4, scenario.sigma_tau, rest=True)))
+    assert found.std[1] < 0.6 * least[1]
+    assert abs(found.value[1] - TRUE[1]) < 4 * found.std[1]
+
+
+def test_huber_bounds_outliers() -> None:
+    log, rng = recording("stated", 1e-6, 1), np.random.default_rng(2)
+    hit = rng.random(log.tau.shape) < 0.02
+    spoilt = replace(log, tau=log.tau + np.where(hit, 5.0, 0.0))
+    errors = []
+    for huber in (None, 1.345):
+        found = MaximumLikelihood(start="rest", steps=False, huber=huber, rounds=3)(posed(spoilt, 1e-6))
+        errors.append(np.abs(found.value[3] / TRUE[3] - 1))
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_outliers_are_not_taken_for_steps() -> None:
+    log, rng = recording("stated", 1e-6, 1), np.random.default_rng(2)
+    spoilt = replace(log, tau=log.tau + np.where(rng.random(log.tau.shape) < 0.02, 5.0, 0.0))
+    found = MaximumLikelihood(start="rest", huber=1.345, rounds=3)(posed(spoilt, 1e-6))
+    assert found.value[3] == pytest.approx(TRUE[3], rel=0.1)
+    assert found.value[1] == pytest.approx(TRUE[1], rel=0.5)
+
+
+def test_coloured_torque_noise_is_told() -> None:
+    """A tenth of its power at the neighbour's correlation of 0.95: residuals and standard errors both say so."""
+    log, rng = recording("stated", 1e-6, 1), np.random.default_rng(3)
+    drift = np.zeros_like(log.tau)
+    for k in range(1, len(drift)):
+        drift[k] = 0.95 * drift[k - 1] + 0.05 * rng.standard_normal(2)
+    found = MaximumLikelihood(start="rest")(posed(replace(log, tau=log.tau + drift), 1e-6))
+    assert [type(note) for note in found.notes] == [NotWhite, ScatterLarger]
+    assert found.converged
+
+
+def test_a_fast_recording_is_thinned() -> None:
+    log = recording("stated", 1e-6, 1)
+    found = MaximumLikelihood(start="free", rate=150.0)(posed(log, 1e-6))
+    assert Averaged(3) in found.notes
+    assert found.samples == len(log) // 3
+    np.testing.assert_allclose(found.value[3:], TRUE[3:], rtol=0.1)
+
+
+def test_late_positions() -> None:
+    """Positions that are stamped two samples late, with the time offset known and without."""
+    log = recording("stated", 1e-6, 1).window(0.25)
+    late = Log(log.t[2:], log.q[:-2], log.tau[2:], log.joints)
+    time_offset = float(log.t[2] - log.t[0])
+    motions = (TimeShifted(Spline(), time_offset)(late),)
+    given = Problem(ARM, motions, Regression(ARM, motions), (late,), time_offset)
+    known, unknown = MaximumLikelihood()(given), MaximumLikelihood()(replace(given, time_offset=0.0))
+    assert (np.abs(known.value - TRUE) < 4 * known.std).all()
+    assert np.abs(unknown.value - TRUE).max() > np.abs(known.value - TRUE).max()
+    assert not (np.abs(unknown.value - TRUE) < 4 * unknown.std).all()
+
+
+class TestBodies:
+    """An arm of two links from a robot file, with dry friction."""
+
+    def arm(self, width: float) -> Model:
+        bodies = RigidBodies(
+            urdf(
+                link("base"),
+                link("upper", 2.0, (0.0, 0.02, 0.2)),
+                link("fore", 1.0, (0.01, 0.0, 0.15)),
+                joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+                joint("elbow", "revolute", "upper", "fore", (0, 0, 0.4), axis=(0, 1, 0)),
+            )
+        )
+        dry = Coulomb(bodies.joints, values=(0.4, 0.2), width=width)
+        return Model((bodies, Viscous(bodies.joints, values=(0.3, 0.2)), dry))
+
+    def problem(self, width: float = 0.0, factor: float = 1.0, *, still: bool = False, noise=1e-4) -> Problem:
+        rng, t = np.random.default_rng(0), np.arange(0, 6, 0.004)
+        rate, angle = 2 * np.pi * np.array([0.5, 0.8]), 2 * np.pi * t[:, None] * np.array([0.5, 0.8])
+        q, dq, ddq = (
+            np.sin(angle) + t[:, None] ** 2 / 40,
+            rate * np.cos(angle) + t[:, None] / 20,
+            0.05 - rate**2 * np.sin(angle),
+        )
+        if still:
+            for x, value in ((q, 0.5), (dq, 0.0), (ddq, 0.0)):
+                x[:, 1] = value
+        model = self.arm(width)
+        tau = self.arm(0.02).torque(q, dq, ddq, np.asarray(model.values))
+        log = Log(
+            t, q + noise * rng.standard_normal(q.shape), tau + 0.1 * rng.standard_normal(q.shape), ("shoulder", "elbow")
+        )
+        motions = (Spline(factor=factor)(log),)
+        return Problem(model, motions, Regression(model, motions), (log,))
+
+    @pytest.mark.parametrize("width", [0.0, 0.02])
+    def test_base_parameters_are_found(self, width: float) -> None:
+        """Those that the motion shows, within four standard errors; the rest is the nominal bodies', and says so."""
+        given = self.problem(width)
+        found = MaximumLikelihood()(given)
+        truth = np.asarray(given.model.values)
+        basis = structural_base_parameters(given.model)
+        error = basis.combination @ (found.value - truth)
+        assert (np.abs(error) < 4 * informed_std(basis, found.information)).all()
+        assert not any(
+            isinstance(note, ScatterLarger) for note in found.notes
+        )  # the residuals are white, whatever the rank
+        assert found.rank == basis.rank
+        assert set(found.provenance) == {"data", "prior"}
+        assert np.isinf(found.std[np.array(found.provenance) == "prior"]).all()
+        assert RankDeficient(basis.rank, len(truth)) in found.notes
+        assert min(found.eigenvalues.values()) > 0
+        assert found.value[given.model.names.index("upper.mass")] == pytest.approx(2.0, rel=0.5)
+
+    @pytest.mark.parametrize("noise", [[1e-4, 1e-4], [1e-4, 0.0]], ids=["noise", "exactly"])
+    def test_a_joint_that_stands_still_keeps_its_friction(self, noise: list[float]) -> None:
+        """Nothing but noise shows it, so that nothing may move it far: neither tiny velocities nor the barrier."""
+        given = self.problem(still=True, noise=np.array(noise))
+        found = MaximumLikelihood()(given)
+        names = given.model.names
+        start = PhysicallyConsistent(costs=False)(given).value
+        for name in ("Fv_elbow", "Fc_elbow"):
+            k = names.index(name)
+            if not noise[1]:
+                assert found.value[k] == start[k]
+            assert found.value[k] < 10
+            assert found.std[k] > 1
+        for name in ("Fv_shoulder", "Fc_shoulder"):
+            k = names.index(name)
+            assert abs(found.value[k] - given.model.values[k]) < 4 * found.std[k]
+        assert found.converged
+        assert not any(isinstance(note, SmoothSigns) for note in found.notes)
+
+    def test_a_motion_that_was_smoothed_too_much_does_not_widen_the_knots(self) -> None:
+        usual, smooth = (MaximumLikelihood()(self.problem(0.02, factor)) for factor in (1.0, 6.0))
+        basis = structural_base_parameters(self.arm(0.02))
+        apart = basis.combination @ (smooth.value - usual.value)
+        assert (np.abs(apart) < 0.1 * informed_std(basis, usual.information)).all()
+
+    def test_a_start_inside_stays_where_the_conic_solver_stops_halfway(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """A body on the edge asks for more room; what the solver left unfinished is outside."""
+        given = self.problem(0.02)
+        theta = np.asarray(given.model.values)
+        wanted = psd_constraints(given.model, given.logs, theta)
+        thin, asked = theta.copy(), []
+        names = [f"upper.{role}" for role in ("Ixx", "Iyy", "Izz", "mass", "mz")]
+        x, y, z, *rest = (given.model.names.index(name) for name in names)
+        mass, mz = thin[rest]
+        thin[x] = 2 * mz**2 / mass * (1 + 1e-4) + thin[z] - thin[y]  # all mass but at one height
+        assert Barrier(wanted).inside(thin)
+        monkeypatch.setattr(measured, "positive", lambda theta, *_: asked.append(theta) or -theta)
+        np.testing.assert_array_equal(measured.feasible(thin, given, wanted), thin)
+        assert asked
+        monkeypatch.undo()
+        moved = measured.feasible(thin, given, wanted)
+        assert Barrier(wanted).inside(moved)
+        assert not np.array_equal(moved, thin)
+
+
+def axes(
+    viscous: float, offset: float, amplitudes: Sequence[float] = (1.0,), seed: int = 0, *, short: bool = False
+) -> Problem:
+    """Axes of 0.5 kg m² that swing with given amplitudes; one of zero stands still, exactly at zero.
+
+    A ``short`` recording is of 50 samples, a third of a period.
+    """
+    rng, a = np.random.default_rng(seed), np.array(amplitudes)
+    joints, t = (
+        tuple(Joint(f"axis{k}") for k in range(len(a))),
+        np.arange(50)[:, None] / 100 if short else np.arange(0, 2, 0.004)[:, None],
+    )
+    terms = [(RotorInertia, 0.5), (Viscous, viscous), (Offset, offset)]
+    model, rate = Model(tuple(kind(joints, values=(value,) * len(a)) for kind, value in terms)), 2 * np.pi * 0.7
+    q, dq, ddq = a * np.sin(rate * t), a * rate * np.cos(rate * t), -a * rate**2 * np.sin(rate * t)
+    tau = model.torque(q, dq, ddq, np.array(model.values)) + (0.05 if short else 0.5) * rng.standard_normal(q.shape)
+    log = Log(t[:, 0], q + 1e-4 * (a > 0) * rng.standard_normal(q.shape), tau, tuple(one.name for one in joints))
+    motions = (Spline()(log),)
+    return Problem(model, motions, Regression(model, motions), (log,))
+
+
+def test_a_joint_that_stands_still_does_not_spoil_the_other() -> None:
+    found, other = MaximumLikelihood()(axes(0.3, 1.0, (1.0, 0.0))), [0, 2, 4]
+    assert found.rank < 6
+    assert (np.abs(found.value[other] - (0.5, 0.3, 1.0)) < 4 * found.std[other]).all()
+
+
+def test_few_samples_do_not_make_wide_knots_look_right() -> None:
+    runs = [MaximumLikelihood()(axes(0.3, 1.0, seed=seed, short=True)) for seed in range(10)]
+    error = np.array([(run.value - (0.5, 0.3, 1.0)) / run.std for run in runs])
+    assert np.mean(np.abs(error) < 2) > 0.75
+    assert {run.notes for run in runs} == {()}
+
+
+class TestIntervals:
+    """One joint whose offset or viscous friction is hardly known."""
+
+    def covered(self, viscous: float, offset: float, runs: int = 20) -> np.ndarray:
+        hit = []
+        for seed in range(runs):
+            problem = axes(viscous, offset, seed=seed)
+            found, true = MaximumLikelihood()(problem), problem.model.values
+            hit.append((found.interval[:, 0] <= true) & (true <= found.interval[:, 1]))
+        return np.mean(hit, axis=0)
+
+    def test_of_a_parameter_that_may_have_any_sign(self) -> None:
+        assert self.covered(0.3, 0.0)[2] > 0.75
+
+    def test_of_a_parameter_at_the_edge_of_physics(self) -> None:
+        """A negative estimate is not allowed: half of them end at almost nothing."""
+        assert self.covered(0.003, 1.0)[1] > 0.75
+
+
+def test_a_moving_start_is_noticed() -> None:
+    log = recording("stated", 1e-8, 0)
+    given = posed(log.window(3.0), 1e-8)
+    moving, free = (MaximumLikelihood(start=start)(given) for start in ("test", "free"))
+    (p_value,) = [note.p_value for note in moving.notes if isinstance(note, MovingStart)]
+    assert p_value < 0.01
+    np.testing.assert_allclose(moving.value, free.value)
+    np.testing.assert_allclose(moving.std, free.std)
+    assert MaximumLikelihood(start="test")(posed(log, 1e-8)).notes == ()
+
+
+def test_intervals_are_by_profile_likelihood_where_information_is_weak() -> None:
+    found = estimate("weak", 1e-4, 0, start="rest", profile=0.15)
+    below, above = found.value - found.interval[:, 0], found.interval[:, 1] - found.value
+    assert abs(above[1] - below[1]) > 0.01 * above[1]
+    assert found.interval[1, 0] > 0
+    np.testing.assert_allclose(above[3:], 1.96 * found.std[3:], rtol=0.25)  # they bend with the others
+    np.testing.assert_allclose(above[5:], 1.96 * found.std[5:], rtol=0.1)
+
+
+def test_a_search_that_is_cut_short_is_not_converged() -> None:
+    found = estimate("weak", 1e-4, 0, iterations=1, rounds=1)
+    (note,) = [note for note in found.notes if isinstance(note, NotConverged)]
+    assert not found.converged
+    assert (note.iterations, note.gain > 0) == (1, True)
+    assert found.interval.shape == (0, 2)
+
+
+def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_) -> None:
+        raise np.linalg.LinAlgError("no luck")
+
+    monkeypatch.setattr(newton, "_step", fails)
+    found = estimate("stated", 1e-6, 0)
+    assert found.notes == (Failed("no luck"),)
+    assert not found.converged
+    np.testing.assert_allclose(found.value, TRUE, rtol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"start": "yes"}, "start = 'yes'"),
+        ({"spacing": 0.0}, "spacing = 0"),
+        ({"rounds": 0}, "rounds = 0"),
+        ({"weight": 2.0}, "weight = 2"),
+    ],
+)
+def test_refuses_bad_settings(settings: dict, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        MaximumLikelihood(**settings)

@@ -1,0 +1,264 @@
+"""The consistent fit: known answers, what each constraint does, and a prior that touches only what data leave free."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dynident.estimators import Estimate, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
+from dynident.models import Model, from_pseudo, moved, to_pseudo
+from tests.estimators.welded import Drag, Welded, cloud, problem, random_body, single, turned
+
+Array = NDArray[np.float64]
+ROD = cloud(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]), np.array([1.0, 1.0]))
+BODY = random_body(np.random.default_rng(1))
+WEAK = (1, 1, 1, 0.01, 0.01, 1, 0.01, 0.01, 1)  # hardly any rotation but about z
+
+
+def smallest(theta: Array) -> float:
+    return float(np.linalg.eigvalsh(to_pseudo(theta[:10]))[0])
+
+
+def error(posed: Problem, theta: Array) -> float:
+    """The unweighted squared error on the training data."""
+    return float(posed.regression.triangular_factors.residual(theta).sum())
+
+
+def welded(*values: Array | None, seed: int = 3) -> tuple[Model, Array]:
+    """Two bodies welded together, of which data determine only the sum, and the placement of the second."""
+    X = turned(np.random.default_rng(seed))
+    return Model((Welded((np.eye(4), X), (*values, None, None)[:2]),)), X
+
+
+def named(model: Model, values: Array) -> dict[str, float]:
+    return dict(zip(model.names, map(float, values), strict=True))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+def test_equals_least_squares_where_that_is_possible(noise: float) -> None:
+    posed = problem(single(None, ("viscous", 5)), np.append(BODY, 0.7), noise)
+    plain, found = LeastSquares()(posed), PhysicallyConsistent(weights="equal")(posed)
+    np.testing.assert_allclose(found.value, plain.value, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-6, atol=1e-12)
+    assert found.notes == ()
+    assert set(found.provenance) == {"data"}
+    assert set(found.costs.values()) == {0.0}
+    assert found.eigenvalues["b1"] > 1e-3
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.5])
+def test_body_on_the_boundary(noise: float) -> None:
+    """A rod has no extent across: the truth is singular, and noise makes least squares leave what is possible."""
+    posed = problem(single(), ROD, noise)
+    found = PhysicallyConsistent()(posed)
+    assert smallest(found.value) > 0
+    assert found.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
+    assert set(found.provenance) == {"bound"}
+    np.testing.assert_allclose(found.value, ROD, atol=max(1e-6, 4 * found.std.max()))
+    if noise:
+        assert smallest(LeastSquares()(posed).value) < 0
+        assert 0 < found.costs["pseudo-inertia"] == found.costs["all"] < 0.1
+
+
+def test_mends_an_impossible_body_and_predicts_better() -> None:
+    """Weak excitation, then free motion: over twenty noises the consistent fit predicts better by far."""
+    judged, ratios = problem(single(), BODY, seed=99), []
+    for seed in range(20):
+        posed = problem(single(), BODY, 0.5, seed, 100, WEAK)
+        plain, found = LeastSquares()(posed), PhysicallyConsistent()(posed)
+        assert smallest(found.value) > 0
+        assert error(posed, found.value) < 1.05 * error(posed, plain.value)
+        ratios.append(error(judged, found.value) / error(judged, plain.value))
+    assert np.median(ratios) < 0.25
+
+
+def test_beats_projecting_each_body_after_least_squares() -> None:
+    """The nearest possible body, by its eigenvalues, knows nothing of what the data determine well."""
+    train, held, judged = [], [], problem(single(), ROD, seed=99, spread=(1, 1, 1, 0.1, 0.1, 1, 0.1, 0.1, 1))
+    for seed in range(20):
+        posed = problem(single(), ROD, 0.5, seed, 100, WEAK)
+        values, vectors = np.linalg.eigh(to_pseudo(LeastSquares()(posed).value))
+        assert values[0] < 0
+        projected = from_pseudo(vectors * np.maximum(values, 1e-9) @ vectors.T)
+        found = PhysicallyConsistent()(posed).value
+        train.append(error(posed, projected) / error(posed, found))
+        held.append(error(judged, projected) / error(judged, found))
+    assert min(train) > 1
+    assert np.median(train) > 1.5
+    assert np.median(held) > 4
+
+
+@given(st.integers(0, 10**6), st.floats(0.0, 2.0), st.booleans())
+@settings(max_examples=30, deadline=None, derandomize=True)
+def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> None:
+    """Optimality by its definition, against the truth, other bodies, and points on the way to them."""
+    rng = np.random.default_rng(seed)
+    truth = cloud(0.2 * rng.normal(size=(2, 3)), rng.uniform(0.5, 2, 2)) if rod else random_body(rng)
+    posed = problem(single(), truth, noise, seed, 40)
+    found = PhysicallyConsistent(weights="equal")(posed)
+    assert smallest(found.value) > 0
+    assert min(found.costs.values()) >= 0
+    best = error(posed, found.value)
+    floor = from_pseudo(np.diag([1e-7, 1e-7, 1e-7, 1e-5]))
+    for other in (truth, truth + 0.01 * random_body(rng), random_body(rng)):
+        for share in (1.0, 0.1):
+            rival = (1 - share) * found.value + share * (other + floor)
+            assert best <= error(posed, rival) * (1 + 1e-6) + 1e-12
+
+
+@pytest.mark.parametrize("distance", ["euclidean", "entropic"])
+@pytest.mark.parametrize("truth", [BODY, 0.5 * ROD], ids=["inside", "boundary"])
+def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array) -> None:
+    rng = np.random.default_rng(5)
+    model, X = welded()
+    posed = problem(model, np.concatenate((truth, moved(truth, np.linalg.inv(X)))), 0.02)
+    priors = [np.concatenate((random_body(rng), random_body(rng))) for _ in range(3)]
+    found = [PhysicallyConsistent(prior=named(model, values), distance=distance)(posed) for values in priors]
+    sums = [x.value[:10] + moved(x.value[10:], X) for x in found]
+    for total in sums[1:]:
+        np.testing.assert_allclose(total, sums[0], atol=1e-9)
+    assert np.abs(found[1].value - found[0].value).max() > 1e-4
+    for x in found:
+        assert set(x.provenance) == {"prior"}
+        assert np.isinf(x.std).all()
+        assert x.rank == 10
+        assert x.notes == (RankDeficient(10, 20), DecidedByPrior(20))
+        assert min(x.eigenvalues.values()) > 1e-6
+
+
+@pytest.mark.parametrize("distance", ["euclidean", "entropic"])
+def test_prior_that_agrees_with_the_data_is_the_answer(distance: Any) -> None:
+    both = np.concatenate((BODY, random_body(np.random.default_rng(2))))
+    model, _ = welded(BODY, both[10:])
+    found = PhysicallyConsistent(distance=distance)(problem(model, both))
+    np.testing.assert_allclose(found.value, both, atol=1e-8)
+
+
+def test_distances_are_least_where_they_should_be() -> None:
+    """Neither distance can be lessened by moving along the free directions."""
+    rng = np.random.default_rng(8)
+    both = np.concatenate((BODY, random_body(rng)))
+    aims = np.concatenate((random_body(rng), random_body(rng)))
+    model, X = welded()
+    posed = problem(model, both, 0.1)
+    scale = np.tile(0.1 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]), 2)
+
+    def divergence(theta: Array) -> float:
+        Q = np.linalg.solve(to_pseudo(aims.reshape(2, 10)), to_pseudo(theta.reshape(2, 10)))
+        sign, logs = np.linalg.slogdet(Q)
+        return float(np.trace(Q, axis1=1, axis2=2).sum() - logs.sum()) if (sign > 0).all() else np.inf
+
+    def euclidean(theta: Array) -> float:
+        return float(np.sum(((theta - aims) / scale) ** 2))
+
+    for name, distance in (("entropic", divergence), ("euclidean", euclidean)):
+        found = PhysicallyConsistent(prior=named(model, aims), distance=name)(posed).value  # type: ignore[arg-type]
+        for _ in range(50):
+            step = 1e-3 * random_body(rng) * rng.choice([-1, 1])
+            other = found + np.concatenate((step, -moved(step, np.linalg.inv(X))))
+            possible = min(smallest(other[:10]), smallest(other[10:])) > 1e-6
+            assert not possible or distance(other) > distance(found)
+
+
+def test_entropic_prior_depends_on_no_frame_and_no_unit() -> None:
+    """The same bodies described in other frames, and in centimetres, are the same answer."""
+    rng = np.random.default_rng(4)
+    truth, prior = [np.concatenate((random_body(rng), random_body(rng))) for _ in range(2)]
+    model, X = welded()
+    found = PhysicallyConsistent(prior=named(model, prior))(problem(model, truth, 0.05)).value
+    A, B = turned(rng), turned(rng)
+    B[:3, :3] *= 100.0
+    frames: tuple[Array, ...] = (np.linalg.inv(A).astype(float), X @ np.linalg.inv(B))
+    other = Model((Welded(frames, (None, None)),))
+    told = [np.concatenate((moved(v[:10], A), moved(v[10:], B))) for v in (truth, prior, found)]
+    again = PhysicallyConsistent(prior=named(other, told[1]))(problem(other, told[0], 0.05)).value
+    np.testing.assert_allclose(again, told[2], rtol=1e-5, atol=1e-7 * np.abs(told[2]).max())
+
+
+def test_without_a_prior_the_free_is_unidentifiable_and_small() -> None:
+    """Without forces the mass makes no torque: the least one that the rest allows is taken."""
+    model = single(None, moments_only=True)
+    found = PhysicallyConsistent(prior="none")(problem(model, BODY, 0.01))
+    assert found.provenance[0] == "unidentifiable"
+    assert set(found.provenance[1:]) <= {"data", "bound"}
+    assert np.isinf(found.std[0])
+    assert np.isfinite(found.std[1:]).all()
+    np.testing.assert_allclose(found.value[1:], BODY[1:], atol=5 * found.std[1:].max())
+    assert 0 < found.value[0] < BODY[0]
+    assert NotIdentifiable(1) in found.notes
+
+
+def test_threshold_leaves_weak_directions_to_the_prior() -> None:
+    """A rotor about z looks like Izz but for what slight rotation about x and y makes, which shows little else, too."""
+    body = Welded((np.eye(4),), (BODY,))
+    model = Model((body, Drag(body.joints, "rotor", 5, 0.01)))
+    truth = np.append(BODY, 0.01)
+    posed = problem(model, truth, 0.2, spread=(1, 1, 1, 0.001, 0.001, 1, 0.001, 0.001, 1))
+    strict, loose = (
+        PhysicallyConsistent(threshold=1e-2, inertia=False)(posed),
+        PhysicallyConsistent(inertia=False, rotor=False)(posed),
+    )
+    assert (strict.rank, loose.rank) == (7, 11)
+    assert [name for name, word in zip(model.names, strict.provenance, strict=True) if word == "prior"] == [
+        "b1.Ixx",
+        "b1.Ixy",
+        "b1.Iyy",
+        "b1.Izz",
+        "rotor_nz",
+    ]
+    assert set(loose.provenance) == {"data"}
+    assert np.abs(strict.value - truth)[9:].max() < 0.1 * loose.std[9:].min()
+
+
+def test_settings_given_as_mappings_are_kept_hashable() -> None:
+    listed: Any = {"b": [[0, 0, 0], [1, 1, 1]]}
+    made = PhysicallyConsistent(bounds={"a": (0, None)}, centre_of_mass=listed, prior={"a": 1.0})
+    assert made == PhysicallyConsistent(
+        bounds={"a": (0, None)}, centre_of_mass={"b": ((0, 0, 0), (1, 1, 1))}, prior={"a": 1.0}
+    )
+    assert len({made, made}) == 1
+
+
+def test_log_that_says_nothing_leaves_all_to_the_prior() -> None:
+    """No motion, no torque: no warning, no error, and the nominal values."""
+    posed = problem(single(BODY), np.zeros(10), spread=(0,) * 9)
+    for distance in ("entropic", "euclidean"):
+        found = PhysicallyConsistent(distance=distance)(posed)
+        np.testing.assert_allclose(found.value, BODY, atol=1e-6)
+        assert (found.rank, set(found.provenance), set(found.costs.values())) == (0, {"prior"}, {0.0})
+
+
+def test_costs_can_be_saved() -> None:
+    assert PhysicallyConsistent(costs=False)(problem(single(), ROD, 0.5)).costs == {}
+
+
+def test_noise_of_each_joint_sets_its_weight() -> None:
+    """The moments forty times noisier than the forces: weighing each by its noise brings smaller errors."""
+    model, off = single(), {"equal": 0.0, "per_joint": 0.0}
+    for seed in range(20):
+        posed = problem(model, BODY, seed=seed)
+        (motion,) = posed.motions
+        noise = np.random.default_rng(1000 + seed).normal(size=motion.tau.shape) * np.repeat([0.05, 2.0], 3)
+        tau = motion.tau + noise
+        noisy = type(motion)(motion.t, motion.q, motion.dq, motion.ddq, tau, motion.joints, motion.mask)
+        again = Problem(model, (noisy,), type(posed.regression)(model, (noisy,)))
+        for weights in off:
+            found: Estimate = LeastSquares(weights=weights)(again)  # type: ignore[arg-type]
+            off[weights] += np.sum((found.value - BODY)[1:4] ** 2)
+        np.testing.assert_allclose(found.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
+    assert off["per_joint"] < 0.05 * off["equal"]
+
+
+def test_standard_errors_tell_the_spread_where_no_constraint_acts() -> None:
+    """No bias, and 95 % intervals that cover, over three hundred noises."""
+    model, truth, runs = single(None, ("viscous", 4)), np.append(BODY, 0.5), 300
+    found = [PhysicallyConsistent(costs=False)(problem(model, truth, 0.05, seed)) for seed in range(runs)]
+    scores = np.array([(x.value - truth) / x.std for x in found])
+    assert (np.abs(scores.mean(axis=0)) < 4 / np.sqrt(runs)).all()
+    covered = (np.abs(scores) < 1.96).mean(axis=0)
+    assert (np.abs(covered - 0.95) < 4 * np.sqrt(0.95 * 0.05 / runs) + 0.005).all()

@@ -1,0 +1,166 @@
+"""The whole method in one call."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import LeastSquares, MaximumLikelihood
+from dynident.estimators.maximum_likelihood import newton
+from dynident.estimators.notes import Failed, NotWhite, RankDeficient, Undetermined
+from dynident.identification import Identification, Recipe, identify, versions
+from dynident.log import Log
+from dynident.models import Joint, Model, Offset, RigidBodies, Viscous, record, simulate
+from dynident.models.gallery import two_link_arm
+from dynident.regression import ParallelFilter, informed_std
+from dynident.smoothers import Difference, Spline
+from tests.robots import joint, link, urdf
+
+ARM = two_link_arm()
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """Ten seconds of the article's motion at 100 Hz, without noise."""
+    assert ARM.values is not None
+    t = np.linspace(0, 10, 1001)
+    truth = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), t, tolerance=1e-9)
+    return record(truth, 0.0, 0.0, np.random.default_rng(0), source="exact").log
+
+
+def error(found: Identification) -> float:
+    """The largest relative error of a parameter."""
+    assert ARM.values is not None
+    return float(np.abs(found.estimate.value / ARM.values - 1).max())
+
+
+@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=repr)
+def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: ParallelFilter | None) -> None:
+    found = identify(ARM, [log], recipe=Recipe(filter=parallel_filter))
+    assert error(found) < 1e-3
+    assert found.warnings == ()
+    assert found.estimate.notes == ()
+    (judged,) = found.logs
+    assert (judged.name, judged.role) == ("exact", "train")
+    assert judged.relative_error < 0.1
+    assert (judged.relative_error_filtered is None) == (parallel_filter is None)
+    step = 1 if parallel_filter is None else parallel_filter.decimate
+    assert found.estimate.samples == -(-judged.motion.mask.sum() // step)
+
+
+def test_recipe_chooses_the_parts(log: Log) -> None:
+    """Forward differences without filter are far off on the same data, and the settings say what was used."""
+    recipe = Recipe(smoother=Difference(), estimator=LeastSquares(1e-10))
+    found = identify(ARM, [log], recipe=recipe)
+    assert error(found) > 20 * error(identify(ARM, [log]))
+    assert found.logs[0].motion.smoothing["method"] == "forward differences"
+    assert found.settings["recipe"] == repr(recipe)
+    assert "tolerance=1e-10" in found.settings["recipe"]
+    assert Recipe() == Recipe(Spline(), LeastSquares(), None)
+
+
+def test_joints_are_matched_by_name(log: Log) -> None:
+    turned = log.select(("joint2", "joint1"))
+    assert turned.joints != log.joints
+    found, straight = identify(ARM, [turned]), identify(ARM, [log])
+    np.testing.assert_array_equal(found.estimate.value, straight.estimate.value)
+    assert found.logs[0].per_joint == straight.logs[0].per_joint
+
+
+def test_a_missing_joint_is_an_error(log: Log) -> None:
+    with pytest.raises(InputError, match="exact: no joint 'joint2'; the log has joint1"):
+        identify(ARM, [log.select(("joint1",))])
+    with pytest.raises(InputError, match="later: no joint 'joint2'"):
+        identify(ARM, [log], {"x": replace(log.select(("joint1",)), source="later")})
+
+
+@pytest.mark.parametrize("none", [(), [], {}])
+def test_no_training_log_is_an_error(log: Log, none: list[Log]) -> None:
+    with pytest.raises(ConfigError, match="no training log"):
+        identify(ARM, none, [log])
+
+
+def test_two_logs_of_the_same_source_need_names(log: Log) -> None:
+    early, late = log.window(stop=6.0), log.window(start=4.0)
+    with pytest.raises(ConfigError, match=r"same source among \['exact', 'exact'\]; give them by name"):
+        identify(ARM, [early, late])
+    found = identify(ARM, {"early": early, "late": late})
+    assert [judged.name for judged in found.logs] == ["early", "late"]
+    assert found.estimate.samples == sum(int(judged.motion.mask.sum()) for judged in found.logs)
+
+
+def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
+    early, late = log.window(stop=6.0), replace(log.window(start=4.0), source="late")
+    found = identify(ARM, [early], {"check": late})
+    assert [(judged.name, judged.role) for judged in found.logs] == [("exact", "train"), ("check", "validation")]
+    np.testing.assert_array_equal(found.estimate.value, identify(ARM, [early]).estimate.value)
+    wrong = identify(ARM, [early], {"check": replace(late, tau=2 * late.tau)})
+    np.testing.assert_array_equal(found.estimate.value, wrong.estimate.value)
+    assert wrong.logs[1].relative_error == pytest.approx(50.0, rel=1e-2)
+
+
+def test_progress_is_told_before_each_step(log: Log) -> None:
+    told: list[str] = []
+    identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
+    reducing = "reducing the regression to triangular factors"
+    assert told == ["smoothing a", "smoothing b", reducing, "estimating", "validating"]
+
+
+def test_warnings_hold_the_notes_where_the_rank_is_deficient(log: Log) -> None:
+    joints = (Joint("joint1"), Joint("joint2"))
+    model = Model((Viscous(joints), Viscous(joints, on=("joint2",), names=("again",)), Offset(joints)))
+    found = identify(model, [log], recipe=Recipe(smoother=Difference()))
+    assert found.warnings == found.estimate.notes == (RankDeficient(4, 5, (), (("Fv_joint2", "again"),)),)
+    np.testing.assert_array_equal(np.isinf(found.estimate.std), [False, True, True, False, False])
+
+
+@pytest.mark.parametrize("more", [(), (Viscous(ARM.joints, names=("again1", "again2")),)], ids=["full rank", "tied"])
+def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, ...]) -> None:
+    """White noise: the robust errors, which take the motion for known, are never told where they are the smaller."""
+    t, rng = np.linspace(0, 4, 801), np.random.default_rng(0)
+    clean = simulate(ARM, np.asarray(ARM.values), lambda s: (1.13 * np.sin(3 * s), 0.78 * np.cos(4 * s)), t)
+    noisy = record(clean, 3e-2, 0.1, rng, source="noisy").log
+    model = replace(ARM, terms=(*ARM.terms, *more))
+    found = identify(model, [noisy], recipe=Recipe(estimator=MaximumLikelihood()))
+    information = found.estimate.information
+    assert information is not None
+    if more:
+        assert found.base_parameters is not None
+        np.testing.assert_array_equal(found.base_std, informed_std(found.base_parameters, information))
+        least, robust = found.base_std, found.base_std_hac
+    else:
+        least, robust = found.estimate.std, found.std_hac
+    assert least is not None
+    assert robust is not None
+    assert (robust >= least).all()
+    assert (robust == least).any()  # where the correlated residuals alone tell of smaller ones
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rank of a robot's parameters is never full, and no news; a failure, or a model that leaves much out, is."""
+
+    def no_luck(*_: object) -> None:
+        raise np.linalg.LinAlgError("no luck")
+
+    if fails:
+        monkeypatch.setattr(newton, "_step", no_luck)
+    bodies = RigidBodies(urdf(link("base"), link("arm", 1.0, (0.0, 0.1, 0.2)), joint("j", "revolute", "base", "arm")))
+    model, rng, t = (
+        Model((bodies, Viscous(bodies.joints, values=(0.1,)))),
+        np.random.default_rng(0),
+        np.arange(800) / 200,
+    )
+    q, dq, ddq = (a * np.sin(3 * t + phase)[:, None] for a, phase in ((1, 0), (3, np.pi / 2), (-9, 0)))
+    tau = model.torque(q, dq, ddq, np.asarray(model.values)) + 0.3 * np.sign(dq)  # friction that the model has not
+    swing = Log(t, q + 1e-4 * rng.standard_normal(q.shape), tau + 0.01 * rng.standard_normal(q.shape), ("j",), "swing")
+    found = identify(model, [swing], recipe=Recipe(estimator=MaximumLikelihood()))
+    assert any(isinstance(note, Failed if fails else NotWhite) for note in found.warnings)
+    assert not any(isinstance(note, Undetermined) for note in found.warnings)
+    assert any(isinstance(note, RankDeficient) for note in found.estimate.notes)
+
+
+def test_versions_name_what_computes() -> None:
+    assert set(versions()) == {"dynident", "python", "numpy", "scipy", "pin", "clarabel", "polars", "platform"}
+    assert versions()["numpy"] == np.__version__

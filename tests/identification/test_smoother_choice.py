@@ -1,0 +1,95 @@
+"""Among smoothers, the torque decides: by cross-validation over stretches of time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify, smoother_choice
+from dynident.log import Log, Motion
+from dynident.models import record, simulate
+from dynident.models.gallery import two_link_arm
+from dynident.smoothers import Butterworth, Difference, Spline
+
+
+def log(seed: int = 0, coloured: bool = False) -> Log:
+    arm, t = two_link_arm(), np.arange(2001) * 0.0025
+    motion = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), t)
+    rng = np.random.default_rng(seed)
+    recording = record(motion, 1e-4, 1e-2, rng).log
+    if not coloured:
+        return recording
+    slow = np.convolve(rng.standard_normal(2040), np.ones(40) / np.sqrt(40), "valid")[:2001, None]
+    return replace(recording, q=recording.q + 1e-3 * slow)
+
+
+FACTORS = tuple(Spline(factor=factor) for factor in (1.0, 4.0, 16.0))
+
+
+def test_raw_differences_and_distorting_filters_lose_to_the_spline() -> None:
+    candidates = (Difference(), Butterworth(), Spline())
+    choice = choose_smoother(two_link_arm(), [log()], candidates)
+    assert choice.smoother is candidates[2]
+    assert choice.errors[2] < 2
+    assert min(choice.errors[:2]) > 3 * choice.errors[2]
+    assert choice.candidates == candidates
+
+
+def test_coloured_noise_asks_for_more_than_its_differences_show() -> None:
+    """The white-noise estimate is far too small where neighbouring errors are alike."""
+    choice = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
+    assert choice.smoother.factor > 1
+    assert choice.errors[0] > 1.5 * min(choice.errors)
+
+
+def test_identify_takes_the_chosen_one_and_says_so() -> None:
+    found = identify(two_link_arm(), {"a": log()}, {"b": log(1)}, Recipe(smoother=(Difference(), Spline())))
+    assert found.pairing is not None
+    assert found.pairing.choice is not None
+    assert found.pairing.smoother == found.pairing.choice.smoother == Spline()
+    np.testing.assert_allclose(found.estimate.value, two_link_arm().values, rtol=0.1)
+
+
+def test_a_candidate_that_cannot_smooth_is_passed_over() -> None:
+    jittered = log()
+    t = jittered.t + 0.001 * (np.arange(2001) % 2)
+    choice = choose_smoother(two_link_arm(), [replace(jittered, t=t)], (Butterworth(), Spline()))
+    assert choice.errors[0] == np.inf
+    assert isinstance(choice.smoother, Spline)
+    with pytest.raises(InputError, match="too irregular"):
+        choose_smoother(two_link_arm(), [replace(jittered, t=t)], (Butterworth(),))
+
+
+def test_no_candidates() -> None:
+    with pytest.raises(ConfigError, match="no smoother"):
+        choose_smoother(two_link_arm(), [log()], ())
+
+
+def test_the_error_is_that_of_held_out_stretches() -> None:
+    """With noise-free data and motion it vanishes; with pure noise for torque it is about one hundred percent."""
+    arm, t = two_link_arm(), np.arange(2001) * 0.0025
+    motion = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), t)
+    assert cross_validated_error(arm, [motion]) < 1e-6
+    noise = np.random.default_rng(0).standard_normal(motion.tau.shape)
+    assert 95 < cross_validated_error(arm, [replace(motion, tau=noise)]) < 110
+
+
+def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is chosen is what the whole would choose, and no candidate sees more than the pieces."""
+    whole = choose_smoother(two_link_arm(), [log(coloured=True)], FACTORS)
+    seen: list[int] = []
+
+    class Counted(Spline):
+        def __call__(self, one: Log) -> Motion:
+            seen.append(len(one))
+            return super().__call__(one)
+
+    monkeypatch.setattr(smoother_choice, "SAMPLES", 1000)
+    monkeypatch.setattr(smoother_choice, "PIECES", 1)
+    monkeypatch.setattr(smoother_choice, "ROWS", 300)
+    choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=one.factor) for one in FACTORS])
+    assert choice.smoother.factor == whole.smoother.factor
+    assert set(seen) == {1000}

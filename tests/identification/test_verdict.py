@@ -1,0 +1,198 @@
+"""The rules of the verdict, one by one, on a slider that is good for everything until something is taken from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.estimators import LeastSquares
+from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
+from dynident.identification.verdict import reasons as why
+from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals
+from dynident.log import Log
+from dynident.models.gallery import slider
+from dynident.smoothers import Difference
+from dynident.validation import Driver, RunsAway
+
+M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
+
+
+def log(rate: float, source: str, seed: int = 0) -> Log:
+    t = np.arange(3000) * 0.002
+    x, dx, ddx = (k * np.sin(rate * t + phase) for k, phase in ((0.3, 0), (0.3 * rate, np.pi / 2), (-0.3 * rate**2, 0)))
+    force = M * ddx + FV * dx + FC * np.sign(dx) + OFFSET + 0.1 * np.random.default_rng(seed).standard_normal(3000)
+    return Log(t, x[:, None], force[:, None], ("slider",), source)
+
+
+@pytest.fixture(scope="module")
+def good() -> Identification:
+    recipe = Recipe(Difference("central"), LeastSquares(), restart=0.5)
+    return identify(slider(), [log(3.0, "slow")], [log(4.0, "fast", 1)], recipe)
+
+
+def with_log(found: Identification, k: int, **changes: Any) -> Verdict:
+    logs = list(found.logs)
+    logs[k] = replace(logs[k], **changes)
+    return judge(replace(found, logs=tuple(logs)))
+
+
+def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
+    verdict = judge(good)
+    assert verdict.use is Use.SIMULATION
+    assert (verdict.reasons, verdict.next) == ((), ())
+    held, train = good.logs[1], good.logs[0]
+    assert verdict.held_out == HeldOut(held.relative_error, train.relative_error, None)
+    assert verdict.run is not None
+    assert verdict.residual is not None
+    assert (verdict.run.joint, verdict.residual.joint, verdict.residual.log) == ("slider", "slider", "fast")
+    assert verdict.run.error == max(run.motion_error["slider"] for run in good.runs)
+    assert verdict.residual.causes == held.residuals["slider"].causes
+
+
+def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
+    verdict = judge(replace(good, logs=good.logs[:1]))
+    assert verdict.use is Use.DO_NOT_USE
+    assert verdict.reasons[0] == why.NoHoldOut()
+    assert verdict.next[0] is Remedy.HOLD_OUT
+    assert verdict.held_out is None
+
+
+def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
+    train = good.logs[0].motion
+    verdict = with_log(good, 0, motion=replace(train, tau=0 * train.tau))
+    assert verdict.use is Use.DO_NOT_USE
+    assert verdict.reasons[0] == why.SilentTorque(("slider",))
+    assert verdict.next[0] is Remedy.TORQUE_COLUMN
+
+
+def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification) -> None:
+    again = identify(slider(), [log(3.0, "slow")], [log(3.0, "again", 1)], Recipe(Difference("central"), restart=0.5))
+    verdict = judge(again)
+    assert verdict.use is Use.DO_NOT_USE
+    assert verdict.reasons[0] == why.Repeats((("again", "slow"),))
+    assert verdict.next[0] is Remedy.ANOTHER_MOTION
+    both = judge(replace(again, logs=(*again.logs, good.logs[1])))
+    assert both.use is Use.SIMULATION
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"relative_error": 11.0}, why.TorqueErrorTooLarge("fast", 11.0, 10.0)),
+        ({"relative_error": 26.0, "relative_error_filtered": 3.0}, why.UnfilteredErrorTooLarge("fast", 26.0, 25.0)),
+        ({"per_joint": {"slider": 40.0}}, why.JointErrorsTooLarge("fast", (("slider", 40.0),), 25.0)),
+    ],
+)
+def test_held_out_errors(good: Identification, changes: dict[str, Any], reason: why.Reason) -> None:
+    verdict = with_log(good, 1, **changes)
+    assert verdict.use is Use.DO_NOT_USE
+    assert reason in verdict.reasons
+    assert reason.remedy in verdict.next
+
+
+def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:
+    verdict = with_log(good, 1, relative_error=9.0)
+    assert verdict.use is Use.DO_NOT_USE
+    assert verdict.reasons[0] == why.NotCarriedOver("fast", 9.0 / good.logs[0].relative_error)
+    (reason, *_) = with_log(good, 1, relative_error=float("nan")).reasons
+    assert isinstance(reason, why.TorqueErrorTooLarge)
+    assert np.isnan(reason.error)
+
+
+def test_a_large_error_of_a_small_torque_does_no_harm(good: Identification) -> None:
+    changes = {"per_joint": {"slider": 40.0}, "effort_share": {"slider": 0.5}}
+    assert with_log(good, 1, **changes).use is Use.SIMULATION
+
+
+def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: Identification) -> None:
+    first = replace(good.logs[0], relative_error_filtered=3.0)
+    held = replace(good.logs[1], relative_error=20.0, relative_error_filtered=4.0)
+    verdict = judge(replace(good, logs=(first, held)))
+    assert verdict.use is Use.SIMULATION
+    assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.logs[0].relative_error))
+
+
+def test_a_mass_matrix_that_is_not_positive_forbids_use(good: Identification) -> None:
+    assert good.mass is not None
+    verdict = judge(replace(good, mass=replace(good.mass, positive=False, smallest=-0.1)))
+    assert verdict.use is Use.DO_NOT_USE
+    assert verdict.reasons[0] == why.MassMatrixNotPositive(-0.1)
+    assert Remedy.CONSISTENT_FIT in verdict.next
+
+
+def test_negative_friction_forbids_simulation_only(good: Identification) -> None:
+    value = good.estimate.value * (1, -1, 1, 1)
+    verdict = judge(replace(good, estimate=replace(good.estimate, value=value)))
+    assert verdict.use is Use.CONTROL
+    assert verdict.reasons == (why.NegativeValues(("Fv",)),)
+
+
+def test_without_a_free_simulation_none_is_promised(good: Identification) -> None:
+    verdict = judge(replace(good, runs=()))
+    assert verdict.use is Use.CONTROL
+    assert verdict.reasons == (why.NoFreeRun(),)
+    assert verdict.next == (Remedy.SIMULATE,)
+    assert verdict.run is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason", "remedy"),
+    [
+        (
+            {"motion_error": {"slider": 30.0}},
+            why.FreeRunAstray("fast", "slider", 30.0, Driver.TORQUE, 0.5),
+            Remedy.CONTROLLER_LOOP,
+        ),
+        (
+            {"motion_error": {"slider": 2.0}, "driver": Driver.CONTROLLER},
+            why.FreeRunAstray("fast", "slider", 2.0, Driver.CONTROLLER, 0.5),
+            None,
+        ),
+        ({"failure": RunsAway(0.2)}, why.FreeRunFails(("fast",), RunsAway(0.2)), None),
+    ],
+)
+def test_free_simulations_that_go_astray(
+    good: Identification, changes: dict[str, Any], reason: why.Reason, remedy: Remedy | None
+) -> None:
+    verdict = judge(replace(good, runs=(good.runs[0], replace(good.runs[1], **changes))))
+    assert verdict.use is Use.CONTROL
+    assert verdict.reasons[0] == reason
+    assert reason.remedy is remedy
+    assert verdict.next == (() if remedy is None else (remedy,))
+
+
+def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None:
+    assert good.std_hac is not None
+    verdict = judge(replace(good, std_hac=np.array([4.0, 6.0, 0.01, np.inf])))
+    steps = {step.parameter: step for step in verdict.next if isinstance(step, Sharpen)}
+    assert {name: step.excitation for name, step in steps.items()} == {
+        "M": Excitation.ACCELERATE,
+        "Fv": Excitation.CONSTANT_SPEEDS,
+    }
+    assert {step.joint for step in steps.values()} == {"slider"}
+    assert (steps["M"].value, steps["M"].std) == (good.estimate.value[0], 4.0)
+
+
+def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
+    """A ripple and friction at reversals, which the tests of the residuals say by type."""
+    test = good.logs[1].residuals["slider"]
+    ripple = replace(test, peak=26.0, peak_share=0.9, reversal_share=0.0, sign_correlation=0.0)
+    friction = replace(test, peak_share=0.0, reversal_share=0.9, slow_share=0.01)
+    assert CheckRipple(("slider",)) in with_log(good, 1, residuals={"slider": ripple}).next
+    assert SlowReversals(("slider",)) in with_log(good, 1, residuals={"slider": friction}).next
+
+
+def test_figures_behind_the_verdict(good: Identification) -> None:
+    """The slider's truth is within its robust errors, its mass matrix is the mass,."""
+    assert good.std_hac is not None
+    assert good.mass is not None
+    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.std_hac)
+    assert good.mass.smallest == pytest.approx(good.estimate.value[0])
+    assert [run.name for run in good.runs] == ["slow", "fast"]
+    held = good.logs[1]
+    assert held.r2["slider"] == pytest.approx(1 - (held.rmse["slider"] ** 2) / np.var(held.motion.tau), rel=1e-2)
+    assert held.effort_share == {}
+    assert slider().limits == {}

@@ -1,0 +1,235 @@
+"""Channels guessed from names and values."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dynident.io.column_mapping import map_columns, widths
+from dynident.io.match import JointFacts
+from dynident.io.tables import DataTable
+from dynident.models.robot_file import Limits
+
+N = 400
+T = np.arange(N) * 0.01
+LIMITS = Limits(effort=50.0, velocity=2.0, lower=-2.0, upper=2.0)
+ARM = tuple(JointFacts(name, "revolute", LIMITS) for name in ("shoulder", "elbow"))
+NUMBERED = tuple(JointFacts(f"arm_joint{k}", "revolute", LIMITS) for k in (1, 2))
+
+
+def wave(size: float, phase: float = 0.0) -> np.ndarray:
+    return size * np.sin(2 * T + phase)
+
+
+def table(**columns) -> DataTable:
+    named = {"time": T} | columns
+    return DataTable(
+        {name: np.array(values, float) for name, values in named.items() if values is not None}, {}, "a.csv"
+    )
+
+
+def signals(position=("q1", "q2"), torque=("tau1", "tau2"), size=1.0, peak=20.0):
+    return {
+        **{name: wave(size, k) for k, name in enumerate(position)},
+        **{name: wave(peak, k) for k, name in enumerate(torque)},
+    }
+
+
+def chosen(found):
+    return [one.column for one in (*found.position.values(), *found.torque.values())]
+
+
+@pytest.mark.parametrize(
+    ("position", "torque"),
+    [
+        (("shoulder.position", "elbow.position"), ("shoulder.effort", "elbow.effort")),
+        (("pos_elbow", "pos_shoulder"), ("elbow_tau", "shoulder_tau")),
+    ],
+)
+def test_joints_are_matched_by_name(position, torque):
+    found = map_columns(table(**signals(position, torque)), ARM)
+    assert [("shoulder" in str(name), "elbow" in str(name)) for name in chosen(found)] == [(1, 0), (0, 1)] * 2
+    assert not any(one.question for one in (*found.position.values(), *found.torque.values()))
+
+
+def test_joints_are_matched_by_number():
+    found = map_columns(table(**signals(("q2", "q1"))), NUMBERED)
+    assert chosen(found) == ["q1", "q2", "tau1", "tau2"]
+    assert found.position["arm_joint1"].question == ""
+
+
+def test_joints_matched_by_order_are_asked_about():
+    for joints, names in ((ARM, ("q1", "q2")), (NUMBERED, ("q[0]", "q[1]"))):
+        found = map_columns(table(**signals(names)), joints)
+        assert chosen(found)[:2] == list(names)
+        assert "is this order right?" in found.position[joints[0].name].question
+
+
+def test_columns_without_names_are_matched_by_shape():
+    columns = {str(k): wave(1.0 + 4 * (k > 4), k) for k in range(1, 7)}
+    found = map_columns(DataTable({"0": T.copy(), **columns}, {}, "a.csv"), ARM)
+    assert (found.time.column, chosen(found)) == ("0", ["1", "2", "5", "6"])
+    assert "is this order right?" in found.torque["elbow"].question
+
+
+def test_measured_columns_are_preferred():
+    names = ["pos_des", "pos_filt", "pos_meas", "pos_err"]
+    columns = {f"{name}{k}": wave(1.0, k) for name in names for k in (1, 2)}
+    torques = {f"{name}{k}": wave(9.0, k) for name in ("tau_cmd", "current", "tau", "tau_fric") for k in (1, 2)}
+    found = map_columns(table(**columns, **torques), NUMBERED)
+    assert chosen(found) == ["pos_meas1", "pos_meas2", "tau1", "tau2"]
+    assert "pos_des1" in found.left
+
+
+def test_commanded_columns_alone_are_no_guess():
+    found = map_columns(table(**signals(("q_d1", "q_d2"))), NUMBERED)
+    assert chosen(found) == [None, None, "tau1", "tau2"]
+
+
+def test_each_joint_has_the_unit_of_its_own_column():
+    scara = (*ARM, JointFacts("quill", "prismatic", Limits(effort=200.0, lower=0.0, upper=0.2)))
+    names = ("shoulder pos [deg]", "elbow pos [deg]", "quill pos [mm]")
+    torques = ("shoulder torque [Nm]", "elbow torque [Nm]", "quill force [kN]")
+    found = map_columns(table(**signals(names, torques)), scara)
+    assert {name: one.unit for name, one in found.position.items()} == {
+        "shoulder": "deg",
+        "elbow": "deg",
+        "quill": "mm",
+    }
+    assert {name: one.unit for name, one in found.torque.items()} == {"shoulder": "N m", "elbow": "N m", "quill": "kN"}
+    assert found.lock == {}
+
+
+def test_units_follow_from_names():
+    columns = {"pos1_deg": wave(1.0), "pos2_deg": wave(1.0), "tau1 [mNm]": wave(900.0), "tau2 [mNm]": wave(900.0)}
+    found = map_columns(table(time=None, t_us=T * 1e6, **columns), NUMBERED)
+    assert (found.time.column, found.time.unit) == ("t_us", "us")
+    assert {(one.unit, one.question) for one in found.position.values()} == {("deg", "")}
+    assert {(one.unit, one.question) for one in found.torque.values()} == {("mN m", "")}
+
+
+def test_positions_beyond_two_pi_are_asked_about():
+    found = map_columns(table(**signals(size=90.0)), NUMBERED)
+    assert {one.unit for one in found.position.values()} == {"deg"}
+    assert all("degrees?" in one.question for one in found.position.values())
+    turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
+    assert {one.unit for one in turning.position.values()} == {"rad"}
+    assert all("beyond what the joint can do" in one.question for one in turning.position.values())
+    endless = map_columns(table(q=wave(9.0), tau=wave(1.0)), [JointFacts("wheel", "revolute", Limits(effort=2.0))])
+    assert "multi_turn" in endless.position["wheel"].question or endless.position["wheel"].unit == "deg"
+
+
+@pytest.mark.parametrize(("peak", "asked"), [(20.0, ""), (400.0, "exceeds the limit 50"), (0.1, "before the gear")])
+def test_torques_are_compared_with_the_limits(peak, asked):
+    found = map_columns(table(**signals(peak=peak)), NUMBERED)
+    questions = {one.question for one in found.torque.values()}
+    assert all(asked in question for question in questions) if asked else questions == {""}
+
+
+def test_without_limits_the_unit_of_torque_is_asked_about():
+    joints = [JointFacts(joint.name, "revolute") for joint in NUMBERED]
+    assert "N m?" in map_columns(table(**signals()), joints).torque["arm_joint1"].question
+
+
+def test_currents_want_a_gain():
+    found = map_columns(table(**signals(torque=("i_mA_1", "i_mA_2"))), NUMBERED)
+    assert {one.gain for one in found.torque.values()} == {"torque constant times gear ratio, N m per mA"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "asked"),
+    [(1.0, "s", False), (1e3, "ms", True), (1e6, "us", True), (1e9, "ns", True), (100.0, "ms", True)],
+)
+def test_the_unit_of_time_follows_from_the_step(factor, unit, asked):
+    found = map_columns(table(time=np.round(T * factor, 6), **signals()), NUMBERED)
+    assert (found.time.unit, bool(found.time.question)) == (unit, asked)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+@pytest.mark.parametrize("step", [1 / 8000, 0.01])
+def test_stamps_since_1970_tell_their_unit(factor, unit, step):
+    stamps = (1.731e9 + step * np.arange(N)) * factor
+    found = map_columns(table(time=None, stamp=stamps, **signals()), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("stamp", unit, "")
+    assert found.step == pytest.approx(step, rel=0.01)
+
+
+def test_positions_of_motors_are_asked_about():
+    geared = map_columns(table(**signals(("pos_rev_1", "pos_rev_2"), size=16.0)), NUMBERED)
+    assert "transmission" in geared.position["arm_joint1"].question
+    other_zero = {f"pos_rad_{k}": 5.0 + wave(1.0) for k in (1, 2)}
+    found = map_columns(table(**signals((), ("tau1", "tau2")), **other_zero), NUMBERED)
+    assert found.position["arm_joint1"].question == ""
+
+
+def test_stamps_that_increase_are_preferred():
+    found = map_columns(table(**{"header.stamp.sec": np.floor(T), "clock": T + 5}, time=None, **signals()), NUMBERED)
+    assert found.time.column == "clock"
+    assert map_columns(table(time=None, **signals()), NUMBERED).time.column is None
+    stuck = map_columns(table(time=np.floor(T), **signals()), NUMBERED)
+    assert "do not increase" in stuck.time.question
+
+
+def test_joints_that_are_not_identified_are_locked():
+    finger = JointFacts("finger", "prismatic", Limits(lower=0.01, upper=0.04))
+    tied = JointFacts("finger_2", "prismatic", Limits(), "finger")
+    coupler = JointFacts("coupler", "revolute", LIMITS, "elbow")
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
+    found = map_columns(table(**columns), (*ARM, finger, tied, coupler))
+    assert list(found.position) == ["shoulder", "elbow"]
+    assert {name: value for name, (value, _) in found.lock.items()} == {"finger": 0.01, "coupler": 0.0}
+    assert "not in the log" in found.lock["finger"][1]
+    assert "follows 'elbow'" in found.lock["coupler"][1]
+    recorded = map_columns(table(**columns, finger_q=np.full(N, 0.02)), (*ARM, finger, tied))
+    assert recorded.lock == {"finger": (0.02, "")}
+    moving = map_columns(table(**columns, finger_q=0.02 + wave(0.01)), (*ARM, finger, tied))
+    assert "it moves by 0.02 m" in moving.lock["finger"][1]
+
+
+def test_channels_of_one_guess_are_equally_long():
+    short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
+    found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
+    assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
+
+
+def test_gaps_are_seen():
+    assert not map_columns(table(**signals()), NUMBERED).gaps
+    assert map_columns(table(time=T + (T > 1), **signals()), NUMBERED).gaps
+
+
+def test_widths_of_files_with_one_number_a_line():
+    tables = {key: DataTable({"0": np.zeros(n)}, {}, key) for key, n in {"t": 10, "q": 70, "odd": 15}.items()}
+    assert widths(tables) == {"q": 7}
+    assert widths({}) == {}
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    names=st.lists(
+        st.sampled_from(
+            ["t", "q1", "q2", "tau1", "tau2", "q_d1", "i1", "elbow.position", "0", "1", "2", "3", "4", "x"]
+        ),
+        max_size=8,
+        unique=True,
+    ),
+    rows=st.integers(0, 4),
+    value=st.floats(allow_nan=True, allow_infinity=True),
+    joints=st.sampled_from([ARM, NUMBERED, (*ARM, *NUMBERED), ARM[:1]]),
+)
+def test_anything_gives_a_guess(names, rows, value, joints):
+    columns = {name: np.full(rows + (name == "x"), value) for name in names}
+    found = map_columns(DataTable(columns, {}, "a.csv"), joints)
+    assert set(found.position) == set(found.torque) <= {joint.name for joint in joints}
+    assert math.isfinite(sum(position for position, _ in found.lock.values()))
+    assert set(chosen(found)) <= {None, *names}
+
+
+def test_a_clock_of_any_name_is_found_where_it_is_the_only_one():
+    found = map_columns(table(time=None, **{"Uhr [ms]": 1000 * T}, **signals()), NUMBERED).time
+    assert (found.column, found.unit) == ("Uhr [ms]", "ms")
+    assert "is it the time?" in found.question
+    assert map_columns(table(time=None, Uhr=T, ticks=T + 1, **signals()), NUMBERED).time.column is None

@@ -1,0 +1,210 @@
+"""The sum of terms: inverse and forward dynamics, and its messages."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from dynident.errors import ModelError
+from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, Viscous
+from dynident.models.gallery import pendulum, slider, two_link_arm
+
+RNG = np.random.default_rng(3)
+Q, DQ, DDQ = RNG.normal(size=(3, 7, 2))
+JOINTS = (Joint("a"), Joint("b"))
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A user's term that returns what it is told to."""
+
+    answer: object
+    joints: tuple = JOINTS
+    parameters: tuple = field(default=(Parameter("k", "N m"),))
+
+    def regressor(self, q, dq, ddq):
+        return self.answer(q)
+
+    def partials(self, q, dq, ddq, theta):
+        return Partials(*[self.answer(q)] * 3)
+
+
+def test_torque_is_the_sum_of_the_terms():
+    arm = two_link_arm()
+    links, friction = arm.terms
+    expected = links.regressor(Q, DQ, DDQ) @ arm.values[:5] + friction.regressor(Q, DQ, DDQ) @ arm.values[5:]
+    np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, arm.values), expected, rtol=1e-14)
+    assert arm.names == tuple(f"theta{k}" for k in range(1, 8))
+
+
+def test_mass_matrix_and_bias_of_the_article():
+    """Eq. (39), with the friction in the bias."""
+    arm = two_link_arm()
+    theta = arm.values
+    a, b, c = theta[:3]
+    c2, s2 = np.cos(Q[:, 1]), np.sin(Q[:, 1])
+    D = np.array([[a + b + 2 * c * c2, b + c * c2], [b + c * c2, np.full(7, b)]]).transpose(2, 0, 1)
+    np.testing.assert_allclose(arm.mass_matrix(Q, theta), D, rtol=1e-13)
+    C = np.array([[-2 * c * s2 * DQ[:, 1] + theta[5], -c * s2 * DQ[:, 1]], [c * s2 * DQ[:, 0], np.full(7, theta[6])]])
+    g12 = 9.81 * theta[4] * np.sin(Q.sum(axis=1))
+    G = np.stack([9.81 * theta[3] * np.sin(Q[:, 0]) + g12, g12], axis=1)
+    bias = np.einsum("ijn,nj->ni", C, DQ) + G
+    np.testing.assert_allclose(arm.bias(Q, DQ, theta), bias, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["one theta", "theta per sample"])
+def test_forward_inverts_the_torque(own):
+    arm = two_link_arm()
+    theta = arm.values * np.linspace(0.9, 1.1, 7)[:, None] if own else arm.values
+    tau = arm.torque(Q, DQ, DDQ, theta)
+    np.testing.assert_allclose(arm.forward_dynamics(Q, DQ, tau, theta), DDQ, rtol=1e-10, atol=1e-11)
+
+
+def test_theta_per_sample_equals_one_call_per_sample():
+    arm = two_link_arm()
+    thetas = arm.values * RNG.uniform(0.9, 1.1, (7, 7))
+    for k, theta in enumerate(thetas):
+        row = slice(k, k + 1)
+        one = arm.torque(Q[row], DQ[row], DDQ[row], theta)
+        np.testing.assert_allclose(arm.torque(Q, DQ, DDQ, thetas)[row], one, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(arm.mass_matrix(Q, thetas)[row], arm.mass_matrix(Q[row], theta), rtol=1e-12)
+
+
+def test_forward_uses_friction_at_the_actual_velocity():
+    """Coulomb friction does not leak into the mass matrix."""
+    rail = slider(values=(5.0, 8.0, 3.0, 0.5))
+    dq = np.array([[0.2]])
+    np.testing.assert_allclose(rail.mass_matrix(dq, rail.values), [[[5.0]]], rtol=1e-15)
+    np.testing.assert_allclose(
+        rail.forward_dynamics(dq, dq, [[10.0]], rail.values), [[(10 - 1.6 - 3 - 0.5) / 5]], rtol=1e-14
+    )
+
+
+def test_values_are_none_where_one_is_unknown():
+    assert Model((Viscous(JOINTS, values=(1.0, 2.0)), Offset(JOINTS))).values is None
+    np.testing.assert_array_equal(Model((Viscous(JOINTS, values=(1.0, 2.0)),)).values, [1.0, 2.0])
+
+
+@pytest.mark.parametrize("theta", [(0.0, 8.0, 3.0, 0.5), (1e-320, 8.0, 3.0, 0.5)])
+def test_forward_of_a_massless_model(theta):
+    with pytest.raises(ModelError, match=r"slider: the mass matrix is singular at q = \[0.1\] for theta = \["):
+        slider().forward_dynamics([[0.1]], [[0.0]], [[1.0]], theta)
+
+
+def test_forward_finds_the_singular_sample_among_thetas():
+    """D = [[1, 1], [1, 1]] up to rounding, at one sample of three."""
+    arm = two_link_arm()
+    bad = np.array([1e-17, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(ModelError, match=r"singular at q = \[0.3, 0.4\] for theta = \[1e-17, 1.0"):
+        arm.forward_dynamics(
+            [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], np.ones((3, 2)), [[1.0, -1.0]] * 3, [arm.values, bad, arm.values]
+        )
+
+
+def test_mass_matrix_check():
+    arm = two_link_arm()
+    q = np.stack([np.zeros(5), np.linspace(0.0, np.pi, 5)], axis=1)
+    good = arm.check_mass_matrix(q, arm.values)
+    assert good.positive
+    assert good.smallest == pytest.approx(np.linalg.eigvalsh(arm.mass_matrix(q, arm.values)).min(), rel=1e-12)
+    wrong = arm.values.copy()
+    wrong[2] = 0.02  # too large a coupling: negative where it is strongest, at q2 = pi
+    bad = arm.check_mass_matrix(q, wrong)
+    assert (bad.positive, bad.q.tolist()) == (False, [0.0, np.pi])
+    assert bad.smallest < 0
+    with pytest.raises(ModelError, match="0 configurations"):
+        arm.check_mass_matrix(np.zeros((0, 2)), arm.values)
+
+
+def test_a_singular_mass_matrix_is_not_positive():
+    assert not two_link_arm().check_mass_matrix(Q, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]).positive
+
+
+def test_no_samples_give_no_rows():
+    arm, none = two_link_arm(), np.zeros((0, 2))
+    assert arm.regressor(none, none, none).shape == (0, 2, 7)
+    assert arm.forward_dynamics(none, none, none, arm.values).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        ((), "needs at least one term"),
+        ((Viscous(JOINTS), Viscous(JOINTS)), "two parameters are called 'Fv_a'; rename one with the field 'names'"),
+        ((Viscous(JOINTS), Offset(JOINTS[::-1])), r"term Offset has joints b \(revolute\), a .*but Viscous"),
+        ((Viscous(JOINTS), Offset((Joint("a"), Joint("b", "prismatic")))), r"b \(prismatic\)"),
+    ],
+)
+def test_terms_that_do_not_fit(terms, message):
+    with pytest.raises(ModelError, match=message):
+        Model(terms)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda m: m.regressor(Q[:, :1], DQ, DDQ), r"q has shape \(7, 1\), expected \(7, 2\)"),
+        (lambda m: m.regressor(Q, DQ[:3], DDQ), r"dq has shape \(3, 2\), expected \(7, 2\)"),
+        (lambda m: m.torque(Q, DQ, DDQ[0], m.values), r"ddq has shape \(2,\), expected \(7, 2\): one row per sample"),
+        (lambda m: m.regressor(0.0, DQ, DDQ), r"q has shape \(\), expected \(N, 2\)"),
+        (lambda m: m.forward_dynamics(Q, DQ, Q.T, m.values), r"tau has shape \(2, 7\)"),
+        (lambda m: m.torque(Q, DQ, DDQ, [1.0]), r"theta has shape \(1,\), expected \(7,\) or \(7, 7\): theta1, theta2"),
+        (lambda m: m.mass_matrix(Q, np.ones((3, 7))), r"theta has shape \(3, 7\)"),
+        (lambda m: m.partials(Q, DQ, DDQ, np.ones((7, 7))), r"expected \(7,\): theta1"),
+    ],
+)
+def test_wrong_shapes(call, message):
+    with pytest.raises(ModelError, match=message):
+        call(two_link_arm())
+
+
+def spoiled(q, value):
+    Y = np.zeros((*q.shape, 1))
+    Y[3, 1, 0] = value
+    return Y
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (
+            lambda q: spoiled(q, np.nan),
+            r"term Broken returned nan at sample 3 in its regressor, joint 'b', where q = \[",
+        ),
+        (lambda q: spoiled(q, -np.inf), "term Broken returned -inf at sample 3"),
+        (
+            lambda q: np.zeros((len(q), 2)),
+            r"regressor of term Broken has shape \(7, 2\).*expected floats of shape \(7, 2, 1\)",
+        ),
+        (lambda q: None, r"has shape \(\) and type object"),
+        (lambda q: {}["mass"], "regressor of term Broken failed with KeyError: 'mass'"),
+    ],
+)
+def test_a_term_that_misbehaves(answer, message):
+    model = Model((Viscous(JOINTS), Broken(answer)))
+    with pytest.raises(ModelError, match=message) as caught:
+        model.regressor(Q, DQ, DDQ)
+    assert "failed" not in message or isinstance(caught.value.__cause__, KeyError)
+
+
+def test_partials_of_a_term_are_checked_too():
+    model = Model((Broken(lambda q: np.zeros((len(q), 2, 1))),))
+    with pytest.raises(ModelError, match=r"derivative by q of term Broken has shape \(7, 2, 1\)"):
+        model.partials(Q, DQ, DDQ, [1.0])
+
+
+def test_errors_of_the_project_pass_unchanged():
+    def refuse(q):
+        raise ModelError("as it is")
+
+    with pytest.raises(ModelError, match=r"^as it is$"):
+        Model((Broken(refuse),)).regressor(Q, DQ, DDQ)
+
+
+def test_partials_add_up_over_the_terms():
+    model = Model((*pendulum().terms, Coulomb(pendulum().joints, width=0.3), Viscous(pendulum().joints)))
+    q, dq, ddq = RNG.normal(size=(3, 4, 1))
+    slopes = model.partials(q, dq, ddq, [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(slopes.q[:, 0, 0], 9.81 * 0.2 * np.cos(q[:, 0]), rtol=1e-14)
+    np.testing.assert_allclose(slopes.dq[:, 0, 0], 1 / np.cosh(dq[:, 0] / 0.3) ** 2 + 0.4, rtol=1e-12)
+    np.testing.assert_allclose(slopes.ddq[:, 0, 0], 0.1, rtol=1e-14)

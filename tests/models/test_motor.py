@@ -1,0 +1,85 @@
+"""Rotor inertia, and motors that turn with several joints."""
+
+import numpy as np
+import pytest
+
+from dynident.errors import ModelError
+from dynident.models import CoupledMotor, Joint, Model, RotorInertia
+
+JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
+ARM = (Joint("shoulder"), Joint("elbow"))
+Q, DQ, DDQ = np.random.default_rng(0).normal(size=(3, 4, 3))
+
+
+def test_rotor_inertia_is_torque_per_acceleration():
+    term = RotorInertia(JOINTS, on=("wrist", "rail"))
+    expected = np.zeros((4, 3, 2))
+    expected[:, 2, 0], expected[:, 1, 1] = DDQ[:, 2], DDQ[:, 1]
+    np.testing.assert_array_equal(term.regressor(Q, DQ, DDQ), expected)
+    assert [(p.name, p.unit, p.role) for p in term.parameters] == [
+        ("Ia_wrist", "kg m^2", "rotor"),
+        ("Ia_rail", "kg", "rotor"),
+    ]
+
+
+def test_wrist_that_rides_on_the_axis_before():
+    """tau_5 = tau_6 = Ia (ddq5 + ddq6) + Fv (dq5 + dq6) + Fc sign(dq5 + dq6)."""
+    term = CoupledMotor(JOINTS, {"base": 1.0, "wrist": 1.0}, "m6")
+    sums = DDQ[:, 0] + DDQ[:, 2], DQ[:, 0] + DQ[:, 2], np.sign(DQ[:, 0] + DQ[:, 2])
+    Y = term.regressor(Q, DQ, DDQ)
+    for k, column in enumerate(sums):
+        np.testing.assert_allclose(Y[:, :, k], column[:, None] * [1.0, 0.0, 1.0], rtol=1e-15)
+    assert [(p.name, p.unit, p.role) for p in term.parameters] == [
+        ("Ia_m6", "kg m^2", "rotor"),
+        ("Fv_m6", "N m s/rad", "viscous"),
+        ("Fc_m6", "N m", "coulomb"),
+    ]
+    assert term.parameters[1].expression.endswith("of the motor at 1 base + 1 wrist")
+
+
+def test_elbow_motor_on_the_first_link():
+    """Its rotor adds Ir [[1, -6], [-6, 36]] to the mass matrix."""
+    term = CoupledMotor(ARM, {"shoulder": 1, "elbow": -6}, "elbow", viscous=False, coulomb=False, values=(0.01,))
+    mass = Model((term,)).mass_matrix(np.zeros((1, 2)), [0.01])[0]
+    np.testing.assert_allclose(mass, [[0.01, -0.06], [-0.06, 0.36]], rtol=1e-14)
+    assert term.parameters[0].value == 0.01
+
+
+def test_all_parts_share_the_width():
+    term = CoupledMotor(ARM, (("shoulder", 2.0),), "m", inertia=False, viscous=False, offset=True, width=0.5)
+    Y = term.regressor(Q[:, :2], DQ[:, :2], DDQ[:, :2])
+    np.testing.assert_allclose(Y[:, 0], np.column_stack([2 * np.tanh(4 * DQ[:, 0]), np.full(4, 2.0)]), rtol=1e-14)
+    assert [p.name for p in term.parameters] == ["Fc_m", "offset_m"]
+    assert not Y[:, 1].any()
+
+
+def test_a_motor_of_sliding_joints_counts_in_metres():
+    parameters = CoupledMotor(JOINTS, {"rail": 3.0}, "spindle").parameters
+    assert [p.unit for p in parameters] == ["kg", "N s/m", "N"]
+
+
+def test_motor_takes_as_much_power_as_it_gives():
+    """tau . dq = f dphi."""
+    term, theta = CoupledMotor(ARM, {"shoulder": 1, "elbow": -6}, "m"), np.array([0.3, 0.2, 0.1])
+    tau = term.regressor(Q[:, :2], DQ[:, :2], DDQ[:, :2]) @ theta
+    dphi, ddphi = (x[:, 0] - 6 * x[:, 1] for x in (DQ, DDQ))
+    f = 0.3 * ddphi + 0.2 * dphi + 0.1 * np.sign(dphi)
+    np.testing.assert_allclose((tau * DQ[:, :2]).sum(axis=1), f * dphi, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"coefficients": {"elbo": 1}}, "no joint 'elbo'; did you mean 'elbow'"),
+        ({"coefficients": (("elbow", 1), ("elbow", 2))}, "'elbow' is listed twice"),
+        ({"coefficients": {"elbow": 0}}, "coefficient of 'elbow' is 0.0"),
+        ({"coefficients": {"elbow": np.inf}}, "coefficient of 'elbow' is inf"),
+        ({"coefficients": {}}, "no joint is coupled"),
+        ({"inertia": False, "viscous": False, "coulomb": False}, "no part is left"),
+        ({"values": (1.0,)}, r"1 values for 3 parameters \(Ia_m, Fv_m, Fc_m\)"),
+        ({"width": -1.0}, "width is -1.0"),
+    ],
+)
+def test_wrong_fields(arguments, message):
+    with pytest.raises(ModelError, match=message):
+        CoupledMotor(**{"joints": ARM, "coefficients": {"elbow": 2.0}, "name": "m", **arguments})

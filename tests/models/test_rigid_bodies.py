@@ -1,0 +1,329 @@
+"""Robot files: what is read of them, and what is refused."""
+
+import re
+import sys
+from contextlib import suppress
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dynident.errors import ModelError
+from dynident.models import Joint, RigidBodies, from_physical
+from dynident.models.robot_file import Limits
+from tests.robots import ARM, ARM_MJCF, joint, link, urdf
+
+
+def values(term):
+    return np.array([p.value for p in term.parameters], dtype=float)
+
+
+GRIPPER = urdf(
+    link("base"),
+    link("arm", 2.0, (0, 0, 0.1)),
+    link("left", 0.1),
+    link("right", 0.1),
+    joint("elbow", "revolute", "base", "arm", axis=(0, 1, 0)),
+    joint("finger", "prismatic", "arm", "left", axis=(0, 1, 0)),
+    joint(
+        "follower", "prismatic", "arm", "right", axis=(0, -1, 0),
+        inside='<mimic joint="finger" multiplier="2" offset="0.01"/>',
+    ),
+)  # fmt: skip
+
+
+def test_joints_and_parameters_of_a_urdf():
+    term = RigidBodies(ARM)
+    assert term.format == "urdf"
+    assert term.joints == (Joint("shoulder"), Joint("rail", "prismatic"), Joint("twist"))
+    assert len(term.parameters) == 30
+    first, last = term.parameters[0], term.parameters[-1]
+    assert (first.name, first.unit, first.role, first.body, first.value) == ("upper.mass", "kg", "mass", "upper", 2.0)
+    assert (last.name, last.unit, last.role, last.body) == ("wrist.Izz", "kg m^2", "Izz", "wrist")
+
+
+def test_joints_in_a_chosen_order():
+    term = RigidBodies(ARM, joints_used=("twist", "shoulder", "rail"))
+    assert [j.name for j in term.joints] == ["twist", "shoulder", "rail"]
+    assert [p.body for p in term.parameters[::10]] == ["wrist", "upper", "slide"]
+
+
+def test_links_that_do_not_move_against_each_other_are_one_body():
+    """The tool is on the slide; with the rail locked, all of it is on the upper arm."""
+    assert RigidBodies(ARM).merged == {"slide": ("tool",)}
+    assert values(RigidBodies(ARM))[10] == 1.5
+    locked = RigidBodies(ARM, locked={"rail": 0.3})
+    assert locked.merged == {"upper": ("slide", "tool")}
+    assert values(locked)[0] == 3.5
+    assert RigidBodies(ARM, joints_used=("twist",)).merged == {"base": ("upper", "slide", "tool")}
+
+
+def test_a_locked_joint_stands_at_its_value():
+    """Sliding the carriage of 1.5 kg by 0.1 m along the turned rail moves its first moment."""
+    near, far = (values(RigidBodies(ARM, joints_used=("shoulder",), locked={"rail": x}))[1:4] for x in (0.0, 0.1))
+    direction = np.array([np.cos(0.5), 0.0, -np.sin(0.5)])
+    np.testing.assert_allclose(far - near, 0.1 * (1.5 + 0.7) * direction, atol=1e-14)
+
+
+def test_limits_and_nominal_friction():
+    text = ARM.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><dynamics damping="0.3" friction="0.1"/>')
+    term = RigidBodies(text, joints_used=("twist", "shoulder"))
+    assert term.limits == {"twist": Limits(), "shoulder": Limits(10.0, 2.0, -1.0, 1.0)}
+    assert (term.damping, term.friction, term.armature) == ({"twist": 0.3}, {"twist": 0.1}, {})
+
+
+def test_limits_and_nominal_values_of_an_mjcf():
+    term = RigidBodies(ARM_MJCF)
+    assert term.format == "mjcf"
+    assert term.limits["shoulder"] == Limits(effort=10.0, lower=-1.0, upper=1.0)
+    assert term.damping == {"shoulder": 0.4, "rail": 0.1, "twist": 0.4}
+    assert (term.friction, term.armature) == ({"shoulder": 0.2}, {"rail": 0.01})
+
+
+def test_degrees_of_an_mjcf():
+    text = ARM_MJCF.replace('<compiler angle="radian" ', "<compiler ")
+    limits = RigidBodies(text).limits
+    assert (limits["shoulder"].upper, limits["rail"].upper) == (pytest.approx(np.pi / 180), 1.0)
+
+
+def test_a_hanging_joint_without_limit_is_read():
+    text = urdf(link("a"), link("b", 1.0), joint("j", "continuous", "a", "b").replace("continuous", "revolute"))
+    assert RigidBodies(text).limits == {"j": Limits()}
+
+
+def test_an_undeclared_world_is_no_fault():
+    text = urdf(link("a"), link("b", 1.0), joint("w", "fixed", "world", "a"), joint("j", "revolute", "a", "b"))
+    assert RigidBodies(text).merged == {"world": ("a",)}
+
+
+def test_missing_meshes_and_materials_do_not_matter():
+    mesh = '<visual><geometry><mesh filename="package://no/where.stl"/></geometry><material name="none"/></visual>'
+    text = ARM.replace("</inertial>", f"</inertial>{mesh}{mesh.replace('visual', 'collision')}")
+    text = text.replace(
+        "</robot>", '<gazebo reference="x"/><transmission name="t"><joint name="rail"/></transmission></robot>'
+    )
+    np.testing.assert_array_equal(values(RigidBodies(text)), values(RigidBodies(ARM)))
+
+
+def test_a_mimic_joint_stands_where_it_follows():
+    near, far = (RigidBodies(GRIPPER, joints_used=("elbow",), locked={"finger": x}) for x in (0.0, 0.05))
+    assert near.merged == {"arm": ("left", "right")}
+    my = [values(term)[2] for term in (near, far)]
+    np.testing.assert_allclose(my, [-0.1 * 0.01, 0.1 * 0.05 - 0.1 * 0.11], rtol=1e-12)
+
+
+def test_mimics_of_mimics():
+    """follower = 2 finger + 0.01, third = 3 follower + 0.1."""
+    third = joint(
+        "third",
+        "prismatic",
+        "arm",
+        "tip",
+        axis=(0, 1, 0),
+        inside='<mimic joint="follower" multiplier="3" offset="0.1"/>',
+    )
+    text = GRIPPER.replace("</robot>", link("tip", 1.0) + third + "</robot>")
+    near, far = (RigidBodies(x, joints_used=("elbow",), locked={"finger": 0.05}) for x in (GRIPPER, text))
+    assert values(far)[2] - values(near)[2] == pytest.approx(3 * 0.11 + 0.1)
+
+
+def test_a_mimic_joint_can_be_stated():
+    term = RigidBodies(GRIPPER, joints_used=("elbow", "finger"), locked={"follower": 0.02})
+    assert values(term)[2] == pytest.approx(-0.1 * 0.02)
+
+
+def test_unknown_inertia_is_not_zero():
+    """MuJoCo would compute it from shapes; a body without shapes has none."""
+    inertial = '<inertial mass="0.7" pos="0.02 0 0.03" diaginertia="0.003 0.004 0.002"/>'
+    shaped = RigidBodies(ARM_MJCF.replace(inertial, '<geom type="mesh" mesh="shell"/>'))
+    assert [p.value for p in shaped.parameters[20:]] == [None] * 10
+    assert shaped.notes == ("robot: body 'wrist': the file gives no inertia, but shapes to compute it from.",)
+    bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
+    assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
+    assert bare.notes == ("robot: body 'wrist': the file gives no inertia.",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "note"),
+    [
+        ('value="2.0"', 'value="-2.0"', "body 'upper': negative mass -2 kg"),
+        ('ixx="0.003"', 'ixx="0.3"', "body 'wrist': principal moments .* break the triangle inequality"),
+        ('ixx="0.003"', 'ixx="-0.3"', "body 'wrist': negative principal moment"),
+    ],
+)
+def test_implausible_inertias_are_noted(old, new, note):
+    """They are only nominal: no error, and a regressor as good as ever."""
+    term, state = RigidBodies(ARM.replace(old, new), source="arm.urdf"), np.ones((1, 3))
+    (found,) = term.notes
+    assert found.startswith("arm.urdf: ")
+    assert re.search(note, found)
+    np.testing.assert_array_equal(term.regressor(*[state] * 3), RigidBodies(ARM).regressor(*[state] * 3))
+
+
+def test_merged_inertias_are_exact_even_where_masses_cancel():
+    text = urdf(
+        link("a"), link("b", 1.0, (1, 0, 0)), link("c", -1.0, (1, 0, 0)), joint("j", "revolute", "a", "b"),
+        joint("f", "fixed", "b", "c", (0, 0, 1)),
+    )  # fmt: skip
+    one, other = (from_physical(1.0, np.array(c), 0.1 * np.eye(3)) for c in ([1.0, 0, 0], [1.0, 0, 1.0]))
+    np.testing.assert_allclose(values(RigidBodies(text)), one - other, atol=1e-15)
+
+
+def test_what_an_mjcf_holds_besides_is_noted():
+    text = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62" density="1.2"/><default>', 1)
+    text = text.replace('angle="radian"', 'angle="radian" boundmass="0.1"')
+    text = text.replace('<body name="slide"', '<body gravcomp="1" name="slide"')
+    text = text.replace("</worldbody>", '</worldbody><tendon><spatial name="belt"/></tendon>')
+    notes = " ".join(RigidBodies(text).notes)
+    for words in ("boundmass = '0.1'", "density = '1.2'", "compensation of slide", "'belt'", "(0.0, 0.0, -1.62)"):
+        assert words in notes
+    assert RigidBodies(text, gravity=(0, 0, -1.62)).notes[-1] != RigidBodies(text).notes[-1]
+
+
+def test_constraints_among_locked_joints_are_no_loops():
+    text = ARM_MJCF.replace(
+        "</worldbody>",
+        '</worldbody><equality><joint joint1="rail" joint2="twist"/><weld body1="upper" body2="wrist"/>'
+        '<connect active="false" body1="base" body2="wrist"/></equality>',
+    )
+    assert [j.name for j in RigidBodies(text, joints_used=("shoulder",)).joints] == ["shoulder"]
+
+
+def test_a_joint_that_is_locked_may_be_of_any_kind():
+    text = ARM_MJCF.replace('<joint name="rail" type="slide"', '<joint name="rail" type="ball"')
+    assert len(RigidBodies(text, joints_used=("shoulder", "twist")).joints) == 2
+
+
+TWO = (link("a"), link("b", 1.0))
+J = joint("j", "revolute", "a", "b")
+BOMB = '<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
+EXTERNAL = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="&x;"/>'
+BAD_URDF = {
+    "malformed": ("<robot>\n<link>\n</robot>", {}, "not well-formed XML: mismatched tag: line 3"),
+    "empty": ("", {}, "not well-formed XML: no element found"),
+    "surrogate": ("<robot name='\udc80'/>", {}, "is not text"),
+    "entity bomb": (BOMB, {}, "line 1: a DOCTYPE with its entities is not read"),
+    "external entity": (EXTERNAL, {}, "a DOCTYPE with its entities is not read"),
+    "doctype alone": ('<!DOCTYPE robot SYSTEM "x.dtd"><robot/>', {}, "delete it"),
+    "deep": ("<a>" * 400 + "</a>" * 400, {}, "nested deeper than 300 levels"),
+    "xacro": ('<robot><xacro:macro name="m"/></robot>', {}, "needs xacro; expand the file first"),
+    "xacro value": ('<robot><link name="${prefix}base"/></robot>', {}, "<link> needs xacro"),
+    "other format": ("<sdf version='1.7'/>", {}, "root element is <sdf>; a URDF begins with <robot>"),
+    "no link": (urdf(), {}, "the file has no <link>"),
+    "no joint": (urdf(link("a")), {}, "no joint is left to move; the file has none"),
+    "only fixed": (urdf(*TWO, joint("j", "fixed", "a", "b")), {}, "no joint is left to move"),
+    "nameless link": (urdf(link("")), {}, "a link has no name; give it one"),
+    "same links": (urdf(*TWO, link("a")), {}, "the name 'a' is given to more than one link"),
+    "same joints": (urdf(*TWO, link("c"), J, joint("j", "fixed", "b", "c")), {}, "'j' is given to more than one joint"),
+    "unknown parent": (urdf(*TWO, joint("j", "revolute", "aa", "b")), {}, "<parent>: no link 'aa'; did you mean 'a'"),
+    "unknown child": (urdf(*TWO, joint("j", "revolute", "a", "c")), {}, "joint 'j', <child>: no link 'c'"),
+    "no parent": (urdf(*TWO, J.replace('<parent link="a"/>', "")), {}, "joint 'j': it has no <parent link="),
+    "unknown type": (urdf(*TWO, J.replace("revolute", "rotary")), {}, "type 'rotary'; .*Known: 'revolute'"),
+    "floating": (urdf(*TWO, J.replace("revolute", "floating")), {}, "it is a floating joint, which has several"),
+    "planar": (urdf(*TWO, J.replace("revolute", "planar")), {}, "it is a planar joint"),
+    "locked floating": (
+        urdf(*TWO, link("c"), J, joint("f", "floating", "b", "c")), {"locked": {"f": 1.0}},
+        "'f' cannot be locked at 1.0"
+    ),
+    "two parents": (
+        urdf(*TWO, link("c"), J, joint("k", "fixed", "a", "c"), joint("l", "fixed", "c", "b")), {},
+        "link 'b' has two parents, by the joints 'j' and 'l': a closed loop",
+    ),
+    "cycle": (urdf(*TWO, J, joint("k", "fixed", "b", "a")), {}, "the links .* form a cycle"),
+    "cycle aside": (
+        urdf(link("r"), link("s"), *TWO, joint("i", "fixed", "r", "s"), J, joint("k", "fixed", "b", "a")), {},
+        "form a cycle",
+    ),
+    "itself": (urdf(link("a"), link("b"), joint("j", "revolute", "b", "b")), {}, "the links b -> b form a cycle"),
+    "two roots": (urdf(*TWO, link("c"), J), {}, r"2 links have no parent \('a', 'c'\)"),
+    "no axis": (urdf(*TWO, joint("j", "revolute", "a", "b", axis=(0, 0, 0))), {}, "no direction"),
+    "comma": (urdf(*TWO, J.replace('xyz="0.0 0.0 0.0"', 'xyz="0,1 0 0"')), {}, "xyz = '0,1 0 0', expected 3 numbers"),
+    "nan": (urdf(link("a"), link("b", 1.0).replace("1.0", "nan"), J), {}, "of link 'b': value = 'nan'"),
+    "huge": (urdf(*TWO, joint("j", "revolute", "a", "b", (1e200, 0, 0))), {}, "expected 3 numbers below 1e.30"),
+    "no mass": (urdf(link("a"), link("b", 1.0).replace('<mass value="1.0"/>', ""), J), {}, "needs both <mass> and"),
+    "no ixy": (urdf(link("a"), link("b", 1.0).replace("ixy", "iyx"), J), {}, "ixy = '', expected a number below 1e"),
+    "unknown used": (ARM, {"joints_used": ("rial",)}, "no joint that can move 'rial'; did you mean 'rail'"),
+    "fixed used": (ARM, {"joints_used": ("flange",)}, "no joint that can move 'flange'"),
+    "unknown locked": (ARM, {"locked": {"x": 0.0}}, "no joint that can move 'x'"),
+    "used and locked": (ARM, {"joints_used": ("rail",), "locked": {"rail": 0}}, "'rail' is listed twice"),
+    "used twice": (ARM, {"joints_used": ("rail", "rail")}, "'rail' is listed twice"),
+    "locked at nan": (ARM, {"locked": {"rail": np.nan}}, "'rail' cannot be locked at nan"),
+    "gravity": (ARM, {"gravity": (0.0, -9.81)}, "give three numbers in m/s"),
+    "mimic": (GRIPPER, {}, "'follower' cannot be one of the moving joints: it mimics 'finger'"),
+    "mimicked": (GRIPPER, {"joints_used": ("elbow", "finger")}, "'follower' mimics 'finger', which moves"),
+    "mimic unknown": (GRIPPER.replace('mimic joint="finger"', 'mimic joint="f"'), {}, "'follower': no joint 'f'"),
+    "mimic circle": (
+        GRIPPER.replace('mimic joint="finger"', 'mimic joint="follower"'), {"joints_used": ("elbow",)},
+        "follower -> follower mimic each other in a circle",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "options", "message"), BAD_URDF.values(), ids=BAD_URDF)
+def test_bad_robot_files(text, options, message):
+    with pytest.raises(ModelError, match=message):
+        RigidBodies(text, **options)
+
+
+END = "</worldbody></mujoco>"
+BAD_MJCF = {
+    "include": ("<default>", '<include file="x.xml"/><default>', "<include> is not read; save the compiled model"),
+    "frame": ('<body name="slide"', '<frame/><body name="slide"', "<frame> is not read"),
+    "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not read"),
+    "two joints": ("<inertial mass", '<joint name="x"/><joint name="y"/><inertial mass', "has 2 joints; give each"),
+    "nameless joint": ('<joint name="twist"', "<joint", "of body 'wrist': it has no name"),
+    "nameless body": ('<body name="tool"', "<body", "a body has no name"),
+    "same bodies": ('<body name="tool"', '<body name="base"', "the name 'base' is given to more than one body"),
+    "same joints": ('<joint name="twist"', '<joint name="rail"', "the name 'rail' is given to more than one joint"),
+    "ball": ('type="slide"', 'type="ball"', "joint 'rail' .* it is a ball joint"),
+    "unknown type": ('type="slide"', 'type="slider"', "type 'slider'; did you mean 'slide'"),
+    "free": ("<inertial mass", '<freejoint name="float"/><inertial mass', "'float' .* it is a free joint"),
+    "spring": ('damping="0.4"', 'damping="0.4" stiffness="3"', "it has a spring .stiffness 3."),
+    "unknown class": ('class="main"', 'class="mian"', "no default class 'mian'; did you mean 'main'"),
+    "two turns": ('euler="0.1 0.2 0.3"', 'euler="0 0 0" quat="1 0 0 0"', "quat and euler are both given"),
+    "zero quaternion": ('euler="0.1 0.2 0.3"', 'quat="0 0 0 0"', "quat is zero"),
+    "euler sequence": ('eulerseq="XYZ"', 'eulerseq="XY"', "eulerseq = 'XY'; give three"),
+    "few numbers": ('euler="0.1 0.2 0.3"', 'euler="0.1 0.2"', "euler = '0.1 0.2', expected 3 numbers below"),
+    "equality": (END, '</worldbody><equality><joint joint1="rail" joint2="twist"/></equality></mujoco>', "binds it to"),
+    "connect": (END, '</worldbody><equality><connect body1="upper" body2="wrist"/></equality></mujoco>', "a loop"),
+    "weld to world": (END, '</worldbody><equality><weld body1="wrist"/></equality></mujoco>', "closes a loop"),
+    "sites": (END, '</worldbody><equality><weld site1="a" site2="b"/></equality></mujoco>', "closes a loop"),
+    "tendon": (
+        END, '</worldbody><tendon><fixed name="t"><joint joint="rail"/></fixed></tendon></mujoco>',
+        "<tendon> <fixed> 't' binds it to 'rail'",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD_MJCF.values(), ids=BAD_MJCF)
+def test_bad_mjcf_files(old, new, message):
+    assert old in ARM_MJCF
+    with pytest.raises(ModelError, match=message):
+        RigidBodies(ARM_MJCF.replace(old, new, 1))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from([ARM, ARM_MJCF, GRIPPER]), st.data())
+def test_a_damaged_file_is_refused_or_read(text, data):
+    """Some characters lost or changed: a ModelError, or a term whose regressor is finite, and nothing else."""
+    start = data.draw(st.integers(0, len(text)))
+    stop = data.draw(st.integers(start, min(start + 40, len(text))))
+    damaged = text[:start] + data.draw(st.sampled_from(["", "0", "-", "x", '"', "<a/>", "1e300"])) + text[stop:]
+    with suppress(ModelError):
+        term = RigidBodies(damaged)
+        assert np.isfinite(term.regressor(*np.ones((3, 1, len(term.joints))))).all()
+
+
+@pytest.mark.parametrize(
+    ("module", "message"),
+    [
+        (None, "cannot be imported .*pip install pin.*conda-forge pinocchio"),
+        (ModuleType("pinocchio"), "is not the robot"),
+    ],
+)
+def test_without_pinocchio(monkeypatch, module, message):
+    monkeypatch.setitem(sys.modules, "pinocchio", module)
+    with pytest.raises(ModelError, match=message):
+        RigidBodies(ARM)

@@ -1,0 +1,278 @@
+"""Base parameters: rank, groupings in words, the maps between base and standard, and what excitation is missing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, ModelError
+from dynident.log import Motion
+from dynident.models import Coulomb, Joint, Model, Offset, Parameter, RigidBodies, RotorInertia, Viscous, moved
+from dynident.models.gallery import two_link_arm
+from dynident.regression import (
+    BaseParameters,
+    Regression,
+    RegressorBlock,
+    base_parameters,
+    base_std,
+    compare,
+    informed_std,
+    structural_base_parameters,
+    triangularise,
+)
+from tests.estimators.welded import Drag, Welded, single, turned
+from tests.robots import joint, link, urdf
+
+Array = NDArray[np.float64]
+PANDA = Path(__file__).parents[3] / "shared" / "data" / "panda" / "panda.urdf"
+
+
+def columns(*names: str, **roles: tuple[str, str]) -> list[Parameter]:
+    """Parameters by name; ``roles`` gives role and body of some."""
+    return [Parameter(name, "", "", None, *roles.get(name, ("", ""))) for name in names]
+
+
+def read(X: Array, parameters: list[Parameter], **settings: float) -> BaseParameters:
+    block = RegressorBlock(X[:, None], np.zeros((len(X), 1)))
+    return base_parameters(triangularise(iter([block]), 1, X.shape[1]).stacked(), parameters, **settings)
+
+
+def noise(p: int, rows: int = 50, seed: int = 0) -> Array:
+    return np.random.default_rng(seed).normal(size=(rows, p))
+
+
+def test_groupings_read_as_in_the_literature() -> None:
+    """Preference: friction, then inertia of the later body, then masses, then rotors."""
+    roles = {
+        "Izz1": ("Izz", "one"),
+        "m2": ("mass", "two"),
+        "Iyy2": ("Iyy", "two"),
+        "Ia1": ("rotor", ""),
+        "Fv1": ("viscous", ""),
+    }
+    X = noise(5)
+    X[:, 1] = X[:, 0]  # Ia1 = Izz1
+    X[:, 3] = 0.05185 * X[:, 0] - 2 * X[:, 2]
+    found = read(X, columns("Izz1", "Ia1", "Iyy2", "m2", "Fv1", **roles))
+    assert found.rank == 3
+    assert found.groupings == ("Izz1 + Ia1 + 0.05185*m2", "Iyy2 - 2*m2", "Fv1")
+    assert found.independent == (0, 2, 4)
+    assert found.dependent == (1, 3)
+    assert found.determined == ("Fv1",)
+    assert found.gap > 1e12
+    assert found.without_effect == ()
+
+
+def test_later_bodies_lead() -> None:
+    X = noise(3)
+    X[:, 0] = X[:, 2]
+    roles = {"I1": ("Izz", "one"), "I2": ("Izz", "two")}
+    assert read(X, columns("I1", "x", "I2", **roles)).groupings == ("x", "I2 + I1")
+
+
+def test_column_without_effect_is_named() -> None:
+    X = noise(3) * np.array([1.0, 0.0, 1e-6])
+    found = read(X, columns("a", "b", "c"))
+    assert (found.rank, found.without_effect, found.determined) == (2, ("b",), ("a", "c"))
+
+
+def test_full_rank_and_no_rank() -> None:
+    full, none = read(noise(3), columns("a", "b", "c")), read(np.zeros((9, 2)), columns("a", "b"))
+    np.testing.assert_array_equal(full.combination, np.eye(3))
+    assert full.determined == ("a", "b", "c")
+    assert full.gap == np.inf
+    assert (none.rank, none.groupings, none.without_effect) == (0, (), ("a", "b"))
+    np.testing.assert_array_equal(none.to_standard([], near=[1.0, 2.0]), [1.0, 2.0])
+
+
+@given(st.integers(0, 10**6), st.integers(1, 8), st.integers(0, 4))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_base_parameters_carry_all_of_the_torque(seed: int, rank: int, extra: int) -> None:
+    """X theta = X_b beta whatever theta; the maps are inverse to each other; null directions change nothing."""
+    rng = np.random.default_rng(seed)
+    p = rank + extra
+    units = 10.0 ** rng.uniform(-4, 4, p)
+    X = rng.normal(size=(40, rank)) @ rng.normal(size=(rank, p)) * units
+    found = read(X, columns(*map(str, range(p))))
+    theta, near = rng.normal(size=(2, p)) / units
+    beta = found.to_base(theta)
+    assert found.rank == rank
+    size = np.linalg.norm(X, axis=0) @ np.abs(theta)
+    np.testing.assert_allclose(X[:, list(found.independent)] @ beta, X @ theta, atol=1e-9 * size)
+    for back in (found.to_standard(beta), found.to_standard(beta, near)):
+        np.testing.assert_allclose(X @ back, X @ theta, atol=1e-9 * size)
+    np.testing.assert_allclose(found.to_standard(beta, theta), theta, atol=1e-9 * np.abs(theta).max())
+    assert np.abs(X @ found.null).max(initial=0.0) <= 1e-8 * np.abs(X).max() * np.abs(found.null).max(initial=1.0)
+    assert found.null.shape == (p, extra)
+
+
+def test_tolerance_decides_on_nearly_dependent_columns() -> None:
+    X = noise(3)
+    X[:, 2] = X[:, 1] + 1e-6 * X[:, 2]
+    strict, loose = (read(X, columns("a", "b", "c"), tolerance=t) for t in (1e-9, 1e-4))
+    assert (strict.rank, loose.rank) == (3, 2)
+    assert 1e4 < loose.gap < 1e8
+    assert loose.groupings == ("a", "b + c")
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, float("nan")])
+def test_wrong_tolerance(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match=f"rank is {tolerance}"):
+        read(noise(2), columns("a", "b"), tolerance=tolerance)
+
+
+def test_wrong_shapes() -> None:
+    found = read(noise(2), columns("a", "b"))
+    with pytest.raises(ModelError, match=r"factor has shape \(2, 2\), expected \(3, 3\) or \(4, 4\)"):
+        base_parameters(np.eye(2), columns("a", "b", "c"))
+    with pytest.raises(ModelError, match=r"theta has shape \(3,\), expected \(2,\)"):
+        found.to_base([1, 2, 3])
+    with pytest.raises(ModelError, match=r"beta has shape \(1,\)"):
+        found.to_standard([1])
+
+
+def test_structural_rank_of_known_models() -> None:
+    """All of the article's parameters; all ten of a free body; those but the mass where moments alone are felt."""
+    assert structural_base_parameters(two_link_arm()).rank == len(two_link_arm().names)
+    assert structural_base_parameters(single()).rank == 10
+    felt = structural_base_parameters(single(moments_only=True))
+    assert (felt.rank, felt.without_effect) == (9, ("b1.mass",))
+
+
+@pytest.mark.skipif(not PANDA.exists(), reason="the Panda's robot file is not part of the project")
+def test_published_rank_of_the_panda() -> None:
+    """43 rigid-body base parameters and 21 of friction; rotors 1 and 2 turn with links that the joints turn alike."""
+    bodies = RigidBodies(PANDA.read_text(), tuple(f"panda_joint{k}" for k in range(1, 8)))
+    joints = bodies.joints
+    rigid = structural_base_parameters(Model((bodies,)))
+    whole = structural_base_parameters(Model((bodies, Viscous(joints), Coulomb(joints), Offset(joints))))
+    geared = structural_base_parameters(Model((bodies, RotorInertia(joints))))
+    assert (rigid.rank, whole.rank, geared.rank) == (43, 64, 48)
+    assert min(basis.gap for basis in (rigid, whole, geared)) > 1e6
+    assert set(rigid.groupings) <= set(whole.groupings)
+    masses = "".join(f" + 0.0825*panda_link{k}.mass" for k in range(4, 8))
+    assert f"panda_link3.mx{masses}" in rigid.groupings
+
+
+def test_welded_bodies_group_as_one_body() -> None:
+    """The later body leads, so its base parameters are the first body's, moved to its frame."""
+    X = turned(np.random.default_rng(0))
+    found = structural_base_parameters(Model((Welded((np.eye(4), X), (None, None)),)))
+    first, second = np.random.default_rng(1).normal(size=(2, 10))
+    assert found.rank == 10
+    total = moved(first, np.linalg.inv(X)) + second
+    lone = [k - 10 for k in found.independent if k >= 10]
+    assert set(range(1, 10)) <= set(lone)
+    beta = found.to_base(np.concatenate((first, second)))
+    if len(lone) == 10:
+        np.testing.assert_allclose(beta, total, rtol=1e-7)
+
+
+def test_is_the_same_each_time_and_for_other_states() -> None:
+    model = Model((Welded((np.eye(4), turned(np.random.default_rng(0))), (None, None)),))
+    first, again = structural_base_parameters(model), structural_base_parameters(model)
+    other = structural_base_parameters(model, np.random.default_rng(9), samples=100)
+    np.testing.assert_array_equal(first.combination, again.combination)
+    assert first.groupings == other.groupings
+
+
+def motion(model: Model, still: tuple[int, ...] = ()) -> Motion:
+    """Random states, some joints at rest."""
+    n = len(model.joints)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, n))
+    q[:, still], dq[:, still], ddq[:, still] = 0.1, 0.0, 0.0
+    names = tuple(joint.name for joint in model.joints)
+    return Motion(np.linspace(0, 1, 200), q, dq, ddq, np.zeros_like(q), names, np.ones(200, dtype=bool))
+
+
+def on_data(model: Model, *motions: Motion) -> BaseParameters:
+    return base_parameters(Regression(model, motions).triangular_factors.stacked(), model.parameters)
+
+
+def test_missing_excitation_is_named() -> None:
+    """Joint b stands still: its friction cannot be seen, that of a can."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Viscous(joints), Coulomb(joints), Offset(joints)))
+    made = motion(model, still=(1,))
+    missing = compare(structural_base_parameters(model), on_data(model, made), model, [made])
+    assert {m.groupings for m in missing} == {("Fv_b",), ("Fc_b",)}
+    assert {m.joints for m in missing} == {("b",)}
+    assert {(m.together, m.still) for m in missing} == {(False, ("b",))}
+    assert compare(structural_base_parameters(model), on_data(model, motion(model)), model) == ()
+
+
+def test_joints_that_help_only_together() -> None:
+    """Two columns that differ only where both joints move: neither alone shows the difference."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Drag(joints, "viscous"), Product(joints)))
+    made = motion(model, still=(1,))
+    (missing,) = compare(structural_base_parameters(model), on_data(model, made), model)
+    assert missing.groupings == ("product",)
+    assert missing.joints == ("a", "b")
+    assert (missing.together, missing.still) == (True, ())
+
+
+class Product(Drag):
+    """A torque dq_a dq_b on the first joint."""
+
+    def __init__(self, joints: tuple[Joint, ...]) -> None:
+        super().__init__(joints, "viscous")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("product", ""),)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        out = np.zeros((*q.shape, 1))
+        out[:, 0, 0] = dq[:, 0] * dq[:, 1]
+        return out
+
+
+def test_what_is_compared_must_belong_together() -> None:
+    free, arm = single(), two_link_arm()
+    with pytest.raises(ModelError, match="about the same parameters"):
+        compare(structural_base_parameters(free), structural_base_parameters(arm), free)
+
+
+def test_standard_errors_of_base_parameters_are_those_of_least_squares_on_the_independent_columns():
+    """One joint: s^2 (X' X)^-1; two joints of unequal noise: as the estimates of many data sets scatter."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((400, 2, 3)) * [1.0, 10.0, 0.1]
+    X = np.concatenate((X, 2 * X[..., :1] + X[..., 2:]), axis=2)
+    noise = np.array([0.1, 1.0])
+    names = tuple(Parameter(name, "1") for name in "abcd")
+    found, told = [], None
+    for _ in range(400):
+        tau = noise * rng.standard_normal((400, 2))
+        triangular = triangularise(iter([RegressorBlock(X, tau)]), 2, 4)
+        basis = base_parameters(triangular.stacked(), names)
+        told = base_std(basis, triangular, noise) if told is None else told
+        kept = X[..., list(basis.independent)].reshape(800, -1)
+        found.append(np.linalg.lstsq(kept, tau.reshape(-1), rcond=None)[0])
+    assert basis.rank == 3
+    np.testing.assert_allclose(np.std(found, axis=0), told, rtol=0.15)  # 4 standard deviations of a deviation from 400
+    weighted = base_std(basis, triangular, noise, 1 / noise)
+    assert (weighted < told).all()
+    information = np.einsum("kja,j,kjb->ab", X, 1 / noise**2, X)
+    np.testing.assert_allclose(informed_std(basis, information), weighted, rtol=1e-8)
+    assert np.isinf(informed_std(basis, np.zeros((4, 4)))).all()
+
+
+def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
+    def rank(right: float, **settings: float) -> int:
+        parts = [link("base", 5.0), *(link(f"l{k}", 2.0, (0.1, 0.02, 0.05)) for k in range(3))]
+        turns = ((0.0, 0.0, 0.0), (right, 0.0, 0.0), (0.0, 0.0, 0.0))
+        names = ("base", "l0", "l1", "l2")
+        joints = [joint(f"j{k}", "revolute", names[k], names[k + 1], (0.2, 0.0, 0.1), turns[k]) for k in range(3)]
+        bodies = RigidBodies(urdf(*parts, *joints))
+        model = Model((bodies, RotorInertia(bodies.joints)))
+        found = structural_base_parameters(model, **settings)
+        on_data = structural_base_parameters(model, np.random.default_rng(4), **settings)
+        assert compare(found, on_data, model) == ()
+        return found.rank
+
+    assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
+    assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)

@@ -1,0 +1,79 @@
+"""Rank: what counts as rounding, what a singular information leaves, and the one inversion."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError
+from dynident.models import Parameter
+from dynident.regression import Rank, precision, rank_of, rank_of_information
+
+Array = NDArray[np.float64]
+BODY = [Parameter(role, "", role=role, body="b") for role in ("mass", "mx", "my", "mz")]
+FREE = [Parameter(name, "") for name in "abcd"]
+
+
+def factor(X: Array) -> Array:
+    return np.asarray(np.linalg.qr(np.column_stack([X, np.zeros(len(X))]), mode="r"))
+
+
+def columns(sizes: list[float], seed: int = 0) -> Array:
+    return np.random.default_rng(seed).standard_normal((50, len(sizes))) * sizes
+
+
+def test_a_column_is_rounding_beside_those_of_its_kind_only_in_a_robot_file() -> None:
+    """A moment about an axis that is turned by the rounding of 3.1416 acts a millionth as much as the others."""
+    X = columns([1.0, 1.0, 1.0, 3e-6])
+    found = rank_of(factor(X), BODY)
+    assert (found.rank, found.groups) == (3, ((3,),))
+    assert rank_of(factor(X), FREE).rank == 4
+    mass = rank_of(factor(columns([3e-6, 1.0, 1.0, 1.0])), BODY)
+    assert mass.rank == 4  # a small effect of another kind, in other units
+    assert precision(FREE) < 1e-9 < precision(BODY) < 1e-4
+
+
+def test_what_is_determined_acts_and_what_is_free_does_not() -> None:
+    X = columns([1.0, 10.0, 0.1])
+    X = np.column_stack([X, X[:, 0] + X[:, 2]])
+    found = rank_of(factor(X))
+    assert found.rank == 3
+    assert found.lost.tolist() == [True, False, True, True]
+    assert np.abs(X @ found.free).max() < 1e-12
+    assert np.linalg.matrix_rank(X @ found.determined) == 3
+    assert found.condition > 1e12
+
+
+@pytest.mark.parametrize("way", ["factor", "information", "within"])
+def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameters_share(way: str) -> None:
+    """Scores need the whole pseudo-inverse; the covariance tells nothing of what is not determined."""
+    X = columns([1.0, 10.0, 0.1])
+    X = np.column_stack([X, X[:, 0] + X[:, 2]])  # the last acts as the first and the third
+    S = X.T @ X
+    found: Rank = {
+        "factor": lambda: rank_of(factor(X)),
+        "information": lambda: rank_of_information(S),
+        "within": lambda: rank_of(factor(X)).within(S),
+    }[way]()
+    inverse = found.inverse
+    np.testing.assert_allclose(S @ inverse @ S, S, atol=1e-9 * S.max())
+    assert found.rank == 3
+    assert found.lost.tolist() == [True, False, True, True]
+    assert np.abs(inverse[1, found.lost]).max() > 0
+    covariance = found.covariance(2.0)
+    assert np.isinf(np.diag(covariance)[found.lost]).all()
+    assert covariance[1, 1] == 2.0 * inverse[1, 1]
+    assert np.count_nonzero(covariance[1]) == 1
+
+
+def test_an_information_that_says_less_than_the_factor_lowers_the_rank() -> None:
+    X = columns([1.0, 1.0, 1.0])
+    known = rank_of(factor(X))
+    assert known.within(np.diag([1.0, 2.0, 0.0])).rank == 2
+    assert known.within(np.zeros((3, 3))).rank == 0
+    assert np.isinf(np.diag(known.within(np.zeros((3, 3))).covariance())).all()
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-9, float("nan")])
+def test_wrong_tolerance(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match=f"rank is {tolerance}"):
+        rank_of(np.eye(3), tolerance=tolerance)

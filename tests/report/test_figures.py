@@ -1,0 +1,319 @@
+import json
+from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.log import Log, Motion
+from dynident.models import Parameter
+from dynident.report import figures
+from dynident.report.figures import canvas
+from dynident.report.figures import study as study_figures
+
+QUARTILES = [0, 0.25, 0.5, 0.75, 1]
+
+
+def motion(mask=None, n=400, spike=None, joints=("joint1", "joint2")):
+    t = np.linspace(0.0, 10.0, n)
+    angle = np.outer(t, np.ones(len(joints))) + np.arange(len(joints))
+    ddq, tau = -np.sin(angle), np.cos(angle)
+    if spike is not None:
+        tau[spike, 0] = ddq[spike, 0] = 50.0
+    mask = np.ones(n, bool) if mask is None else mask(t)
+    return Motion(t, np.sin(angle), np.cos(angle), ddq, tau, joints, mask, "run.csv")
+
+
+def validation(held):
+    return SimpleNamespace(motion=held, predicted=held.tau + 0.25)
+
+
+def study(estimates, levels=(1e-6,), methods=("raw",)):
+    cases = tuple(SimpleNamespace(sigma_q2=s, method=m, estimates=estimates) for s in levels for m in methods)
+    return SimpleNamespace(cases=cases, names=("theta1", "theta2"), true=np.array([2.0, -4.0]))
+
+
+@pytest.mark.parametrize("n", [2001, 4000, 6001, 99_991])
+def test_thin_keeps_ends_extremes_and_order(n):
+    rng = np.random.default_rng(n)
+    t, y = np.sort(rng.random(n)), rng.standard_normal(n)
+    thin_t, thin_y = figures.thin(t, y, 2000)
+    assert 1000 < len(thin_t) <= 2000
+    assert (np.diff(thin_t) > 0).all()
+    assert (thin_t[0], thin_t[-1]) == (t[0], t[-1])
+    assert (thin_y.min(), thin_y.max()) == (y.min(), y.max())
+    assert np.isin(thin_t, t).all()
+    np.testing.assert_array_equal(thin_y, y[np.searchsorted(t, thin_t)])
+
+
+def test_thin_keeps_the_extremes_of_every_bucket():
+    """An oscillation far faster than the buckets keeps its envelope everywhere."""
+    t = np.linspace(0, 1, 50_000)
+    y = t * np.cos(np.pi * np.arange(len(t)))
+    thin_t, thin_y = figures.thin(t, y, 500)
+    edges = np.linspace(0.05, 1, 20)
+    for start, stop in pairwise(edges):
+        part = thin_y[(thin_t >= start) & (thin_t <= stop)]
+        assert part.max() > 0.99 * (stop - 0.01)
+        assert part.min() < -0.99 * (stop - 0.01)
+
+
+@pytest.mark.parametrize("hole", [slice(0, 3000), slice(4000, 4700), slice(9000, 10_000)])
+def test_thin_keeps_gaps_open(hole):
+    t, y = np.arange(10_000.0), np.sin(np.arange(10_000) / 300)
+    y[hole] = np.nan
+    thin_t, thin_y = figures.thin(t, y, 600)
+    inside = (thin_t >= hole.start) & (thin_t < hole.stop)
+    assert len(thin_t) <= 600
+    assert inside.any()
+    np.testing.assert_array_equal(np.isnan(thin_y), inside)
+    assert np.nanmax(thin_y) == np.nanmax(y)
+
+
+def test_thin_leaves_short_curves_alone_and_rejects_too_few_points():
+    t, y = np.arange(50.0), np.arange(50.0)
+    assert figures.thin(t, y, 50)[1] is y
+    with pytest.raises(InputError, match="to 7 points; ask for at least 8"):
+        figures.thin(t, y, 7)
+    assert np.isnan(figures.thin(t, np.full(50, np.nan), 8)[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1e-8, "1e-8"), (1e-4, "1e-4"), (2.5e-7, "2.5e-7"), (4.47e-10, "4.47e-10")]
+)
+def test_noise_levels_are_worded_without_padding(value, text):
+    assert figures.scientific(value) == text
+
+
+def test_trace_figure_has_the_colours_of_the_article():
+    late = motion(lambda t: t >= 1.75)
+    traces = {"simulated": motion(), "spline": motion(), "filtered": late, "raw": motion(), "kalman": motion()}
+    figure = figures.trace_figure(traces, 1, "ddq")
+    looks = {trace.name: (trace.line.color, trace.line.dash, trace.visible) for trace in figure.data}
+    assert looks["simulated"] == (canvas.BLUE, None, True)
+    assert looks["smoothing splines"] == (canvas.RED, None, True)
+    assert looks["filtered differences"] == (canvas.INK, "dash", True)
+    assert looks["filtered differences, clipped"] == (canvas.GREEN, "dash", None)
+    assert looks["raw differences"][2] == "legendonly"
+    assert looks["kalman"][0] in study_figures.MORE
+    assert [trace.meta == "ink" for trace in figure.data] == [trace.line.color == canvas.INK for trace in figure.data]
+    kept, clipped = (next(t for t in figure.data if t.name.endswith(end)).y for end in ("differences", "clipped"))
+    np.testing.assert_array_equal(np.isnan(figure.data[3].y), ~late.mask)
+    np.testing.assert_array_equal(np.isnan(clipped), late.mask)
+    assert len(kept) == len(clipped)
+
+
+def test_trace_figure_ranges_over_what_every_method_may_use():
+    """A distortion before the clipped part, or in the raw differences, does not flatten the rest."""
+    wild = motion(lambda t: t >= 1.75, spike=10)
+    figure = figures.trace_figure({"simulated": motion(), "filtered": wild, "raw": motion(spike=300)}, 0, "ddq")
+    low, high = figure.layout.yaxis.range
+    assert -2.0 < low < -1.0
+    assert 1.0 < high < 2.0
+    empty = figures.trace_figure({"simulated": motion(lambda t: t < 0)}, 0, "dq")
+    assert empty.layout.yaxis.range is None
+    apart = {"simulated": motion(lambda t: t < 2), "filtered": motion(lambda t: t > 8)}
+    assert figures.trace_figure(apart, 0, "dq").layout.yaxis.range is None
+
+
+@pytest.mark.parametrize(
+    ("joint", "quantity", "message"),
+    [
+        (0, "velocity", "'velocity'; .*'dq', 'ddq'"),
+        (2, "dq", "no joint number 2; .*'joint1', 'joint2'"),
+        (-1, "dq", "-1"),
+    ],
+)
+def test_trace_figure_names_the_choices(joint, quantity, message):
+    with pytest.raises(InputError, match=message):
+        figures.trace_figure({"simulated": motion()}, joint, quantity)
+
+
+def test_spread_figure_shows_each_relative_error():
+    figure = figures.spread_figure(study(np.array([[2.2, -4.0], [1.0, 4.0]]), (1e-4, 1e-8), ("raw", "spline")))
+    assert len(figure.data) == 4
+    assert [trace.yaxis for trace in figure.data] == ["y2", "y2", "y", "y"]
+    box = figure.data[0]
+    assert list(box.x) == ["theta1", "theta1", "theta2", "theta2"]
+    np.testing.assert_allclose(np.sinh(box.y), [10, -50, 0, 200], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(box.customdata[:, 0], [2.2, 1.0, -4.0, 4.0], rtol=1e-6)
+    assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
+    assert max(figure.layout.yaxis.tickvals) == pytest.approx(np.arcsinh(1000))
+
+
+def test_spread_figure_of_many_runs_keeps_quartiles_and_extremes():
+    many = np.random.default_rng(0).normal(size=(5000, 2))
+    box = figures.spread_figure(study(many)).data[0]
+    values = box.customdata[: len(box.y) // 2, 0]
+    assert len(values) == study_figures.MOST_RUNS
+    np.testing.assert_allclose(np.quantile(values, QUARTILES), np.quantile(many[:, 0], QUARTILES), rtol=1e-5)
+
+
+def test_spread_figure_leaves_out_cases_without_an_estimate():
+    assert len(figures.spread_figure(study(np.empty((0, 2)))).data) == 0
+
+
+def test_torque_figure_shows_measured_predicted_and_residual():
+    held = motion(lambda t: (t < 4) | (t > 5))
+    measured, predicted, residual = figures.torque_figure(validation(held), "joint2").data
+    for trace in (measured, predicted, residual):
+        np.testing.assert_array_equal(np.isnan(trace.y), ~held.mask)
+    np.testing.assert_allclose(measured.y[held.mask], held.tau[held.mask, 1], rtol=1e-6)
+    np.testing.assert_allclose(predicted.y[held.mask] - measured.y[held.mask], 0.25, rtol=1e-5)
+    np.testing.assert_allclose(residual.y[held.mask], -0.25, rtol=1e-5)
+    assert (measured.yaxis, residual.yaxis) == ("y", "y2")
+
+
+def test_torque_figure_keeps_a_spike_of_one_sample():
+    figure = figures.torque_figure(validation(motion(n=60_000, spike=12_345)), "joint1", points=300)
+    assert max(len(trace.y) for trace in figure.data) <= 300
+    assert np.nanmax(figure.data[0].y) == 50.0
+
+
+def test_times_are_not_merged_by_single_precision():
+    long = motion(n=3000)
+    late = Motion(long.t / 1000 + 1.7e9, long.q, long.dq, long.ddq, long.tau, long.joints, long.mask)
+    assert (np.diff(figures.motion_figure(late, "joint1").data[0].x) > 0).all()
+    assert figures.motion_figure(long, "joint1").data[0].x.dtype == np.float32
+
+
+@pytest.mark.parametrize(("unit", "word"), [("N m", "torque, N m"), ("N", "force, N")])
+def test_torque_figure_names_the_unit(unit, word):
+    assert figures.torque_figure(validation(motion()), "joint1", unit).layout.yaxis.title.text == word
+
+
+def test_figures_name_the_joints_to_choose_from():
+    message = "run.csv: no joint 'joint3'; did you mean .* Known: 'joint1', 'joint2'"
+    with pytest.raises(InputError, match=message):
+        figures.motion_figure(motion(), "joint3")
+    with pytest.raises(InputError, match=message):
+        figures.torque_figure(validation(motion()), "joint3")
+
+
+def test_motion_figure_shows_the_three_derivatives():
+    held = motion()
+    figure = figures.motion_figure(held, "joint1", unit="m")
+    for trace, values in zip(figure.data, (held.q, held.dq, held.ddq), strict=True):
+        np.testing.assert_allclose(trace.y, values[:, 0], rtol=1e-6)
+    assert figure.layout.yaxis2.title.text == "velocity, m/s"
+
+
+def intervals(std, units=("kg", "kg", "N m"), true=(), names=("a", "b", "c")):
+    return figures.interval_figure(names, units, np.array([1.0, -2.0, 3.0]), np.array(std), true)
+
+
+def test_interval_figure_has_error_bars_and_marks_what_is_not_determined():
+    figure = intervals([0.1, np.inf, 0.0], true=(1.05, -2.0, None))
+    bars, true = figure.data
+    assert list(figure.layout.yaxis.ticktext) == ["a", "b", "c"]
+    assert list(bars.marker.symbol) == ["circle", "circle-open", "circle"]
+    np.testing.assert_allclose(bars.error_x.array, [19.59964, 0.0, 0.0])
+    assert bars.text[0] == "a: 1 ± 0.2 kg"
+    assert list(true.y) == [0]
+    assert true.x[0] == pytest.approx(5.0)
+    assert figure.layout.xaxis.range[1] == pytest.approx(1.2 * 19.59964)
+
+
+def test_interval_figure_holds_a_hundred_parameters_and_only_undetermined_ones():
+    names = [f"a long name of a base parameter, {k}" for k in range(100)]
+    figure = figures.interval_figure(names, ["kg"] * 100, np.zeros(100), np.full(100, np.inf))
+    assert figure.layout.height > 1500
+    assert set(figure.data[0].marker.symbol) == {"circle-open"}
+    assert list(figure.layout.yaxis.range) == [99.5, -0.5]
+    assert max(map(len, figure.layout.yaxis.ticktext)) < 35
+    assert figure.data[0].text[99].startswith(names[99])
+
+
+def test_nominal_values_are_not_called_true():
+    parameters = (Parameter("a", "kg", value=1.0),)
+    assert not figures.only_nominal(SimpleNamespace(parameters=parameters))
+    parameters = (replace(parameters[0], body="link"),)
+    assert figures.only_nominal(SimpleNamespace(parameters=parameters))
+
+
+def test_names_cannot_carry_tags_into_a_figure():
+    figure = intervals([1, 1, 1], ("<b>kg", "m", "m"), names=("<a href='x'>", "b", "c"))
+    assert figure.layout.yaxis.ticktext[0] == "&lt;a href='x'&gt;"
+    assert figure.data[0].text[0].startswith("&lt;a")
+    assert "&lt;b&gt;kg" in figure.data[0].text[0]
+    assert "<b>" not in figures.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
+    log = SimpleNamespace(name="<b>", role="train", per_joint={"<i>": 1.0})
+    bar = figures.error_figure([log], ["<i>"]).data[0]
+    assert (bar.name, bar.y[0]) == ("&lt;b&gt; (training)", "&lt;i&gt;")
+
+
+def test_error_figure_has_a_bar_for_each_log_and_joint():
+    logs = [SimpleNamespace(name=name, role=role, per_joint={"x": 1.0, "y": 2.0}) for name, role in
+            (("a", "train"), ("b", "validation"), ("c", "validation"))]  # fmt: skip
+    bars = figures.error_figure(logs, ["x", "y"]).data
+    assert [tuple(bar.x) for bar in bars] == [(1.0, 2.0)] * 3
+    assert [bar.marker.color for bar in bars] == [canvas.PALE, canvas.BLUE, canvas.GREEN]
+
+
+def test_singular_figure_parts_what_the_data_show_from_the_rest():
+    seen, rest = figures.singular_figure(SimpleNamespace(rank=2, singular_values=np.array([4.0, 2.0, 1e-16, 0.0]))).data
+    assert list(seen.y) == [1.0, 0.5]
+    assert list(rest.x) == [3]  # a zero has no place on a logarithmic axis
+
+
+@pytest.mark.parametrize("time_offset", [0.0, 0.07])
+def test_motion_figure_shows_what_smoothing_took_away(time_offset):
+    """Measured positions belong ``time_offset`` before their stamps: the difference is then the noise and nothing
+    else."""
+    t = np.linspace(0.0, 10.0, 4000)
+    truth = Motion(t, *(f(t)[:, None] for f in (np.sin, np.cos, lambda x: -np.sin(x), np.cos)), ("x",), t < 9)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal((len(t), 1))
+    log = Log(t, truth.q + noise, truth.tau, ("x",))
+    figure = figures.motion_figure(truth.shifted(time_offset), "x", "m", 10_000, log, time_offset)
+    left = next(trace for trace in figure.data if "minus" in trace.name)
+    shown = np.isfinite(left.y)
+    assert shown.sum() > 3000
+    np.testing.assert_allclose(left.x, t - time_offset, atol=1e-6)
+    np.testing.assert_allclose(left.y[shown], noise[shown, 0], atol=1e-6)
+    assert [figure.layout[f"yaxis{k}"].title.text for k in ("", 2, 3, 4)] == [
+        "position, m", "taken away, m", "velocity, m/s", "acceleration, m/s²",
+    ]  # fmt: skip
+
+
+def free_run(restart, q=None):
+    t = np.linspace(0.0, 4.0, 401)
+    measured = np.sin(t)[:, None]
+    q = measured + 0.1 if q is None else q
+    if restart:
+        q[::50] = measured[::50]
+    return SimpleNamespace(name="run", joints=("x",), restart=restart, t=t, q=q, measured=measured)
+
+
+def test_run_figure_breaks_where_the_simulation_starts_anew():
+    figure = figures.run_figure(free_run(0.5), "x")
+    simulated, error = figure.data[1], figure.data[2]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(simulated.y)), np.arange(0, 401, 50))
+    np.testing.assert_allclose(error.y[np.isfinite(error.y)], -0.1, rtol=1e-5)
+    assert np.isfinite(figures.run_figure(free_run(None), "x").data[1].y).all()
+    assert np.isnan(figures.run_figure(free_run(None, np.full((401, 1), np.inf)), "x").data[1].y).all()
+    with pytest.raises(InputError, match="run: no joint 'z'"):
+        figures.run_figure(free_run(None), "z")
+
+
+def test_stamps_far_from_zero_are_counted_from_the_first():
+    early = motion()
+    late = replace(early, t=early.t + 1.7e9)
+    for one, zero, title in ((early, 0.0, "time, s"), (late, 1.7e9, "time since 1700000000 s, s")):
+        figure = figures.torque_figure(validation(one), "joint1")
+        np.testing.assert_allclose(figure.data[0].x, one.t - zero, atol=1e-5)
+        assert figure.layout.xaxis2.title.text == title
+
+
+def test_points_are_shared_among_curves():
+    assert figures.share(1) == 4000
+    assert figures.share(150) * 150 <= 300_000
+    assert figures.share(100_000) == 100
+
+
+def test_figures_are_transparent_small_and_valid_json():
+    figure = figures.torque_figure(validation(motion(n=5000)), "joint1")
+    text = figure.to_json()
+    assert json.loads(text)["layout"]["template"]["layout"]["paper_bgcolor"] == "rgba(0, 0, 0, 0)"
+    assert len(text) < 120_000

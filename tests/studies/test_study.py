@@ -1,0 +1,211 @@
+"""A study is a table: one row per fit, resumable, the same wherever it runs; a failure is a row."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from dynident.errors import InputError
+from dynident.estimators import Estimate
+from dynident.estimators.notes import NotConverged, RankDeficient
+from dynident.log import Log, Motion
+from dynident.models import Recording, record
+from dynident.studies import Outcome, run_study, statistics
+from dynident.studies.study import generator
+
+
+@dataclass(frozen=True)
+class Still:
+    """A joint at rest at 2 rad, under a torque of 3 N m."""
+
+    name: str = "still"
+
+    def record(self, level: float, rng: np.random.Generator) -> Recording:
+        t, one = np.arange(50) * 0.01, np.ones((50, 1))
+        truth = Motion(t, 2 * one, 0 * one, 0 * one, 3 * one, ("a",), np.ones(50, bool))
+        return record(truth, level, level, rng)
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Estimates the position and the torque by their means; breaks on demand."""
+
+    name: str = "mean"
+    breaks_above: float = np.inf
+
+    def estimate(self, recording: Recording) -> Estimate:
+        log: Log = recording.log
+        value = np.array([log.q.mean(), log.tau.mean()])
+        if value[0] > self.breaks_above:
+            raise ValueError("too large")
+        return Estimate(value, np.eye(2), ("q", "tau"), ("rad", "N m"), np.ones(1), 2, 1.0, 50)
+
+
+LEVELS = (0.1, 0.2)
+
+
+def without_seconds(table: pl.DataFrame) -> pl.DataFrame:
+    return table.drop("seconds")
+
+
+def test_one_row_per_fit() -> None:
+    table = run_study([Still()], [Mean(), Mean("second")], LEVELS, 5, seed=3)
+    assert len(table) == 2 * 2 * 5
+    assert set(table["status"]) == {"ok"}
+    assert table["value"].list.len().to_list() == [2] * 20
+    assert (table["seconds"] >= 0).all()
+    same = [table.filter(method=name)["value"].to_list() for name in ("mean", "second")]
+    assert same[0] == same[1]  # all methods see the same noise
+
+
+def test_a_failed_fit_is_a_row() -> None:
+    table = run_study([Still()], [Mean(breaks_above=2.0)], LEVELS, 30)
+    failed = table.filter(pl.col("status") != "ok")
+    assert 0 < len(failed) < 60
+    assert set(failed["status"]) == {"failed"}
+    assert set(failed["reason"]) == {"ValueError: too large"}
+    assert failed["value"].list.len().sum() == 0
+    found = statistics(table, 2)
+    assert found.failed == len(failed)
+    assert found.interval.shape == (60 - len(failed), 2, 2)
+    assert len(found.estimates) == 60 - len(failed)
+
+
+@dataclass(frozen=True)
+class Sure:
+    """Knows the position, and an interval for it that is not symmetric."""
+
+    name: str = "sure"
+
+    def estimate(self, recording: Recording) -> Estimate:
+        ends = np.array([[1.5, 2.1], [3.1, 3.2]])
+        value = np.array([2.0, 3.0])
+        return Estimate(
+            value,
+            np.eye(2),
+            ("q", "tau"),
+            ("rad", "N m"),
+            np.ones(1),
+            2,
+            1.0,
+            50,
+            (NotConverged(9, 0.5),),
+            interval=ends,
+        )
+
+
+def test_intervals_cover_or_do_not() -> None:
+    table = run_study([Still()], [Sure(), Mean()], LEVELS, 4)
+    sure, mean = (statistics(table.filter(method=name), 2) for name in ("sure", "mean"))
+    assert sure.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 0.0]
+    assert mean.coverage(np.array([2.0, 3.0])).tolist() == [1.0, 1.0]  # two standard errors of one
+    assert (sure.unsettled, mean.unsettled) == (8, 0)
+    assert set(table.filter(method="sure")["reason"]) == {"NotConverged"}
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Notes that the rank is not full."""
+
+    name: str = "tied"
+
+    def estimate(self, recording: Recording) -> Estimate:
+        return replace(Mean().estimate(recording), notes=(RankDeficient(1, 2),))
+
+
+def test_a_note_is_no_failure() -> None:
+    table = run_study([Still()], [Tied()], LEVELS, 2)
+    assert set(table["status"]) == {Outcome.NOTED}
+    assert set(table["reason"]) == {"RankDeficient"}
+    assert (statistics(table, 2).unsettled, statistics(table, 2).failed) == (0, 0)
+
+
+def test_a_table_without_intervals_and_reasons_is_read(tmp_path: Path) -> None:
+    """One that an earlier version wrote: its rows are kept beside the new ones."""
+    path = tmp_path / "study.parquet"
+    old = run_study([Still()], [Mean()], LEVELS, 2, path=path)
+    old.drop("interval", "reason").with_columns(version=pl.lit("0.0.1")).write_parquet(path)
+    assert_frame_equal(without_seconds(run_study([Still()], [Mean()], LEVELS, 2, path=path)), without_seconds(old))
+    assert len(pl.read_parquet(path)) == 2 * len(old)
+
+
+@pytest.mark.parametrize("pool", ["threads", "processes"])
+def test_the_executor_changes_nothing(pool: str) -> None:
+    alone = run_study([Still()], [Mean()], LEVELS, 6, seed=1)
+    workers = ThreadPoolExecutor(2) if pool == "threads" else ProcessPoolExecutor(2, mp_context=get_context("spawn"))
+    with workers as executor:
+        spread = run_study([Still()], [Mean()], LEVELS, 6, seed=1, executor=executor)
+    assert_frame_equal(without_seconds(alone), without_seconds(spread))
+
+
+def test_noise_depends_on_seed_level_and_run_alone() -> None:
+    first = generator(0, 0.1, 0).standard_normal(3)
+    np.testing.assert_array_equal(first, generator(0, 0.1, 0).standard_normal(3))
+    for other in ((1, 0.1, 0), (0, 0.2, 0), (0, 0.1, 1)):
+        assert not np.array_equal(first, generator(*other).standard_normal(3))
+    few = run_study([Still()], [Mean()], LEVELS[1:], 2)
+    many = run_study([Still()], [Mean("other"), Mean()], LEVELS, 4).filter(level=0.2, method="mean")
+    assert few["value"].to_list() == many["value"].to_list()[:2]
+
+
+def test_an_interrupted_study_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "study.parquet"
+    whole = run_study([Still()], [Mean()], LEVELS, 6)
+
+    def stop(done: int, total: int) -> None:
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study([Still()], [Mean()], LEVELS, 6, path=path, progress=stop)
+    kept = pl.read_parquet(path)
+    assert len(kept) == 5
+    seen: list[tuple[int, int]] = []
+    resumed = run_study([Still()], [Mean()], LEVELS, 6, path=path, progress=lambda *now: seen.append(now))
+    assert seen[0] == (5, 12)
+    assert seen[-1] == (12, 12)
+    assert_frame_equal(without_seconds(whole), without_seconds(resumed))
+    assert set(kept["seconds"]) <= set(resumed["seconds"])  # nothing was computed twice
+
+
+def test_rows_of_another_version_are_computed_again(tmp_path: Path) -> None:
+    path = tmp_path / "study.parquet"
+    old = run_study([Still()], [Mean()], LEVELS, 2, path=path).with_columns(version=pl.lit("0.0.0"))
+    old.write_parquet(path)
+    counted: list[int] = []
+    run_study([Still()], [Mean()], LEVELS, 2, path=path, progress=lambda done, _: counted.append(done))
+    assert counted[0] == 0
+    assert len(pl.read_parquet(path)) == 8
+
+
+def test_a_foreign_table_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "other.parquet"
+    pl.DataFrame({"a": [1]}).write_parquet(path)
+    with pytest.raises(InputError, match=r"other\.parquet: is no table of a study"):
+        run_study([Still()], [Mean()], LEVELS, 2, path=path)
+    assert pl.read_parquet(path).columns == ["a"]
+
+
+def test_statistics_are_the_printed_ones() -> None:
+    """Eqs. (54) and (55) on numbers worked by hand."""
+    table = pl.DataFrame({"value": [[1.0, 2.0], [3.0, 2.0], []]})
+    found = statistics(table, 2)
+    np.testing.assert_array_equal(found.mean, [2.0, 2.0])
+    np.testing.assert_array_equal(found.variance, [2.0, 0.0])
+    assert found.failed == 1
+    one = statistics(table.head(1), 2)
+    assert np.isnan(one.variance).all()
+    none = statistics(table.tail(1), 2)
+    assert np.isnan(none.mean).all()
+
+
+def test_no_runs() -> None:
+    with pytest.raises(InputError, match="runs is 0"):
+        run_study([Still()], [Mean()], LEVELS, 0)

@@ -1,0 +1,164 @@
+"""Errors of a model on a log, by hand."""
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from dynident.errors import InputError, ModelError
+from dynident.log import Motion
+from dynident.models import Joint, Lagrangian, Model, Unknown, Viscous
+from dynident.models.robot_file import Limits
+from dynident.regression import ParallelFilter
+from dynident.validation import check_mass, relative_error, validate
+
+MODEL = Model((Viscous((Joint("a"), Joint("b", "prismatic"))),))
+THETA = (2.0, 10.0)
+
+
+def motion(dq: ArrayLike, tau: ArrayLike, mask: ArrayLike | None = None) -> Motion:
+    velocity = np.asarray(dq, dtype=float)
+    t, zero = np.linspace(0, 1, len(velocity)), np.zeros_like(velocity)
+    used = np.ones(len(t), dtype=bool) if mask is None else np.asarray(mask, dtype=bool)
+    return Motion(t, zero, velocity, zero, np.asarray(tau, dtype=float), ("a", "b"), used, "morning")
+
+
+@pytest.mark.parametrize(
+    ("measured", "predicted", "percent"),
+    [
+        ((3, 4), (3, 4), 0.0),
+        ((3, 4), (0, 0), 100.0),
+        ((3, 4), (3, 0), 80.0),
+        ((3, 4), (6, 8), 100.0),
+        ((0, 0), (0, 0), float("nan")),
+        ((0, 0), (1, 0), float("nan")),
+        ((), (), float("nan")),
+    ],
+)
+def test_relative_error(measured: tuple[float, ...], predicted: tuple[float, ...], percent: float) -> None:
+    found = relative_error(np.array(measured, dtype=float), np.array(predicted, dtype=float))
+    assert found == pytest.approx(percent, nan_ok=True)
+
+
+def test_errors_by_hand() -> None:
+    """Predicted (2, 10) at the two samples that count; the residuals are (1, 0) and (1, -2)."""
+    found = validate(MODEL, THETA, motion([[1, 1], [1, 1], [9, 9]], [[3, 10], [3, 8], [0, 0]], [1, 1, 0]))
+    np.testing.assert_array_equal(found.predicted, [[2, 10], [2, 10], [18, 90]])
+    assert found.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
+    assert found.relative_error_filtered is None
+    assert found.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
+    assert found.per_joint == pytest.approx({"a": 100 / 3, "b": 100 * np.sqrt(4 / 164)})
+    assert (found.name, found.role) == ("morning", "validation")
+    assert found.motion.source == "morning"
+
+
+def test_name_and_role_can_be_given() -> None:
+    found = validate(MODEL, THETA, motion([[1, 1]] * 2, [[1, 1]] * 2), name="noon", role="train")
+    assert (found.name, found.role) == ("noon", "train")
+
+
+def test_a_joint_without_torque_has_no_relative_error() -> None:
+    found = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
+    assert np.isnan(found.per_joint["a"])
+    assert found.per_joint["b"] == pytest.approx(100.0)
+    assert found.rmse == pytest.approx({"a": 2.0, "b": 5.0})
+    assert found.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
+
+
+def test_without_any_torque_there_is_no_relative_error() -> None:
+    found = validate(MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), parallel_filter=ParallelFilter(2))
+    assert found.relative_error_filtered is not None
+    assert np.isnan([found.relative_error, found.relative_error_filtered, *found.per_joint.values()]).all()
+    assert found.rmse == pytest.approx({"a": 2.0, "b": 10.0})
+
+
+def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_not() -> None:
+    """A tone at half the rate, on a velocity of a few rad/s; what is left of it comes from the two ends."""
+    t = np.linspace(0, 10, 1000)
+    velocity = np.column_stack((2 + np.sin(t), 2 + np.cos(t)))
+    noise = np.outer((-1.0) ** np.arange(1000), [1.0, 1.0])
+    made = motion(velocity, velocity * THETA + noise)
+    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(decimate=4))
+    assert found.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
+    assert found.relative_error_filtered is not None
+    assert found.relative_error_filtered < 0.1 * found.relative_error
+
+
+def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
+    """An error of one tenth of the torque at all frequencies stays so."""
+    velocity = np.random.default_rng(0).normal(size=(300, 2))
+    mask = np.arange(300) % 100 > 3
+    found = validate(MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), parallel_filter=ParallelFilter(3))
+    assert found.relative_error == pytest.approx(10.0)
+    assert found.relative_error_filtered == pytest.approx(10.0)
+
+
+def test_single_samples_cannot_be_filtered() -> None:
+    made = motion([[1, 1]] * 10, [[2, 10]] * 10, np.arange(10) % 2)
+    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
+    assert found.relative_error == 0.0
+    assert np.isnan(found.relative_error_filtered or 0.0)
+
+
+def test_no_usable_sample() -> None:
+    with pytest.raises(InputError, match="morning: no sample is left to judge the model on"):
+        validate(MODEL, THETA, motion([[1, 1]] * 3, [[1, 1]] * 3, [0, 0, 0]))
+
+
+def test_parameters_of_another_model() -> None:
+    with pytest.raises(ModelError, match="theta"):
+        validate(MODEL, (1.0, 2.0, 3.0), motion([[1, 1]] * 3, [[1, 1]] * 3))
+
+
+class Limited(Viscous):
+    """A term that knows the limits of its joints."""
+
+    @property
+    def limits(self) -> dict[str, Limits]:
+        return {"a": Limits(effort=20.0, lower=-0.5, upper=0.5)}
+
+
+def test_errors_of_each_joint_in_other_measures() -> None:
+    """Residuals (1, 0) and (1, -2) as above: joint a is 1 N m off all the time, which explains all its variance."""
+    found = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
+    assert found.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
+    assert found.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
+    assert found.per_joint_filtered == {}
+    assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).effort_share == {}
+
+
+def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
+    rng = np.random.default_rng(1)
+    velocity = rng.normal(size=(400, 2))
+    made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
+    found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
+    assert found.per_joint_filtered["b"] < 1e-9 < 1 < found.per_joint_filtered["a"]
+    assert found.relative_error_filtered is not None
+    assert found.relative_error_filtered < found.per_joint_filtered["a"]
+
+
+def test_residuals_are_examined_on_the_longest_stretch() -> None:
+    mask = np.ones(300, dtype=bool)
+    mask[100] = False
+    torque = np.random.default_rng(2).normal(size=(300, 2))
+    torque[:100] += 50.0  # would correlate everything
+    found = validate(MODEL, THETA, motion(np.ones((300, 2)), torque, mask))
+    assert abs(found.residuals["a"].lag1) < 0.3
+
+
+def test_mass_is_looked_at_over_the_logs_and_within_the_limits() -> None:
+    """A mass 1 + 3 cos(3 q) of joint a is negative only beyond q = 0.5, where neither limits nor logs reach."""
+    import sympy as sp
+
+    a, b, da, db, m, c = sp.symbols("a b da db m c")
+    kinetic = (m * da**2 + c * sp.cos(3 * a) * da**2 + m * db**2) / 2
+    unknowns = (Unknown(m, "kg"), Unknown(c, "kg"))
+    mass = Lagrangian(MODEL.joints, (a, b), (da, db), kinetic, 0, unknowns)
+    still = motion([[1, 1]] * 5, [[1, 1]] * 5)
+    theta = [3.0 if "c" in parameter.expression else 1.0 for parameter in mass.parameters]
+    limited = Model((mass, Limited(MODEL.joints)))
+    assert check_mass(limited, [*theta, 1, 1], [still]).positive
+    assert not check_mass(Model((mass, Viscous(MODEL.joints))), [*theta, 1, 1], [still]).positive
+    gone = Motion(still.t, still.q + 0.9, still.dq, still.ddq, still.tau, still.joints, still.mask, "gone")
+    found = check_mass(limited, [*theta, 1, 1], [still, gone])
+    assert not found.positive
+    assert found.q[0] == pytest.approx(0.9)

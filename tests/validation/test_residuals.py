@@ -1,0 +1,92 @@
+"""What residuals look like: known series, and known causes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from dynident.validation import (
+    FrictionLevel,
+    HighFrequency,
+    LowFrequency,
+    Reversals,
+    Ripple,
+    autocorrelation,
+    decorrelation,
+    ljung_box,
+    residual_test,
+)
+
+N, STEP = 4000, 0.005
+T = np.arange(N) * STEP
+DQ = np.cos(2 * np.pi * 0.3 * T)
+
+
+def ar1(rho: float, n: int, seed: int) -> np.ndarray:
+    """A stationary series of unit variance."""
+    noise = np.random.default_rng(seed).standard_normal(n + 1000) * np.sqrt(1 - rho**2)
+    return lfilter([1.0], [1.0, -rho], noise)[1000:]
+
+
+def test_autocorrelation_is_that_of_the_sums() -> None:
+    x = np.random.default_rng(0).normal(3.0, 2.0, 40)
+    centred = x - x.mean()
+    direct = [np.sum(centred[: 40 - k] * centred[k:]) / np.sum(centred**2) for k in range(40)]
+    np.testing.assert_allclose(autocorrelation(x), direct, atol=1e-12)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])
+def test_decorrelation_of_a_known_series(rho: float) -> None:
+    """1 + 2 sum rho^k = (1 + rho) / (1 - rho); a mean of 20 series is within a tenth."""
+    found = np.mean([decorrelation(autocorrelation(ar1(rho, 20_000, seed))) for seed in range(20)])
+    assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.1)
+
+
+def test_white_noise_is_rejected_as_often_as_stated() -> None:
+    """Of 1000 white series about 5 % have p < 0.05: between 3 and 7 % with 99 % confidence (binomial)."""
+    rng = np.random.default_rng(1)
+    rejected = np.mean([ljung_box(autocorrelation(rng.standard_normal(500)), 500) < 0.05 for _ in range(1000)])
+    assert 0.03 < rejected < 0.07
+    assert ljung_box(autocorrelation(ar1(0.5, 500, 0)), 500) < 1e-6
+
+
+def test_a_friction_that_is_missing_at_reversals_is_told() -> None:
+    residual = 0.01 * np.random.default_rng(2).standard_normal(N) + np.where(np.abs(DQ) < 0.03, 1.0, 0.0)
+    found = residual_test(residual, DQ, STEP)
+    assert found.reversal_share > 0.8
+    assert found.slow_share < 0.05
+    assert found.causes[0] == Reversals()
+
+
+def test_a_friction_of_another_level_is_told() -> None:
+    found = residual_test(0.1 * np.sign(DQ) + 0.02 * np.random.default_rng(3).standard_normal(N), DQ, STEP)
+    assert found.sign_correlation > 0.9
+    assert found.causes == (FrictionLevel(), LowFrequency())
+
+
+def test_a_ripple_is_told_with_its_frequency() -> None:
+    found = residual_test(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
+    assert found.peak == pytest.approx(26, abs=0.3)
+    assert Ripple(found.peak) in found.causes
+
+
+def test_white_noise_is_no_ripple_and_no_model() -> None:
+    found = residual_test(np.random.default_rng(5).standard_normal(N), DQ, STEP)
+    assert found.p_value > 1e-3
+    assert found.decorrelation == pytest.approx(STEP, rel=0.3)
+    assert found.low_share == pytest.approx(0.05, abs=0.02)  # 5 of 100 Hz
+    assert found.causes == (HighFrequency(),)
+
+
+@pytest.mark.parametrize("residual", [np.zeros(N), np.ones(N), np.ones(20)])
+def test_nothing_to_examine(residual: np.ndarray) -> None:
+    found = residual_test(residual, DQ[: len(residual)], STEP)
+    assert np.isnan(found.lag1)
+    assert found.causes == ()
+
+
+def test_a_joint_that_stands_still_and_a_slow_sampling() -> None:
+    noise = np.random.default_rng(6).standard_normal(N)
+    assert residual_test(noise, np.zeros(N), STEP).sign_correlation == 0.0
+    assert np.isnan(residual_test(noise, DQ, 0.11).low_share)

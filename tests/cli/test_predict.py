@@ -225,6 +225,11 @@ class TestExport:
         assert "not made of a robot file" in done.output
         assert not (slider.parent / "x.urdf").exists()
 
+    def test_an_unknown_format_is_said(self, slider: Path) -> None:
+        done = run("export", slider, "--format", "udrf", "--out", slider.parent / "x.urdf")
+        assert done.exit_code == 2
+        assert "did you mean 'urdf'" in done.output
+
 
 def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:
     """The channels' gains are those of the configuration: torques in N m, not mA."""

@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 
 from dynident.errors import ModelError
-from dynident.export import Identified, export, identified_module, random_states
+from dynident.export import Identified, Numpy, export, identified_module, random_states
 from dynident.models import Coulomb, Joint, Lagrangian, Model, Unknown, Viscous
 from dynident.models.gallery import MODELS
 from tests.export.test_robot_files import arm
@@ -21,7 +21,7 @@ def test_symbolic_models_are_printed(name):
     model, rng = MODELS[name](), np.random.default_rng(0)
     one = Identified(model, rng.normal(size=len(model.parameters)))
     states = random_states(len(model.joints), rng, 50)
-    made = export(one, "numpy", states)
+    made = export(one, Numpy(), states)
     assert made.ready, made.refusal
     assert made.proof.agreement < 1e-12
     namespace = {}
@@ -54,7 +54,7 @@ def test_two_frictions_of_one_joint_are_both_kept():
     joints = (Joint("a"),)
     terms = (Coulomb(joints, width=0.1), Coulomb(joints, names=("second",), dead_band=0.2), Viscous(joints))
     one = Identified(Model(terms), np.array([1.0, 10.0, 100.0]))
-    assert export(one, "numpy", random_states(1, np.random.default_rng(0), 50)).ready
+    assert export(one, Numpy(), random_states(1, np.random.default_rng(0), 50)).ready
 
 
 def test_a_term_of_unknown_formula_is_refused():

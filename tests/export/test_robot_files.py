@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ModelError
-from dynident.export import Identified, export, identified_mjcf, identified_urdf, random_states
+from dynident.export import Identified, Mjcf, Numpy, Urdf, Yaml, export, identified_mjcf, identified_urdf, random_states
 from dynident.models import Coulomb, CoupledMotor, Model, Offset, RigidBodies, RotorInertia, Viscous, from_physical
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
@@ -61,7 +61,7 @@ def test_compiler_settings_that_change_inertias_go():
 def test_a_welded_body_whose_inertia_comes_from_shapes_gets_none():
     tool = '<inertial mass="0.5" pos="0 0 0.05" diaginertia="0.002 0.002 0.001"/>'
     text = ARM_MJCF.replace(tool, '<geom size="0.1"/>')
-    made = export(arm(text), "mjcf", STATES)
+    made = export(arm(text), Mjcf(), STATES)
     assert made.ready, made.refusal
     assert '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>' in made.written.text
     assert any("'tool': the file left" in note for note in made.written.notes)
@@ -74,12 +74,12 @@ def test_fixed_links_keep_their_inertias_where_they_fit():
     written = identified_urdf(arm(body=light))
     assert tool not in written.text
     assert any("'tool' do not fit" in note and "%" in note for note in written.notes)
-    assert export(arm(body=light), "urdf", STATES).ready
+    assert export(arm(body=light), Urdf(), STATES).ready
 
 
 def test_fixed_links_that_are_impossible_lose_their_inertias():
     text = ARM.replace('mass value="0.5"', 'mass value="-0.5"')
-    made = export(arm(text), "urdf", STATES)
+    made = export(arm(text), Urdf(), STATES)
     assert made.ready, made.refusal
     assert '<link name="tool"></link>' in made.written.text
     assert any("no inertia" in note for note in made.written.notes)
@@ -94,7 +94,7 @@ def test_a_link_without_inertia_gets_one():
     text = urdf(link("base"), link("one"), link("two"), joint("a", "revolute", "base", "one"),
                 joint("b", "revolute", "one", "two", (0.3, 0, 0), (1.0, 0.5, 0.2)))  # fmt: skip
     text = text.replace("<link", "\n  <link").replace("<joint", "\n  <joint")
-    made = export(arm(text), "urdf", random_states(2, np.random.default_rng(0), 30))
+    made = export(arm(text), Urdf(), random_states(2, np.random.default_rng(0), 30))
     assert made.ready, made.refusal
     assert '\n  <link name="one">\n    <inertial>\n      <origin xyz=' in made.written.text
     assert '\n  <link name="base"/>' in made.written.text
@@ -102,7 +102,7 @@ def test_a_link_without_inertia_gets_one():
 
 def test_a_root_that_is_not_declared_is_no_obstacle():
     text = ARM.replace('<joint name="flange"', joint("weld", "fixed", "world", "base") + '<joint name="flange"')
-    made = export(arm(text), "urdf", STATES)
+    made = export(arm(text), Urdf(), STATES)
     assert made.ready, made.refusal
     assert "Pinocchio" in made.proof.readers
 
@@ -111,7 +111,7 @@ def test_values_that_are_not_identified_stay_those_of_the_file():
     text = ARM.replace('<axis xyz="1.0 0.0 0.0"/>', '<axis xyz="1.0 0.0 0.0"/><dynamics friction="0.7"/>')
     bodies = RigidBodies(text)
     model = Model((bodies, Viscous(bodies.joints, on=("rail",))), name="arm")
-    made = export(Identified(model, np.concatenate([np.tile(BODY, 3), [0.25]])), "urdf", STATES)
+    made = export(Identified(model, np.concatenate([np.tile(BODY, 3), [0.25]])), Urdf(), STATES)
     assert made.ready, made.refusal
     assert '<dynamics friction="0.7" damping="0.25"/>' in made.written.text
     assert any("friction 0.7 of joint 'rail'" in note for note in made.written.notes)
@@ -127,16 +127,17 @@ def test_values_that_are_not_identified_stay_those_of_the_file():
     ],
 )
 def test_impossible_bodies_are_refused_by_robot_files_only(body, words):
-    for kind in ("urdf", "numpy", "yaml"):
-        made = export(arm(body=body), kind, STATES)
-        assert made.ready == (kind != "urdf")
-        assert (words in made.refusal) == (kind == "urdf")
-        assert ("kind: consistent" in made.refusal) == (kind == "urdf")
+    for exporter in (Urdf(), Numpy(), Yaml()):
+        made = export(arm(body=body), exporter, STATES)
+        of_robot = made.format == "urdf"
+        assert made.ready != of_robot
+        assert (words in made.refusal) == of_robot
+        assert ("kind: consistent" in made.refusal) == of_robot
 
 
-@pytest.mark.parametrize(("text", "kind"), [(ARM, "urdf"), (ARM_MJCF, "mjcf")])
-def test_negative_friction_is_refused(text, kind):
-    made = export(arm(text, viscous=-0.1), kind, STATES)
+@pytest.mark.parametrize(("text", "exporter"), [(ARM, Urdf()), (ARM_MJCF, Mjcf())])
+def test_negative_friction_is_refused(text, exporter):
+    made = export(arm(text, viscous=-0.1), exporter, STATES)
     assert made.written is None
     assert "Fv_shoulder is -0.1 N m s/rad" in made.refusal
 
@@ -149,5 +150,3 @@ def test_the_other_format_is_refused():
     joints = RigidBodies(ARM).joints
     with pytest.raises(ModelError, match="not made of a robot file"):
         identified_urdf(Identified(Model((Viscous(joints),)), np.ones(3)))
-    with pytest.raises(ModelError, match="did you mean 'urdf'"):
-        export(arm(), "udrf", STATES)

@@ -1,4 +1,4 @@
-"""The formats that a model is exported to; their table is in ``dynident.parts``."""
+"""The formats that a model is exported to."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 class Urdf:
     """The robot's own URDF with the inertias, damping and friction found."""
 
+    format: ClassVar[str] = "urdf"
     readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": by_pinocchio, "dynident": by_dynident}
 
     def file(self, identified: Identified) -> str:
@@ -48,6 +49,7 @@ class Urdf:
 class Mjcf:
     """The robot's own MJCF with the inertias, damping, friction and armature found."""
 
+    format: ClassVar[str] = "mjcf"
     readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": by_mujoco, "dynident": by_dynident}
 
     def file(self, identified: Identified) -> str:
@@ -67,6 +69,7 @@ class Mjcf:
 class Numpy:
     """A Python module that needs only NumPy."""
 
+    format: ClassVar[str] = "numpy"
     readers: ClassVar[Mapping[str, Reader]] = {"NumPy": by_numpy}
 
     def file(self, identified: Identified) -> str:  # noqa: ARG002
@@ -86,6 +89,7 @@ class Numpy:
 class Yaml:
     """All parameters by name, with units and meanings."""
 
+    format: ClassVar[str] = "yaml"
     readers: ClassVar[Mapping[str, Reader]] = {"YAML": by_yaml}
 
     def file(self, identified: Identified) -> str:  # noqa: ARG002

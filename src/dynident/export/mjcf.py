@@ -51,7 +51,7 @@ def identified_mjcf(identified: Identified) -> Written:
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
     notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
-    return Written("mjcf", str(text), found.left_out, notes)
+    return Written(str(text), found.left_out, notes)
 
 
 def _nodes(text: Text) -> Iterator[Node]:

@@ -51,7 +51,7 @@ def identified_module(identified: Identified) -> Written:
             motors.add(term, values)
     head = HEAD.replace("@MODEL@", repr(identified.model.name)).replace("@JOINTS@", _tuple(map(repr, names)))
     functions = FUNCTIONS.replace("@RIGID@", " + ".join(rigid))
-    return Written("numpy", "\n\n".join([head + motors.text(), *blocks, functions]))
+    return Written("\n\n".join([head + motors.text(), *blocks, functions]))
 
 
 class _Motors:

@@ -33,7 +33,7 @@ def identified_yaml(identified: Identified) -> Written:
             locked = dict(term.locked if isinstance(term.locked, tuple) else term.locked.items())
             data["robot"] = {"file": term.source, "gravity": list(term.gravity), "locked": locked, "merged": merged}
     data["parameters"] = [_row(identified, k) for k in range(len(model.parameters))]
-    return Written("yaml", yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
+    return Written(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
 
 
 def _row(identified: Identified, k: int) -> dict[str, Any]:

@@ -43,9 +43,7 @@ def identified_urdf(identified: Identified) -> Written:
         elif node.tag == "joint" and name in (joint.name for joint in bodies.joints):
             _set_dynamics(text, node, found, name)
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
-    return Written(
-        "urdf", str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares))
-    )
+    return Written(str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares)))
 
 
 def words(values: Iterable[float]) -> str:

@@ -27,10 +27,11 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.errors import ConfigError, DynidentError, choices
+from dynident.io.families import Family, Settings, family_of, settings_hints, settings_type
 from dynident.io.fields import Name, Section
 from dynident.io.python_file import from_file
 from dynident.io.wording import worded
-from dynident.parts import BY_JOINT, Family, Settings, settings_hints, settings_type
+from dynident.smoothers import BY_JOINT
 
 __all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "with_settings"]
 
@@ -178,10 +179,10 @@ def _words(text: str) -> PydanticCustomError:
 def _setting(hint: Any, where: str) -> Any:
     """Return the annotation that reads a value of the type of a part's field as YAML gives it."""
     origin, inside = get_origin(hint), get_args(hint)
+    if (family := family_of(hint)) is not None:
+        return Annotated[Any, PartReader(family, nested=True), AfterValidator(built)]
     if origin is Annotated:
         base, *marks = inside
-        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
-            return Annotated[Any, PartReader(family, nested=True), AfterValidator(built)]
         kept = [mark for mark in marks if not isinstance(mark, str)]
         return Annotated[(_setting(base, where), *kept)] if kept else _setting(base, where)
     if origin in (Union, UnionType):
@@ -253,7 +254,8 @@ def _fits(hint: Any, value: object) -> bool:
     if value is None or isinstance(value, bool):
         return hint is (NoneType if value is None else bool)
     if isinstance(value, Mapping):
-        return origin is not None and origin is not Literal and issubclass(origin, Mapping)
+        holds = origin is not None and origin is not Literal and issubclass(origin, Mapping)
+        return holds or family_of(hint) is not None
     if isinstance(value, list | tuple):
         return origin in (tuple, list, Sequence)
     if isinstance(value, str):

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
     UNITS,
     Count,
@@ -26,7 +27,6 @@ from dynident.io.fields import (
 )
 from dynident.io.parts import PartReader, by_joint
 from dynident.models import Joint
-from dynident.parts import ESTIMATORS, SMOOTHERS, TERMS
 
 __all__ = [
     "CascadeJoint",

@@ -17,7 +17,6 @@ from typing import Annotated, Any, Protocol, Self, get_args, get_origin, get_typ
 from dynident.errors import ConfigError, choices
 
 __all__ = [
-    "BY_JOINT",
     "ESTIMATORS",
     "EXPORTERS",
     "READERS",
@@ -25,12 +24,10 @@ __all__ = [
     "TERMS",
     "Family",
     "Settings",
+    "family_of",
     "settings_hints",
     "settings_type",
 ]
-
-BY_JOINT = "by joint"
-"""Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
 
 @runtime_checkable
@@ -54,6 +51,7 @@ class Family:
 
     ``members`` are the attributes that a part must have, ``given`` those of its fields that are no settings, as the
     caller knows them. Entry points of the group ``group`` add kinds. Where ``functions``, its parts are functions.
+    ``protocol``, as "module:name", is the type of a setting that holds such a part.
     """
 
     name: str
@@ -61,6 +59,7 @@ class Family:
     members: tuple[str, ...] = ("__call__",)
     given: tuple[str, ...] = ()
     functions: bool = False
+    protocol: str = ""
 
     @property
     def group(self) -> str:
@@ -101,7 +100,7 @@ class Family:
     def kind_of(self, part: object) -> str:
         """Return the kind of a part; of a class that no table has, its file and name."""
         cls = type(part)
-        place = f"{cls.__module__}:{cls.__qualname__}"
+        place = _place(cls)
         for kind, known in self.table.items():
             if known == place:
                 return kind
@@ -126,6 +125,11 @@ class Family:
         }
 
 
+def family_of(hint: Any) -> Family | None:
+    """Return the family of parts that a setting of this type holds; None for plain values."""
+    return next((one for one in (SMOOTHERS, ESTIMATORS) if _place(hint) == one.protocol), None)
+
+
 def settings_type(part: type) -> Any:
     """Return the dataclass that holds the settings of a part's class: most often the class itself."""
     return getattr(part, "Settings", part)
@@ -138,6 +142,10 @@ def settings_hints(holder: type) -> dict[str, Any]:
     except NameError as error:
         words = "import it in the file itself, not under TYPE_CHECKING"
         raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
+
+
+def _place(cls: Any) -> str:
+    return f"{getattr(cls, '__module__', '')}:{getattr(cls, '__qualname__', '')}"
 
 
 def _imported(place: str) -> Any:
@@ -154,9 +162,10 @@ def _entry_points(group: str) -> dict[str, Any]:
 def _plain(value: Any, hint: Any, where: str) -> Any:
     """Return a setting as JSON has it; pairs become a mapping where the hint allows one."""
     if get_origin(hint) is Annotated:
-        hint, *marks = get_args(hint)
-        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
-            return family.describe(value)
+        hint = get_args(hint)[0]
+    family = next(filter(None, map(family_of, (hint, *get_args(hint)))), None)
+    if family is not None and value is not None:
+        return family.describe(value)
     kinds = {get_origin(one) for one in (hint, *get_args(hint))}
     pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
     if isinstance(value, Mapping) or (Mapping in kinds and pairs):
@@ -184,6 +193,7 @@ SMOOTHERS = Family(
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
+    protocol="dynident.smoothers.smoother:Smoother",
 )
 TERMS = Family(
     "term",
@@ -203,6 +213,7 @@ ESTIMATORS = Family(
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
+    protocol="dynident.estimators.estimator:Estimator",
 )
 READERS = Family(
     "log reader",
@@ -224,5 +235,5 @@ EXPORTERS = Family(
         "numpy": "dynident.export.formats:Numpy",
         "yaml": "dynident.export.formats:Yaml",
     },
-    members=("readers", "file", "write", "torque"),
+    members=("format", "readers", "file", "write", "torque"),
 )

@@ -26,7 +26,7 @@ from dynident.testing.estimator import known_motion, truth
 from dynident.validation import robust_covariance
 from tests.robots import ARM
 
-PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 PARTS = dict(
     zip(
         ("sg", "stribeck", "huber", "raw", "csv"),

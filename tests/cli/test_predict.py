@@ -14,7 +14,7 @@ import yaml
 
 from dynident.export.formats import Yaml
 from dynident.models import RigidBodies
-from tests.cli.test_cli import configure, run, write_log
+from tests.cli.commands import configure, run, write_log
 from tests.laws.test_new_user import CONSTANT, RATIO, folder, identify
 
 __all__ = ["folder"]

@@ -13,7 +13,7 @@ from dynident.errors import ModelError
 from dynident.export import Identified, Numpy, export, identified_module, random_states
 from dynident.models import Coulomb, Joint, Lagrangian, Model, Unknown, Viscous
 from dynident.models.gallery import MODELS
-from tests.export.test_robot_files import arm
+from tests.export.arms import arm
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -21,7 +21,7 @@ from dynident.export import (
     spread,
 )
 from dynident.log import Motion
-from tests.export.test_robot_files import STATES, arm
+from tests.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
 WRONG = {

@@ -10,7 +10,7 @@ from dynident.export import Urdf, export, random_states
 from dynident.models import from_physical
 from dynident.report.exports import export_notes, export_results, export_section
 from dynident.report.page import render
-from tests.export.test_robot_files import STATES, arm
+from tests.export.arms import STATES, arm
 from tests.robots import ARM
 
 

@@ -15,7 +15,6 @@ from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Export, Proof, Written
 from dynident.identification import Identification
-from dynident.models import RigidBodies
 
 __all__ = [
     "Export",
@@ -50,7 +49,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.logs))
-    robots = [ROBOT[term.format] for term in found.model.terms if isinstance(term, RigidBodies)]
+    robots = [ROBOT[robot.format]] if (robot := identified.robot) else []
     return tuple(export(identified, one, states) for one in (*robots, *ALWAYS))
 
 

@@ -18,7 +18,6 @@ from dynident.export.parameters import identified_yaml
 from dynident.export.readers import by_dynident, by_mujoco, by_numpy, by_pinocchio, by_yaml
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Written
-from dynident.models import RigidBodies
 
 __all__ = ["Mjcf", "Numpy", "Urdf", "Yaml"]
 
@@ -106,10 +105,7 @@ class Yaml:
 
 
 def _stem(identified: Identified) -> str:
-    source = next(
-        (term.source for term in identified.model.terms if isinstance(term, RigidBodies)), identified.model.name
-    )
-    return PurePath(source).stem
+    return PurePath(identified.robot.source if identified.robot else identified.model.name).stem
 
 
 def _of_file(identified: Identified, states: States, *, armature: bool) -> Array:

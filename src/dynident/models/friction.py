@@ -24,7 +24,8 @@ class PerJoint(ABC):
     """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j.
 
     A class of it says in ``shape``, ``slope`` and ``meaning`` what it is; ``symbol`` begins the parameters' names,
-    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on. Further fields are settings.
+    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on; ``formula`` is ``shape`` as text, for
+    exports. Further fields are settings.
     """
 
     symbol: ClassVar[str]
@@ -86,6 +87,19 @@ class PerJoint(ABC):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return joint.effort
+
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source, with the rate named as ``of`` says; empty where it is not known."""
+        return ""
+
+    def numpy_source(self, name: str, theta: Array) -> str:
+        """Return the text of a function of q, dq and ddq that gives Y theta; ModelError without a ``formula``."""
+        if not (formula := self.formula()):
+            cls = type(self).__name__
+            raise ModelError(f"model.py cannot hold the term {cls}: give its formula by a method `{cls}.formula`.")
+        values = np.zeros(len(self.joints))
+        values[self._columns] = theta
+        return f"def {name}(q, dq, ddq):\n    return np.array({values.tolist()!r}) * ({formula})\n"
 
     @abstractmethod
     def meaning(self) -> str:

@@ -91,7 +91,7 @@ class Family:
             if not callable(part):
                 raise ConfigError(f"{where} is no function.")
             return
-        if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        if not _is_frozen(part):
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         known = {name for base in part.__mro__[:-1] for name in vars(base)} | {field.name for field in fields(part)}
         if missing := [name for name in self.members if name not in known]:
@@ -144,6 +144,10 @@ def settings_hints(holder: type) -> dict[str, Any]:
         raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
 
 
+def _is_frozen(part: Any) -> bool:
+    return isinstance(part, type) and is_dataclass(part) and bool(part.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+
+
 def _place(cls: Any) -> str:
     return f"{getattr(cls, '__module__', '')}:{getattr(cls, '__qualname__', '')}"
 
@@ -166,16 +170,25 @@ def _plain(value: Any, hint: Any, where: str) -> Any:
     family = next(filter(None, map(family_of, (hint, *get_args(hint)))), None)
     if family is not None and value is not None:
         return family.describe(value)
-    kinds = {get_origin(one) for one in (hint, *get_args(hint))}
-    pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
-    if isinstance(value, Mapping) or (Mapping in kinds and pairs):
+    if _is_mapping(value, hint):
         return {str(key): _plain(item, None, where) for key, item in dict(value).items()}
-    if isinstance(value, Enum):
-        return value.value
     if hasattr(value, "tolist"):  # arrays and scalars of NumPy
         value = value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(item, None, where) for item in value]
+    return _scalar(value, where)
+
+
+def _is_mapping(value: Any, hint: Any) -> bool:
+    """Whether a value is a mapping, or a tuple of the pairs of one."""
+    allowed = any(get_origin(one) is Mapping for one in (hint, *get_args(hint)))
+    pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
+    return isinstance(value, Mapping) or (allowed and pairs)
+
+
+def _scalar(value: Any, where: str) -> Any:
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, float) and math.isinf(value):
         return str(value)
     if value is None or isinstance(value, bool | int | float | str):

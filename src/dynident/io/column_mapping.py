@@ -78,7 +78,7 @@ def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = Fals
     used = [joint for joint in usable if joint.name in names]
     rows = rows_of(table, position or torque)
     time = time_column(table, found, rows, ros)
-    signals = {} if position is None else _positions(table, usable, position, ros)
+    signals = _positions(table, usable, position, ros)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
     return ColumnMapping(
@@ -120,8 +120,10 @@ def _shared(one: Match | None, other: Match | None, joints: Sequence[JointFacts]
     return set.intersection(*matched) if matched else {joint.name for joint in joints}
 
 
-def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match, ros: bool) -> dict[str, Signal]:
+def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
     """Return the positions of the joints that are matched; those of turning joints may look like degrees."""
+    if match is None:
+        return {}
     joints = [joint for joint in joints if joint.name in match.columns]
     values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
     degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])

@@ -220,6 +220,10 @@ GENERIC: Mapping[Any, Callable[[tuple[Any, ...], str], Any]] = {
 }
 
 
+def _is_text(hint: Any) -> bool:
+    return get_origin(hint) is Literal or hint is str or _is_enum(hint)
+
+
 def _is_enum(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, Enum)
 
@@ -278,9 +282,7 @@ def _fits(hint: Any, value: object) -> bool:
         return get_origin(hint) in (Mapping, dict) or family_of(hint) is not None
     if isinstance(value, list | tuple):
         return get_origin(hint) in (tuple, list, Sequence)
-    if isinstance(value, str) and (get_origin(hint) is Literal or hint is str or _is_enum(hint)):
-        return True
-    return hint in (int, float) and _reads(value)
+    return (hint in (int, float) and _reads(value)) or (isinstance(value, str) and _is_text(hint))
 
 
 def _reads(value: object) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
@@ -43,15 +44,18 @@ class PerJoint(ABC):
             object.__setattr__(self, name, None if given is None else tuple(given))
         known = [joint.name for joint in self.joints]
         on = known if self.on is None else self.on
+        self._check_on(on, known)
+        for name in ("names", "expressions", "values"):
+            given = getattr(self, name)
+            if given is not None and len(given) != len(on):
+                raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
+
+    def _check_on(self, on: Sequence[str], known: Sequence[str]) -> None:
         for k, name in enumerate(on):
             if name not in known:
                 raise ModelError(f"{type(self).__name__}: no joint {name!r}; {choices(name, known)}")
             if name in on[:k]:
                 raise ModelError(f"{type(self).__name__}: joint {name!r} is listed twice in 'on'.")
-        for name in ("names", "expressions", "values"):
-            given = getattr(self, name)
-            if given is not None and len(given) != len(on):
-                raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
 
     @cached_property
     def _columns(self) -> list[int]:

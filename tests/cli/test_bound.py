@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_cli import configure, run, write_log
+from tests.cli.commands import configure, run, write_log
 
 KEYS = {
     "name", "alone", "value", "unit", "std", "relative", "fit", "position_share", "inflation", "partner", "correlation"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.test_cli import configure, run, write_log
+from tests.cli.commands import configure, run, write_log
 from tests.robots import ARM, link
 
 SINE = np.sin(6e-3 * np.arange(2000))

@@ -14,7 +14,7 @@ import yaml
 
 from dynident.export.formats import Yaml
 from dynident.models import RigidBodies
-from tests.cli.test_cli import configure, run, write_log
+from tests.cli.commands import configure, run, write_log
 from tests.laws.test_new_user import CONSTANT, RATIO, folder, identify
 
 __all__ = ["folder"]
@@ -224,6 +224,11 @@ class TestExport:
         assert done.exit_code == 1
         assert "not made of a robot file" in done.output
         assert not (slider.parent / "x.urdf").exists()
+
+    def test_an_unknown_format_is_said(self, slider: Path) -> None:
+        done = run("export", slider, "--format", "udrf", "--out", slider.parent / "x.urdf")
+        assert done.exit_code == 2
+        assert "did you mean 'urdf'" in done.output
 
 
 def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from dynident.errors import ModelError
-from dynident.export import Identified, export, identified_module, random_states
-from dynident.models import Coulomb, Joint, Lagrangian, Model, Unknown, Viscous
+from dynident.export import Identified, Numpy, export, identified_module, random_states
+from dynident.models import Coulomb, Joint, Lagrangian, Model, Parameter, PerJoint, Unknown, Viscous
 from dynident.models.gallery import MODELS
-from tests.export.test_robot_files import arm
+from dynident.testing.term import is_the_same_in_numpy
+from tests.export.arms import arm
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -21,7 +23,7 @@ def test_symbolic_models_are_printed(name):
     model, rng = MODELS[name](), np.random.default_rng(0)
     one = Identified(model, rng.normal(size=len(model.parameters)))
     states = random_states(len(model.joints), rng, 50)
-    made = export(one, "numpy", states)
+    made = export(one, Numpy(), states)
     assert made.ready, made.refusal
     assert made.proof.agreement < 1e-12
     namespace = {}
@@ -54,7 +56,71 @@ def test_two_frictions_of_one_joint_are_both_kept():
     joints = (Joint("a"),)
     terms = (Coulomb(joints, width=0.1), Coulomb(joints, names=("second",), dead_band=0.2), Viscous(joints))
     one = Identified(Model(terms), np.array([1.0, 10.0, 100.0]))
-    assert export(one, "numpy", random_states(1, np.random.default_rng(0), 50)).ready
+    assert export(one, Numpy(), random_states(1, np.random.default_rng(0), 50)).ready
+
+
+@dataclass(frozen=True)
+class Cubic(PerJoint):
+    symbol = "F3"
+
+    def meaning(self):
+        return "torque per dq^3"
+
+    def shape(self, dq):
+        return dq**3
+
+    def slope(self, dq):
+        return 3 * dq**2
+
+    def formula(self):
+        return "dq**3"
+
+
+@dataclass(frozen=True)
+class Sway:
+    """A mass that hangs on the last joint: ddq cos(q)."""
+
+    joints: tuple[Joint, ...]
+    parameters = (Parameter("sway", "kg m^2", "torque per cos(q) ddq"),)
+
+    def regressor(self, q, dq, ddq):
+        out = np.zeros((*q.shape, 1))
+        out[:, -1, 0] = np.cos(q[:, -1]) * ddq[:, -1]
+        return out
+
+    def partials(self, q, dq, ddq, theta):
+        raise NotImplementedError
+
+    def numpy_source(self, name, theta):
+        mask = [0.0] * (len(self.joints) - 1) + [float(theta[0])]
+        return f"def {name}(q, dq, ddq):\n    return np.array({mask}) * np.cos(q) * ddq\n"
+
+
+def test_terms_of_the_user_give_their_formula():
+    joints = (Joint("a"), Joint("b"), Joint("c"))
+    model = Model((Viscous(joints), Cubic(joints, on=("c", "a")), Sway(joints)))
+    rng = np.random.default_rng(0)
+    one = Identified(model, rng.normal(size=6))
+    states = random_states(3, rng, 50)
+    assert export(one, Numpy(), states).ready
+    namespace = {}
+    exec(identified_module(one).text, namespace)
+    expected = np.zeros((50, 3, 3))
+    expected[:, 2, 2] = one.value[-1] * np.cos(states[0][:, 2])
+    np.testing.assert_allclose(namespace["mass_matrix"](states[0]), expected, atol=1e-12)
+    np.testing.assert_allclose(namespace["mass_matrix"](states[0][0]), expected[0], atol=1e-12)
+
+
+def test_a_wrong_formula_is_not_proven():
+    class Wrong(Cubic):
+        def formula(self):
+            return "dq**2"
+
+    term = Wrong((Joint("a"),))
+    made = export(Identified(Model((term,)), np.ones(1)), Numpy(), random_states(1, np.random.default_rng(0)))
+    assert not made.ready
+    with pytest.raises(AssertionError, match="Not equal"):
+        is_the_same_in_numpy(term)
 
 
 def test_a_term_of_unknown_formula_is_refused():

@@ -8,39 +8,51 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.export import export, identified_urdf, identified_yaml, prove, random_states, spread
-from dynident.export.formats import Urdf
+from dynident.export import (
+    Mjcf,
+    Numpy,
+    Urdf,
+    Yaml,
+    export,
+    identified_urdf,
+    identified_yaml,
+    prove,
+    random_states,
+    spread,
+)
 from dynident.log import Motion
-from dynident.parts import EXPORTERS
-from tests.export.test_robot_files import STATES, arm
+from tests.export.arms import STATES, arm
 from tests.robots import ARM, ARM_MJCF
 
-TEXTS = {"urdf": ARM, "mjcf": ARM_MJCF, "numpy": ARM, "yaml": ARM}
 WRONG = {
-    "urdf": ('damping="1.0"', 'damping="1.00001"'),
-    "mjcf": ('armature="0.5"', 'armature="0.50001"'),
-    "numpy": ("(0.5, 1.0, 2.0, -0.3)", "(0.5, 1.0, 2.0, -0.30001)"),
-    "yaml": ("value: 3.0", "value: 3.0001"),
+    Urdf(): ('damping="1.0"', 'damping="1.00001"'),
+    Mjcf(): ('armature="0.5"', 'armature="0.50001"'),
+    Numpy(): ("(0.5, 1.0, 2.0, -0.3)", "(0.5, 1.0, 2.0, -0.30001)"),
+    Yaml(): ("value: 3.0", "value: 3.0001"),
 }
 
 
-@pytest.mark.parametrize("kind", TEXTS)
-def test_a_wrong_digit_is_noticed(kind):
-    one = arm(TEXTS[kind])
-    written = EXPORTERS.get(kind)().write(one)
-    assert prove(written, one, STATES).agreement < 1e-8
-    old, new = WRONG[kind]
+def text(exporter):
+    return ARM_MJCF if exporter.format == "mjcf" else ARM
+
+
+@pytest.mark.parametrize("exporter", WRONG)
+def test_a_wrong_digit_is_noticed(exporter):
+    one = arm(text(exporter))
+    written = exporter.write(one)
+    assert prove(written, one, STATES, exporter).agreement < 1e-8
+    old, new = WRONG[exporter]
     assert old in written.text
     tampered = replace(written, text=written.text.replace(old, new, 1))
-    assert not prove(tampered, one, STATES).proven
-    assert kind == "yaml" or prove(tampered, one, STATES).agreement < 1e-2
+    assert not prove(tampered, one, STATES, exporter).proven
+    assert exporter == Yaml() or prove(tampered, one, STATES, exporter).agreement < 1e-2
 
 
-@pytest.mark.parametrize("kind", TEXTS)
-def test_a_text_that_cannot_be_read_is_not_proven(kind):
-    one = arm(TEXTS[kind])
-    written = EXPORTERS.get(kind)().write(one)
-    proof = prove(replace(written, text=written.text[: len(written.text) // 2]), one, STATES)
+@pytest.mark.parametrize("exporter", WRONG)
+def test_a_text_that_cannot_be_read_is_not_proven(exporter):
+    one = arm(text(exporter))
+    written = exporter.write(one)
+    proof = prove(replace(written, text=written.text[: len(written.text) // 2]), one, STATES, exporter)
     assert not proof.proven
     told = [words for words in proof.skipped if "installed" not in words]
     assert told
@@ -49,7 +61,7 @@ def test_a_text_that_cannot_be_read_is_not_proven(kind):
 
 def test_a_failed_proof_is_a_refusal(monkeypatch):
     monkeypatch.setattr(Urdf, "write", lambda _, one: replace(identified_urdf(one), text=ARM))
-    made = export(arm(), "urdf", STATES)
+    made = export(arm(), Urdf(), STATES)
     assert not made.ready
     assert "does not give the identified torque" in made.refusal
     assert "Pinocchio" in made.refusal

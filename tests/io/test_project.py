@@ -12,7 +12,7 @@ import yaml
 from dynident.errors import ConfigError, InputError, Remark
 from dynident.io.project import HASH_OF, parse_project, read_project, run
 from dynident.models.gallery import slider
-from tests.cli.test_cli import configure, settings, write_log
+from tests.cli.commands import configure, settings, write_log
 
 
 @pytest.fixture(scope="module")

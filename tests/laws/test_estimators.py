@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dynident.estimators import Estimate, Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.io.families import ESTIMATORS as FAMILY
 from dynident.models import Model
-from dynident.parts import ESTIMATORS as FAMILY
 from dynident.testing import ESTIMATOR_CHECKS, check_estimator
 from dynident.testing.estimator import MODELS, Check, is_frozen_configuration
 from dynident.testing.settings import builds_itself_from_its_settings

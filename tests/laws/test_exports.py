@@ -10,7 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynident.export import Identified, export, identified_mjcf, identified_module, identified_urdf, prove
+from dynident.export import (
+    Identified,
+    Mjcf,
+    Urdf,
+    export,
+    identified_mjcf,
+    identified_module,
+    identified_urdf,
+    prove,
+)
 from dynident.export.identified import link_inertias
 from dynident.models import (
     Coulomb,
@@ -74,7 +83,7 @@ def test_urdf_read_by_pinocchio(seed, count, scale):
     found = peer.torque(*state) + friction(peer.model, peer.columns, state[1])
     assert_same(found, one.model.torque(*state, one.value))
     assert any("gravity" in words for words in written.left_out)
-    assert prove(written, one, state).proven
+    assert prove(written, one, state, Urdf()).proven
 
 
 @few
@@ -137,7 +146,7 @@ def test_mjcf_read_by_mujoco(seed, count):
     used = joints[: 1 + len(joints) // 2]
     locked = dict(zip(joints[len(used) :], rng.uniform(-2, 2, len(joints) - len(used)), strict=True))
     one = with_rotors(RigidBodies(text, used, locked, tuple(rng.normal(scale=9.81, size=3))), rng)
-    proof = prove(identified_mjcf(one), one, states(rng, len(used), 20))
+    proof = prove(identified_mjcf(one), one, states(rng, len(used), 20), Mjcf())
     assert proof.readers.keys() == {"MuJoCo", "dynident"}
     assert proof.agreement <= CLOSE
 
@@ -205,16 +214,16 @@ DRESSED = (
 )
 
 
-@pytest.mark.parametrize(("text", "kind"), [(DRESSED, "urdf"), (ARM_MJCF, "mjcf")])
-def test_all_else_stays_byte_by_byte(text, kind):
+@pytest.mark.parametrize(("text", "exporter"), [(DRESSED, Urdf()), (ARM_MJCF, Mjcf())])
+def test_all_else_stays_byte_by_byte(text, exporter):
     rng = np.random.default_rng(0)
     one = identified(RigidBodies(text), rng, scale=50.0)
-    made = export(one, kind, states(rng, 3, 20))
+    made = export(one, exporter, states(rng, 3, 20))
     assert made.ready
     edited = re.compile(
-        r"<inertial.*?</inertial>|<dynamics[^>]*/>" if kind == "urdf" else r"<inertial[^>]*/>|<joint name[^>]*/>"
+        r"<inertial.*?</inertial>|<dynamics[^>]*/>" if made.format == "urdf" else r"<inertial[^>]*/>|<joint name[^>]*/>"
     )
     assert made.written.text != text
     assert edited.sub("", made.written.text) == edited.sub("", text)
     link = '<link name="base"><inertial><origin xyz="0.0 0.0 0.0" rpy="0.0 0.0 0.0"/><mass value="4.0"/>'
-    assert kind != "urdf" or link in made.written.text  # a link that stands still
+    assert made.format != "urdf" or link in made.written.text  # a link that stands still

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from dynident.bounds import accuracy_bound
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.estimators.notes import RankDeficient
-from dynident.export import Identified, export, random_states
+from dynident.export import Identified, Mjcf, Urdf, export, random_states
 from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
@@ -200,7 +200,7 @@ def test_a_rounded_angle_is_told_and_written_as_it_was_read() -> None:
     (note,) = (note for note in bodies.notes if "rounded" in note)
     assert "3.1416 of 'j2' as 3.141592654" in note
     assert model.values is not None
-    made = export(Identified(model, model.values), "urdf", random_states(2, np.random.default_rng(0)))
+    made = export(Identified(model, model.values), Urdf(), random_states(2, np.random.default_rng(0)))
     assert made.ready, made.refusal
     assert made.written is not None
     assert repr(np.pi) in made.written.text
@@ -220,7 +220,7 @@ def test_angles_of_an_mjcf_too() -> None:
     assert any("3.1416 of 'b'" in note and "1.571 of 'c'" in note for note in rounded.notes)
     model = Model((rounded,))
     assert model.values is not None
-    made = export(Identified(model, model.values), "mjcf", random_states(3, np.random.default_rng(0)))
+    made = export(Identified(model, model.values), Mjcf(), random_states(3, np.random.default_rng(0)))
     assert made.ready, made.refusal
     assert made.written is not None
     assert f'euler="{HALF!r} 0 0"' in made.written.text

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from dynident.io.families import SMOOTHERS as FAMILY
 from dynident.log import Log, Motion
-from dynident.parts import SMOOTHERS as FAMILY
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 from dynident.testing import SMOOTHER_CHECKS, check_smoother

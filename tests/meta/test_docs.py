@@ -24,9 +24,9 @@ from dynident import __version__
 from dynident.cli import main
 from dynident.io import settings
 from dynident.io.config import parse_config
+from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.fields import UNITS, Section
 from dynident.io.parts import built, section
-from dynident.parts import ESTIMATORS, SMOOTHERS
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "dynident"

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.export import export, random_states
+from dynident.export import Urdf, export, random_states
 from dynident.models import from_physical
 from dynident.report.exports import export_notes, export_results, export_section
 from dynident.report.page import render
-from tests.export.test_robot_files import STATES, arm
+from tests.export.arms import STATES, arm
 from tests.robots import ARM
 
 
@@ -19,7 +19,7 @@ def page(exports) -> str:
 
 
 def test_a_proven_file_with_what_it_leaves_out() -> None:
-    made = export(arm(), "urdf", STATES)
+    made = export(arm(), Urdf(), STATES)
     text = page([made])
     for words in ("robot.identified.urdf", "Pinocchio, dynident", "offset_shoulder = -0.3 N m", "Ia_motor"):
         assert words in text
@@ -31,7 +31,7 @@ def test_a_proven_file_with_what_it_leaves_out() -> None:
 
 
 def test_a_refusal_is_told() -> None:
-    made = export(arm(body=from_physical(-1.0, [0, 0, 0.1], np.eye(3))), "urdf", STATES)
+    made = export(arm(body=from_physical(-1.0, [0, 0, 0.1], np.eye(3))), Urdf(), STATES)
     (result,) = export_results([made])
     assert (result["proven"], result["agreement"], result["readers"]) == (False, None, {})
     assert "negative mass" in result["refusal"]
@@ -41,7 +41,7 @@ def test_a_refusal_is_told() -> None:
 
 def test_names_are_escaped() -> None:
     text = ARM.replace('"twist"', '"&lt;b>twist"')
-    made = export(arm(text), "urdf", random_states(3, np.random.default_rng(0), 20))
+    made = export(arm(text), Urdf(), random_states(3, np.random.default_rng(0), 20))
     assert made.ready
     assert "<b>twist" not in page([replace(made, file="<b>twist.urdf")])
 

@@ -16,7 +16,7 @@ from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import Recipe, find_base_tilt, pair
 from dynident.log import Log, Motion
-from dynident.models import HasGravity, Model, RigidBodies
+from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 
 __all__ = ["CheckResult", "run_checks"]
@@ -101,7 +101,7 @@ def _recorded(
 def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     """Return the findings on the robot file of a model; its inertias are only nominal, so none of them is an error."""
     found: list[Finding] = []
-    for term in (term for term in model.terms if isinstance(term, RigidBodies)):
+    for term in (term for term in model.terms if isinstance(term, HasRobotFile)):
         found += check_robot(term.file, joints, grave=Severity.WARNING)
         if term.file.gravity not in (None, term.gravity):
             words = f"the file's gravity {term.file.gravity} is not read; {term.gravity} m/s^2 is used."
@@ -118,7 +118,7 @@ def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
 
 
 def _links(model: Model) -> tuple[LinkFacts, ...]:
-    return tuple(fact for term in model.terms if isinstance(term, RigidBodies) for fact in link_facts(term.file))
+    return tuple(fact for term in model.terms if isinstance(term, HasRobotFile) for fact in link_facts(term.file))
 
 
 def _moving(

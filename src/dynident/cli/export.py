@@ -17,13 +17,13 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
     name = "format"
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
-        from dynident.parts import EXPORTERS
+        from dynident.io.families import EXPORTERS
 
         return f"[{'|'.join(EXPORTERS.kinds())}]"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from dynident.errors import choices
-        from dynident.parts import EXPORTERS
+        from dynident.io.families import EXPORTERS
 
         if value not in EXPORTERS.table and value not in (kinds := EXPORTERS.kinds()):
             self.fail(f"{value!r} is not a format; {choices(value, kinds)}", param, ctx)
@@ -41,6 +41,7 @@ def export(result: Path, kind: str, out: Path) -> None:
     from dynident.errors import ModelError
     from dynident.export import Identified, random_states
     from dynident.export import export as make
+    from dynident.io.families import EXPORTERS
     from dynident.io.results import probe_folder, write_text
     from dynident.io.saved import read_result
     from dynident.report.exports import export_notes
@@ -48,7 +49,7 @@ def export(result: Path, kind: str, out: Path) -> None:
     probe_folder(out.parent)
     saved = read_result(result)
     states = random_states(len(saved.model.joints), np.random.default_rng(0))
-    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), kind, states)
+    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), EXPORTERS.get(kind)(), states)
     if not made.ready or made.written is None or made.proof is None:
         raise ModelError(f"{out}: not written: {made.refusal}")
     screen = console()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dynident.errors import ModelError, choices
+from collections.abc import Mapping
+
+from dynident.errors import ModelError
 from dynident.export.exporter import Exporter, States
+from dynident.export.formats import Mjcf, Numpy, Urdf, Yaml
 from dynident.export.identified import Identified
 from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
@@ -12,15 +15,17 @@ from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Export, Proof, Written
 from dynident.identification import Identification
-from dynident.models import RigidBodies
-from dynident.parts import EXPORTERS
 
 __all__ = [
     "Export",
     "Exporter",
     "Identified",
+    "Mjcf",
+    "Numpy",
     "Proof",
+    "Urdf",
     "Written",
+    "Yaml",
     "export",
     "exports",
     "identified_mjcf",
@@ -32,7 +37,8 @@ __all__ = [
     "spread",
 ]
 
-ALWAYS = ("yaml", "numpy")
+ALWAYS: tuple[Exporter, ...] = (Yaml(), Numpy())
+ROBOT: Mapping[str, Exporter] = {one.format: one for one in (Urdf(), Mjcf())}
 
 
 def exports(found: Identification) -> tuple[Export, ...]:
@@ -43,26 +49,23 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.logs))
-    formats = [term.format for term in found.model.terms if isinstance(term, RigidBodies)]
-    return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))
+    robots = [ROBOT[robot.format]] if (robot := identified.robot) else []
+    return tuple(export(identified, one, states) for one in (*robots, *ALWAYS))
 
 
-def export(identified: Identified, format: str, states: States) -> Export:  # noqa: A002
-    """Return one format with its proof on the states q, dq, ddq (N, n); ModelError for an unknown format."""
-    if format not in EXPORTERS.table and format not in EXPORTERS.kinds():
-        raise ModelError(f"no export format {format!r}; {choices(format, EXPORTERS.kinds())}")
-    exporter: Exporter = EXPORTERS.get(format)()
+def export(identified: Identified, exporter: Exporter, states: States) -> Export:
+    """Return the text of an exporter with its proof on the states q, dq, ddq (N, n), or why there is none."""
     file = exporter.file(identified)
     try:
         written = exporter.write(identified)
     except ModelError as error:
-        return Export(format, file, refusal=str(error))
+        return Export(exporter.format, file, refusal=str(error))
     proof = prove(written, identified, states, exporter)
     if proof.proven:
-        return Export(format, file, written, proof)
+        return Export(exporter.format, file, written, proof)
     words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
     reason = (
         f"the text, loaded again, does not give the identified torque: relative difference {words}, allowed is "
         f"{proof.limit:g}. {' '.join(proof.skipped)}"
     )
-    return Export(format, file, written, proof, reason.strip())
+    return Export(exporter.format, file, written, proof, reason.strip())

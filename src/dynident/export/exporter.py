@@ -22,6 +22,10 @@ class Exporter(Protocol):
     """One format: a frozen dataclass without settings."""
 
     @property
+    def format(self) -> str:
+        """The name of the format."""
+
+    @property
     def readers(self) -> Mapping[str, Reader]:
         """What loads a text again, by name: each returns the torque (N, n) of a text at states q, dq, ddq (N, n)."""
 

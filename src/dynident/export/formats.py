@@ -1,4 +1,4 @@
-"""The formats that a model is exported to; their table is in ``dynident.parts``."""
+"""The formats that a model is exported to."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from dynident.export.parameters import identified_yaml
 from dynident.export.readers import by_dynident, by_mujoco, by_numpy, by_pinocchio, by_yaml
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Written
-from dynident.models import RigidBodies
 
 __all__ = ["Mjcf", "Numpy", "Urdf", "Yaml"]
 
@@ -29,6 +28,7 @@ Array = NDArray[np.float64]
 class Urdf:
     """The robot's own URDF with the inertias, damping and friction found."""
 
+    format: ClassVar[str] = "urdf"
     readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": by_pinocchio, "dynident": by_dynident}
 
     def file(self, identified: Identified) -> str:
@@ -48,6 +48,7 @@ class Urdf:
 class Mjcf:
     """The robot's own MJCF with the inertias, damping, friction and armature found."""
 
+    format: ClassVar[str] = "mjcf"
     readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": by_mujoco, "dynident": by_dynident}
 
     def file(self, identified: Identified) -> str:
@@ -67,6 +68,7 @@ class Mjcf:
 class Numpy:
     """A Python module that needs only NumPy."""
 
+    format: ClassVar[str] = "numpy"
     readers: ClassVar[Mapping[str, Reader]] = {"NumPy": by_numpy}
 
     def file(self, identified: Identified) -> str:  # noqa: ARG002
@@ -86,6 +88,7 @@ class Numpy:
 class Yaml:
     """All parameters by name, with units and meanings."""
 
+    format: ClassVar[str] = "yaml"
     readers: ClassVar[Mapping[str, Reader]] = {"YAML": by_yaml}
 
     def file(self, identified: Identified) -> str:  # noqa: ARG002
@@ -102,10 +105,7 @@ class Yaml:
 
 
 def _stem(identified: Identified) -> str:
-    source = next(
-        (term.source for term in identified.model.terms if isinstance(term, RigidBodies)), identified.model.name
-    )
-    return PurePath(source).stem
+    return PurePath(identified.robot.source if identified.robot else identified.model.name).stem
 
 
 def _of_file(identified: Identified, states: States, *, armature: bool) -> Array:

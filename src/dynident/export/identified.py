@@ -52,11 +52,15 @@ class Identified:
             start = stop
 
     @property
+    def robot(self) -> RigidBodies | None:
+        """The bodies of a robot file; robot files hold them as this term has them, and no others."""
+        return next((term for term in self.model.terms if isinstance(term, RigidBodies)), None)
+
+    @property
     def bodies(self) -> tuple[RigidBodies, Array]:
         """The rigid bodies and their parameters (n, 10); ModelError where the model does not come from a robot file."""
-        for term, values in self.parts:
-            if isinstance(term, RigidBodies):
-                return term, values.reshape(-1, 10)
+        if (robot := self.robot) is not None:
+            return robot, next(values for term, values in self.parts if term is robot).reshape(-1, 10)
         raise ModelError(f"{self.model.name}: this model is not made of a robot file, so there is none to write.")
 
 
@@ -89,6 +93,7 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
     Raises ModelError for a negative value: no simulator takes it.
     """
     bodies, _ = identified.bodies
+    # by type: files have damping * dq and friction * sign(dq), which another term of the same role need not be
     kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
     kinds |= {RotorInertia: "armature"} if armature else {}
     found: dict[str, dict[str, float]] = {name: {} for name in kinds.values()}

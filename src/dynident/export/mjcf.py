@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
-from dynident.export.identified import Drives, Identified, drives, link_inertias
+from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
 from dynident.export.urdf import standing, words
 from dynident.export.written import Written
-from dynident.models import to_physical
+from dynident.models import RigidBodies, to_physical
 
 __all__ = ["identified_mjcf"]
 
@@ -36,22 +36,21 @@ def identified_mjcf(identified: Identified) -> Written:
     if bodies.format != "mjcf":
         raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
     found, shares = drives(identified, armature=True), link_inertias(bodies, values)
-    text, joints = Text(bodies.xml), {joint.name for joint in bodies.joints}
-    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
-    radian = [one["angle"] for one in compilers if "angle" in one][-1:] == ["radian"]
-    for node in _nodes(text):
-        name = node.attributes.get("name", "")
-        if node.tag == "body" and radian:
+    text = Text(bodies.xml)
+    if _in_radians(text):
+        for node in (one for one in _nodes(text) if one.tag == "body"):
             text.sharpen(node, "euler")
             text.sharpen(node, "axisangle", 1)
-        if node.tag == "body" and name in shares.links:
-            _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
-        elif node.tag == "joint" and name in joints:
-            _set_drive(text, node, found, name)
+    _set_found(text, bodies, found, shares)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
     notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
-    return Written("mjcf", str(text), found.left_out, notes)
+    return Written(str(text), found.left_out, notes)
+
+
+def _in_radians(text: Text) -> bool:
+    compilers = [child.attributes for child in text.root.children if child.tag == "compiler"]
+    return [one["angle"] for one in compilers if "angle" in one][-1:] == ["radian"]
 
 
 def _nodes(text: Text) -> Iterator[Node]:
@@ -59,6 +58,17 @@ def _nodes(text: Text) -> Iterator[Node]:
     for world in text.root.children:
         if world.tag == "worldbody":
             yield from world.walk()
+
+
+def _set_found(text: Text, bodies: RigidBodies, found: Drives, shares: Shares) -> None:
+    """Set the inertias of bodies, and what drives their joints."""
+    joints = {joint.name for joint in bodies.joints}
+    for node in _nodes(text):
+        name = node.attributes.get("name", "")
+        if node.tag == "body" and name in shares.links:
+            _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
+        elif node.tag == "joint" and name in joints:
+            _set_drive(text, node, found, name)
 
 
 def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> None:

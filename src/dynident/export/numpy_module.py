@@ -14,6 +14,7 @@ from dynident.export.written import Written
 from dynident.models import (
     Coulomb,
     CoupledMotor,
+    HasNumpySource,
     Lagrangian,
     Offset,
     PerJoint,
@@ -34,11 +35,11 @@ def identified_module(identified: Identified) -> Written:
 
     Rigid bodies are computed by the recursion of Newton and Euler (Featherstone 2008, "Rigid Body Dynamics
     Algorithms", ch. 5) on the ten parameters as they were found, physical or not; symbolic energies by their printed
-    torques. Raises ModelError for a term that is neither, nor friction, offset, rotor inertia or coupling: its formula
-    is not known.
+    torques; friction, offset, rotor inertia and couplings as rows of motors; any other term by its ``numpy_source``.
+    Raises ModelError for a term without one: its formula is not known.
     """
     names = [joint.name for joint in identified.model.joints]
-    motors, rigid = _Motors(names), ["0.0 * q"]
+    motors, rigid, others = _Motors(names), ["0.0 * q"], ["0.0 * q"]
     blocks: list[str] = []
     for k, (term, values) in enumerate(identified.parts):
         if isinstance(term, RigidBodies):
@@ -47,11 +48,12 @@ def identified_module(identified: Identified) -> Written:
         elif isinstance(term, Lagrangian):
             blocks.append(_lagrangian(term, values, k))
             rigid.append(f"_energies_{k}(q, dq, ddq)")
-        else:
-            motors.add(term, values)
+        elif not motors.add(term, values):
+            blocks.append(_other(term, values, k))
+            others.append(f"_term_{k}(q, dq, ddq)")
     head = HEAD.replace("@MODEL@", repr(identified.model.name)).replace("@JOINTS@", _tuple(map(repr, names)))
-    functions = FUNCTIONS.replace("@RIGID@", " + ".join(rigid))
-    return Written("numpy", "\n\n".join([head + motors.text(), *blocks, functions]))
+    functions = FUNCTIONS.replace("@RIGID@", " + ".join(rigid)).replace("@OTHERS@", " + ".join(others))
+    return Written("\n\n".join([head + motors.text(), *blocks, functions]))
 
 
 class _Motors:
@@ -61,24 +63,23 @@ class _Motors:
         self._names = names
         self._rows: list[tuple[Array, Array, tuple[float, float]]] = []
 
-    def add(self, term: Term, values: Array) -> None:
+    def add(self, term: Term, values: Array) -> bool:
+        """Gather a term, if it is one of those that rows of motors hold exactly; False for any other."""
         if isinstance(term, CoupledMotor):
             coefficients = dict(term.coefficients)
             vector = np.array([coefficients.get(name, 0.0) for name in self._names])
             parts = np.zeros(4)
             parts[[term.inertia, term.viscous, term.coulomb, term.offset]] = values
             self._gather(vector, parts, (term.width, term.dead_band))
-            return
+            return True
         kinds: list[type[Term]] = [RotorInertia, Viscous, Coulomb, Offset]
         if not isinstance(term, PerJoint) or type(term) not in kinds:
-            raise ModelError(
-                f"model.py cannot hold the term {type(term).__name__}: its formula is not known. Use the model in "
-                "Python (`dynident.models.Model`), or write the term with `Lagrangian`."
-            )
+            return False
         sign = (term.width, term.dead_band) if isinstance(term, Coulomb) else (0.0, 0.0)
         for name, value in zip(term.on or self._names, values.tolist(), strict=True):
             vector = np.array([float(name == other) for other in self._names])
             self._gather(vector, value * np.eye(4)[kinds.index(type(term))], sign)
+        return True
 
     def _gather(self, vector: Array, parts: Array, sign: tuple[float, float]) -> None:
         """Add to the row of the same coefficients, unless both have Coulomb friction."""
@@ -113,6 +114,15 @@ def _bodies(term: RigidBodies, values: Array, k: int) -> str:
         )
     text = BODIES.replace("@K@", str(k)).replace("@GRAVITY@", _array(term.gravity))
     return text.replace("@ROWS@", "\n".join(rows))
+
+
+def _other(term: Term, values: Array, k: int) -> str:
+    if not isinstance(term, HasNumpySource):
+        raise ModelError(
+            f"model.py cannot hold the term {type(term).__name__}: its formula is not known. Give the term a method "
+            "`numpy_source`, use the model in Python (`dynident.models.Model`), or write the term with `Lagrangian`."
+        )
+    return term.numpy_source(f"_term_{k}", values)
 
 
 def _lagrangian(term: Lagrangian, values: Array, k: int) -> str:
@@ -218,6 +228,10 @@ FUNCTIONS = '''def _rigid(q, dq, ddq):
     return @RIGID@
 
 
+def _others(q, dq, ddq):
+    return @OTHERS@
+
+
 def _motors(dq, ddq, parts):
     """Return the torque of inertia, viscous, Coulomb and constant parts of the motors, as far as chosen."""
     out = np.zeros(dq.shape)
@@ -239,9 +253,9 @@ def _states(*states):
 
 
 def inverse_dynamics(q, dq, ddq):
-    """Return the torque of a motion, in the shape of q: bodies, friction, constant torques, rotor inertia."""
+    """Return the torque of a motion, in the shape of q: bodies, friction, constant torques, rotor inertia, others."""
     states = _states(q, dq, ddq)
-    return (_rigid(*states) + _motors(*states[1:], (1, 1, 1, 1))).reshape(np.shape(q))
+    return (_rigid(*states) + _motors(*states[1:], (1, 1, 1, 1)) + _others(*states)).reshape(np.shape(q))
 
 
 def gravity(q):
@@ -259,9 +273,13 @@ def friction(dq):
 def mass_matrix(q):
     """Return the matrix (n, n) or (N, n, n) that multiplies ddq, with rotor inertia."""
     (states,) = _states(q)
-    still, rest = 0 * states, gravity(states)
+    still = 0 * states
+    rest = _rigid(states, still, still) + _others(states, still, still)
     columns = [
-        _rigid(states, still, still + unit) - rest + _motors(still, still + unit, (1, 0, 0, 0))
+        _rigid(states, still, still + unit)
+        + _others(states, still, still + unit)
+        - rest
+        + _motors(still, still + unit, (1, 0, 0, 0))
         for unit in np.eye(len(JOINTS))
     ]
     return np.stack(columns, axis=-1).reshape(np.shape(q) + (len(JOINTS),))

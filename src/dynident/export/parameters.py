@@ -9,7 +9,6 @@ import yaml
 
 from dynident.export.identified import Identified
 from dynident.export.written import Written
-from dynident.models import RigidBodies
 
 __all__ = ["identified_yaml"]
 
@@ -27,13 +26,12 @@ def identified_yaml(identified: Identified) -> Written:
         "frames": FRAME,
         "joints": [{"name": joint.name, "kind": joint.kind, "unit": joint.unit} for joint in model.joints],
     }
-    for term in model.terms:
-        if isinstance(term, RigidBodies):
-            merged = {body: list(links) for body, links in term.merged.items()}
-            locked = dict(term.locked if isinstance(term.locked, tuple) else term.locked.items())
-            data["robot"] = {"file": term.source, "gravity": list(term.gravity), "locked": locked, "merged": merged}
+    if (robot := identified.robot) is not None:
+        merged = {body: list(links) for body, links in robot.merged.items()}
+        data |= {"robot": {"file": robot.source, "gravity": list(robot.gravity), "locked": dict(robot.locked)}}
+        data["robot"]["merged"] = merged
     data["parameters"] = [_row(identified, k) for k in range(len(model.parameters))]
-    return Written("yaml", yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
+    return Written(yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120))
 
 
 def _row(identified: Identified, k: int) -> dict[str, Any]:

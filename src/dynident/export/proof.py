@@ -11,7 +11,6 @@ from dynident.export.exporter import Exporter, Reader, States
 from dynident.export.identified import Identified
 from dynident.export.written import Proof, Written
 from dynident.log import Motion, subsample
-from dynident.parts import EXPORTERS
 
 __all__ = ["prove", "random_states", "spread"]
 
@@ -34,12 +33,11 @@ def random_states(joints: int, rng: np.random.Generator, count: int = 500) -> St
     return q, dq, ddq
 
 
-def prove(written: Written, identified: Identified, states: States, exporter: Exporter | None = None) -> Proof:
+def prove(written: Written, identified: Identified, states: States, exporter: Exporter) -> Proof:
     """Return how well the torque of the text, loaded again, agrees with the model without what is left out.
 
-    The exporter, by default that of the text's format, says who loads it, and what it can hold.
+    The exporter says who loads it, and what it can hold.
     """
-    exporter = exporter or EXPORTERS.get(written.format)()
     expected = exporter.torque(identified, states)
     found: dict[str, float] = {}
     skipped: list[str] = []

@@ -34,18 +34,15 @@ def identified_urdf(identified: Identified) -> Written:
         raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
     found, shares = drives(identified, armature=False), link_inertias(bodies, values)
     text = Text(bodies.xml)
+    joints = {joint.name for joint in bodies.joints}
     for node in text.root.children:
         name = node.attributes.get("name", "")
-        if node.tag == "joint" and (origin := node.find("origin")) is not None:
-            text.sharpen(origin, "rpy")
         if node.tag == "link" and name in shares.links:
             _set_inertia(text, node, shares.links[name])
-        elif node.tag == "joint" and name in (joint.name for joint in bodies.joints):
-            _set_dynamics(text, node, found, name)
+        elif node.tag == "joint":
+            _set_joint(text, node, found, name if name in joints else None)
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
-    return Written(
-        "urdf", str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares))
-    )
+    return Written(str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares)))
 
 
 def words(values: Iterable[float]) -> str:
@@ -99,6 +96,14 @@ def _set_origin(text: Text, inertial: Node, centre: str) -> None:
 
 def _element(tag: str, values: Mapping[str, str]) -> str:
     return f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>"
+
+
+def _set_joint(text: Text, joint: Node, found: Drives, name: str | None) -> None:
+    """Set the frame of a joint, and of one that moves, by its ``name``, the damping and friction."""
+    if (origin := joint.find("origin")) is not None:
+        text.sharpen(origin, "rpy")
+    if name is not None:
+        _set_dynamics(text, joint, found, name)
 
 
 def _set_dynamics(text: Text, joint: Node, found: Drives, name: str) -> None:

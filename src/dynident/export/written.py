@@ -10,9 +10,8 @@ __all__ = ["Export", "Proof", "Written"]
 
 @dataclass(frozen=True)
 class Written:
-    """The text of a model in one format; ``left_out`` says in words what the format cannot hold, ``notes`` the rest."""
+    """The text of a model; ``left_out`` says in words what its format cannot hold, ``notes`` the rest."""
 
-    format: str
     text: str
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -13,11 +12,12 @@ from numpy.typing import NDArray
 
 from dynident.io.columns import Family, families, read_name
 from dynident.io.fields import UNITS
-from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, increases, rows_of
+from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of
 from dynident.io.settings import POSITIONS, TORQUES
 from dynident.io.tables import DataTable
+from dynident.io.time_column import TimeColumn, has_gaps, time_column
 
-__all__ = ["ColumnMapping", "Signal", "TimeColumn", "map_columns", "widths"]
+__all__ = ["ColumnMapping", "Signal", "map_columns", "widths"]
 
 Array = NDArray[np.float64]
 
@@ -25,9 +25,6 @@ _DECIMALS = 6  # of locked positions: more than any gripper is known to
 _STILL = 1e-3  # rad or m: a locked joint that moves more is asked about
 _SLACK = 1.05  # on limits of position
 _OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
-_FASTEST, _SLOWEST = 5e-5, 0.3  # s: sampling steps that are taken for granted
-_FEW, _EVEN = 30, 0.1  # samples, and deviation of the steps, of a column that is a clock without being called so
-_GAP = 12  # times the median step, as in the reading of logs
 
 
 @dataclass(frozen=True)
@@ -38,16 +35,6 @@ class Signal:
     unit: str
     question: str = ""
     gain: str = ""  # what the gain is, where the column is no torque yet
-
-
-@dataclass(frozen=True)
-class TimeColumn:
-    """The column of the stamps (None: not found) and its unit; ``step`` is the median step in s."""
-
-    column: str | None
-    unit: str = "s"
-    step: float = math.nan
-    question: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,8 +77,8 @@ def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = Fals
     names = _shared(position, torque, usable)
     used = [joint for joint in usable if joint.name in names]
     rows = rows_of(table, position or torque)
-    time = _time(table, found, rows, ros)
-    signals = {} if position is None else _positions(table, usable, position, ros)
+    time = time_column(table, found, rows, ros)
+    signals = _positions(table, usable, position, ros)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
     return ColumnMapping(
@@ -102,7 +89,7 @@ def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = Fals
         reasons={key: match.reason + _unit_reason(match.family, ros) for key, match in matches.items()},
         left=left,
         strangers=_strangers(left, position, joints),
-        gaps=_has_gaps(table, time),
+        gaps=has_gaps(table, time),
     )
 
 
@@ -133,8 +120,10 @@ def _shared(one: Match | None, other: Match | None, joints: Sequence[JointFacts]
     return set.intersection(*matched) if matched else {joint.name for joint in joints}
 
 
-def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match, ros: bool) -> dict[str, Signal]:
+def _positions(table: DataTable, joints: Sequence[JointFacts], match: Match | None, ros: bool) -> dict[str, Signal]:
     """Return the positions of the joints that are matched; those of turning joints may look like degrees."""
+    if match is None:
+        return {}
     joints = [joint for joint in joints if joint.name in match.columns]
     values = {joint.name: finite(table.columns[match.columns[joint.name]]) for joint in joints}
     degrees = "" if ros else _degrees([(joint, values[joint.name]) for joint in joints if joint.kind == "revolute"])
@@ -251,70 +240,6 @@ def _torque(joint: JointFacts, match: Match, peak: float, most: float | None, ro
     return Signal(column, unit, _asked(match.question, doubt))
 
 
-def _time(table: DataTable, found: Iterable[Family], rows: int, ros: bool) -> TimeColumn:
-    """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
-    chosen = _stamps(table, found, rows)
-    if rows < 2 or chosen is None:
-        return TimeColumn(None)
-    name, unit, question = chosen
-    column = table.columns[name]
-    unit = unit or ("s" if ros else _epoch(column))
-    if unit is None:
-        return _by_step(name, column, question)
-    return TimeColumn(name, unit, _step(column) * UNITS["time"][unit], question)
-
-
-def _stamps(table: DataTable, found: Iterable[Family], rows: int) -> tuple[str, str | None, str] | None:
-    """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
-    named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
-    stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
-    if not stamps:
-        alone = _clock(table, rows)
-        return (*alone, "the only column that increases evenly: is it the time?") if alone else None
-    name, unit = min(stamps, key=lambda stamp: not increases(table.columns[stamp[0]]))
-    sound = increases(table.columns[name])
-    return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
-
-
-def _by_step(name: str, column: Array, question: str) -> TimeColumn:
-    """Return stamps whose unit follows from their median step."""
-    step = _step(column)
-    if _FASTEST <= step <= _SLOWEST:
-        return TimeColumn(name, "s", step, question)
-    if step == 1 and float(finite(column)[0]).is_integer():
-        asked = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
-        return TimeColumn(name, "ms", 1e-3, asked)
-    unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
-    asked = f"the median step is {step:.4g}: is this {unit}?"
-    return TimeColumn(name, unit, step * UNITS["time"][unit], _asked(question, asked))
-
-
-def _clock(table: DataTable, rows: int) -> tuple[str, str | None] | None:
-    """Return the only column that increases in about equal steps, whatever its name, and the unit that the name has."""
-    even = []
-    for name, column in table.columns.items():
-        if len(column) == rows >= _FEW and increases(column):
-            steps = np.diff(column)
-            if steps.max() < _GAP * np.median(steps) and np.median(np.abs(steps / np.median(steps) - 1)) < _EVEN:
-                even.append(name)
-    if len(even) != 1:
-        return None
-    words = re.split("[^a-z]+", even[0].lower())
-    return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
-
-
-def _epoch(column: Array) -> str | None:
-    """Return the unit in which the stamps count from 1970, None where they do not: a year from 2001 to 2049."""
-    start = float(finite(column).min(initial=np.inf))
-    return next((unit for unit in ("s", "ms", "us", "ns") if 1e9 < start * UNITS["time"][unit] < 2.5e9), None)
-
-
-def _step(column: Array) -> float:
-    """Return the median step, nan where there is none."""
-    steps = np.diff(finite(column))
-    return float(np.median(steps)) if len(steps) else math.nan
-
-
 def _unit_reason(family: Family, ros: bool) -> str:
     if family.role == "current":
         return ""
@@ -323,13 +248,6 @@ def _unit_reason(family: Family, ros: bool) -> str:
     if ros:
         return "; the unit is that of ROS" + (", but some drivers send currents" if family.role == "torque" else "")
     return "; the unit is judged by the values and the limits in the robot file"
-
-
-def _has_gaps(table: DataTable, time: TimeColumn) -> bool:
-    if time.column is None:
-        return False
-    column = table.columns[time.column]
-    return bool((np.diff(finite(column)) > _GAP * _step(column)).any())
 
 
 def _lock(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,10 +124,11 @@ def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]
     if isinstance(node, yaml.MappingNode):
         counts = Counter(str(key.value) for key, _ in node.value)
         yield from (key for key, _ in reversed(node.value) if counts[str(key.value)] > 1)
-    if isinstance(node, yaml.CollectionNode):
+        for child in chain.from_iterable(node.value):
+            yield from _doubled_keys(child, seen)
+    elif isinstance(node, yaml.SequenceNode):
         for child in node.value:
-            for part in child if isinstance(child, tuple) else (child,):
-                yield from _doubled_keys(part, seen)
+            yield from _doubled_keys(child, seen)
 
 
 def _named(config: Config, source: str) -> Config:

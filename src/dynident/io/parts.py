@@ -27,10 +27,11 @@ from pydantic import (
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.errors import ConfigError, DynidentError, choices
+from dynident.io.families import Family, Settings, family_of, settings_hints, settings_type
 from dynident.io.fields import Name, Section
 from dynident.io.python_file import from_file
 from dynident.io.wording import worded
-from dynident.parts import BY_JOINT, Family, Settings, settings_hints, settings_type
+from dynident.smoothers import BY_JOINT
 
 __all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "with_settings"]
 
@@ -177,28 +178,54 @@ def _words(text: str) -> PydanticCustomError:
 
 def _setting(hint: Any, where: str) -> Any:
     """Return the annotation that reads a value of the type of a part's field as YAML gives it."""
-    origin, inside = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        base, *marks = inside
-        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
-            return Annotated[Any, PartReader(family, nested=True), AfterValidator(built)]
-        kept = [mark for mark in marks if not isinstance(mark, str)]
-        return Annotated[(_setting(base, where), *kept)] if kept else _setting(base, where)
-    if origin in (Union, UnionType):
-        return _either([(one, _setting(one, where)) for one in inside])
-    if origin is tuple:
-        return tuple[tuple(one if one is Ellipsis else _setting(one, where) for one in inside)]  # type: ignore[misc]
-    if origin in (list, Sequence):
-        return origin[_setting(inside[0], where)] if origin is list else tuple[_setting(inside[0], where), ...]  # type: ignore[misc]
-    if origin is not None and origin is not Literal and issubclass(origin, Mapping):
-        return Mapping[Name, _setting(inside[1], where)]  # type: ignore[misc]
-    if origin is Literal:
-        return hint
-    if hint in SCALARS:
+    if (family := family_of(hint)) is not None:
+        return Annotated[Any, PartReader(family, nested=True), AfterValidator(built)]
+    if (read := GENERIC.get(get_origin(hint))) is not None:
+        return read(get_args(hint), where)
+    if get_origin(hint) is None and hint in SCALARS:
         return SCALARS[hint]
-    if isinstance(hint, type) and issubclass(hint, Enum):
+    if _is_enum(hint):
         return hint
     raise ConfigError(f"{where} has the type {hint}; a setting is a number, a text, or a list or mapping of them.")
+
+
+def _annotated(inside: tuple[Any, ...], where: str) -> Any:
+    base, *marks = inside
+    kept = [mark for mark in marks if not isinstance(mark, str)]
+    return Annotated[(_setting(base, where), *kept)] if kept else _setting(base, where)
+
+
+def _tuple(inside: tuple[Any, ...], where: str) -> Any:
+    return tuple[tuple(one if one is Ellipsis else _setting(one, where) for one in inside)]  # type: ignore[misc]
+
+
+def _union(inside: tuple[Any, ...], where: str) -> Any:
+    return _either([(one, _setting(one, where)) for one in inside])
+
+
+def _mapping(inside: tuple[Any, ...], where: str) -> Any:
+    return Mapping[Name, _setting(inside[1], where)]  # type: ignore[misc]
+
+
+GENERIC: Mapping[Any, Callable[[tuple[Any, ...], str], Any]] = {
+    Annotated: _annotated,
+    Union: _union,
+    UnionType: _union,
+    Literal: lambda inside, _: Literal[inside],
+    tuple: _tuple,
+    list: lambda inside, where: list[_setting(inside[0], where)],  # type: ignore[misc]
+    Sequence: lambda inside, where: _tuple((inside[0], ...), where),
+    Mapping: _mapping,
+    dict: _mapping,
+}
+
+
+def _is_text(hint: Any) -> bool:
+    return get_origin(hint) is Literal or hint is str or _is_enum(hint)
+
+
+def _is_enum(hint: Any) -> bool:
+    return isinstance(hint, type) and issubclass(hint, Enum)
 
 
 def _number(value: object) -> float:
@@ -249,26 +276,18 @@ def _fits(hint: Any, value: object) -> bool:
     """Whether a value has the shape of a type."""
     while get_origin(hint) is Annotated:
         hint = get_args(hint)[0]
-    origin = get_origin(hint)
     if value is None or isinstance(value, bool):
         return hint is (NoneType if value is None else bool)
     if isinstance(value, Mapping):
-        return origin is not None and origin is not Literal and issubclass(origin, Mapping)
+        return get_origin(hint) in (Mapping, dict) or family_of(hint) is not None
     if isinstance(value, list | tuple):
-        return origin in (tuple, list, Sequence)
-    if isinstance(value, str):
-        return (
-            origin is Literal
-            or hint is str
-            or (isinstance(hint, type) and issubclass(hint, Enum))
-            or (hint in (int, float) and _reads(value))
-        )
-    return hint in (int, float)
+        return get_origin(hint) in (tuple, list, Sequence)
+    return (hint in (int, float) and _reads(value)) or (isinstance(value, str) and _is_text(hint))
 
 
-def _reads(text: str) -> bool:
+def _reads(value: object) -> bool:
     try:
-        _number(text)
+        _number(value)
     except ValueError:
         return False
     return True

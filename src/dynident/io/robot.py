@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dynident.errors import ModelError
+from dynident.io.families import TERMS
 from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
-from dynident.parts import TERMS
 
 __all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
 from dynident.errors import ConfigError, choices
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
     UNITS,
     Count,
@@ -26,7 +27,6 @@ from dynident.io.fields import (
 )
 from dynident.io.parts import PartReader, by_joint
 from dynident.models import Joint
-from dynident.parts import ESTIMATORS, SMOOTHERS, TERMS
 
 __all__ = [
     "CascadeJoint",
@@ -228,25 +228,25 @@ def check_joints(config: Config, joints: Sequence[Joint]) -> None:
 
     Raises ConfigError for a joint without a position or torque, an unknown joint, or a unit that does not fit.
     """
-    for section, channels, units in (
-        ("position", config.position, POSITIONS),
-        ("torque", config.torque, TORQUES),
-    ):
-        _same_names(section, channels, joints)
-        for joint in joints:
-            unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")
+    _check_channels(config, joints)
     if config.time.column is not None:
         unit_factor(config.time.unit, "time", "time.unit")
     for name, given in by_joint(config.smoother):
         _same_names(f"smoother.{name}", given, joints)
-    _known_names("zero", config.zero, joints)
-    if isinstance(config.min_speed, Mapping):
-        _known_names("min_speed", config.min_speed, joints)
+    speeds = config.min_speed if isinstance(config.min_speed, Mapping) else {}
+    rows = {f"transmission.{name}": row for name, row in config.transmission.items()}
+    named = {"zero": config.zero, "min_speed": speeds, "transmission": config.transmission, **rows}
+    for section, values in named.items():
+        _known_names(section, values, joints)
     if isinstance(config.simulation, CascadeSettings):
         _check_cascade(config, config.simulation, joints)
-    _known_names("transmission", config.transmission, joints)
-    for name, row in config.transmission.items():
-        _known_names(f"transmission.{name}", row, joints)
+
+
+def _check_channels(config: Config, joints: Sequence[Joint]) -> None:
+    for section, channels, units in (("position", config.position, POSITIONS), ("torque", config.torque, TORQUES)):
+        _same_names(section, channels, joints)
+        for joint in joints:
+            unit_factor(channels[joint.name].unit, units[joint.kind], f"{section}.{joint.name}.unit")
     for joint in joints:
         if joint.kind == "prismatic" and config.position[joint.name].multi_turn:
             raise ConfigError(f"position.{joint.name}.multi_turn: joint {joint.name!r} slides; leave the key out.")

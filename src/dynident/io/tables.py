@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, choices
+from dynident.io.families import READERS
 from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
 from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, unpanicked
-from dynident.parts import READERS
 
 __all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 

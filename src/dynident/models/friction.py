@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
@@ -24,7 +25,8 @@ class PerJoint(ABC):
     """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j.
 
     A class of it says in ``shape``, ``slope`` and ``meaning`` what it is; ``symbol`` begins the parameters' names,
-    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on. Further fields are settings.
+    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on; ``formula`` is ``shape`` as text, for
+    exports. Further fields are settings.
     """
 
     symbol: ClassVar[str]
@@ -42,15 +44,18 @@ class PerJoint(ABC):
             object.__setattr__(self, name, None if given is None else tuple(given))
         known = [joint.name for joint in self.joints]
         on = known if self.on is None else self.on
+        self._check_on(on, known)
+        for name in ("names", "expressions", "values"):
+            given = getattr(self, name)
+            if given is not None and len(given) != len(on):
+                raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
+
+    def _check_on(self, on: Sequence[str], known: Sequence[str]) -> None:
         for k, name in enumerate(on):
             if name not in known:
                 raise ModelError(f"{type(self).__name__}: no joint {name!r}; {choices(name, known)}")
             if name in on[:k]:
                 raise ModelError(f"{type(self).__name__}: joint {name!r} is listed twice in 'on'.")
-        for name in ("names", "expressions", "values"):
-            given = getattr(self, name)
-            if given is not None and len(given) != len(on):
-                raise ModelError(f"{type(self).__name__}: {len(given)} {name} for {len(on)} joints ({', '.join(on)}).")
 
     @cached_property
     def _columns(self) -> list[int]:
@@ -86,6 +91,19 @@ class PerJoint(ABC):
     def unit(self, joint: Joint) -> str:
         """Return the unit of a joint's parameter."""
         return joint.effort
+
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source, with the rate named as ``of`` says; empty where it is not known."""
+        return ""
+
+    def numpy_source(self, name: str, theta: Array) -> str:
+        """Return the text of a function of q, dq and ddq that gives Y theta; ModelError without a ``formula``."""
+        if not (formula := self.formula()):
+            cls = type(self).__name__
+            raise ModelError(f"model.py cannot hold the term {cls}: give its formula by a method `{cls}.formula`.")
+        values = np.zeros(len(self.joints))
+        values[self._columns] = theta
+        return f"def {name}(q, dq, ddq):\n    return np.array({values.tolist()!r}) * ({formula})\n"
 
     @abstractmethod
     def meaning(self) -> str:

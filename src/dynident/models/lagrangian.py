@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -187,15 +188,21 @@ def _value(expression: Any, values: Mapping[Any, float]) -> float | None:
 
 def _unit(units: Sequence[str], powers: Monomial) -> str:
     """Return the unit of a product of powers: ``_unit(["kg", "m"], (1, 2))`` is ``"kg m^2"``."""
-    total: dict[str, int] = {}
+    total: Counter[str] = Counter()
     for unit, times in zip(units, powers, strict=True):
-        for side, factors in enumerate(unit.split("/") if times else ()):
-            for factor in factors.split():
-                base, _, power = factor.partition("^")
-                total[base] = total.get(base, 0) + (1 - 2 * side) * times * int(power or 1)
+        for base, power in _factors(unit) if times else ():
+            total[base] += times * power
     total.pop("1", None)
     above, below = ([_power(base, sign * k) for base, k in total.items() if sign * k > 0] for sign in (1, -1))
     return (" ".join(above) or "1") + ("/" if below else "") + " ".join(below)
+
+
+def _factors(unit: str) -> Iterator[tuple[str, int]]:
+    """Yield the bases of a unit with their powers: ``"kg m^2/s"`` has kg, m^2 and s^-1."""
+    for side, factors in enumerate(unit.split("/")):
+        for factor in factors.split():
+            base, _, power = factor.partition("^")
+            yield base, (1 - 2 * side) * int(power or 1)
 
 
 def _power(base: str, k: int) -> str:

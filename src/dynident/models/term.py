@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from dynident.models.robot_file import Limits
+    from dynident.models.robot_file import Limits, RobotFile
 
 __all__ = [
     "INERTIAL",
     "HasGravity",
     "HasLimits",
     "HasNotes",
+    "HasNumpySource",
+    "HasRobotFile",
     "HasSign",
     "Joint",
     "Parameter",
@@ -145,3 +147,31 @@ class HasNotes(Protocol):
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences for the user."""
+
+
+@runtime_checkable
+class HasRobotFile(Protocol):
+    """A term that was made from a robot file."""
+
+    @property
+    def source(self) -> str:
+        """Name of the file."""
+
+    @property
+    def file(self) -> RobotFile:
+        """What the file says."""
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Gravity (3) in the frame of the root link, m/s^2: the one that is used, which may not be the file's."""
+
+
+@runtime_checkable
+class HasNumpySource(Protocol):
+    """A term that can be written for the exported module, which needs only NumPy."""
+
+    def numpy_source(self, name: str, theta: Array, /) -> str:
+        """Return the text of a function ``name(q, dq, ddq)`` of NumPy (``np``) that gives Y theta (N, n), theta (p).
+
+        Raises ModelError where there is no such text.
+        """

@@ -147,16 +147,18 @@ class Regression:
         for motion in self.motions:
             if motion.joints != names:
                 raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
+        self._check_min_speed(names)
+        shapes = [motion.q.shape for motion in self.motions]
+        if self.weights and [weight.shape for weight in self.weights] != shapes:
+            raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
+
+    def _check_min_speed(self, names: tuple[str, ...]) -> None:
         if self.min_speed is not None and (
             len(self.min_speed) != len(names) or not all(v >= 0 for v in self.min_speed)
         ):
             raise ConfigError(
                 f"min_speed = {self.min_speed}: give a speed >= 0 for each of the joints {', '.join(names)}."
             )
-
-        shapes = [motion.q.shape for motion in self.motions]
-        if self.weights and [weight.shape for weight in self.weights] != shapes:
-            raise ConfigError(f"weights have shapes {[w.shape for w in self.weights]}, the motions {shapes}.")
 
     def blocks(self) -> Iterator[RegressorBlock]:
         """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.log import Log, Motion
 
-__all__ = ["KnowsNoise", "Smoother", "ends_mask"]
+__all__ = ["BY_JOINT", "KnowsNoise", "Smoother", "ends_mask"]
+
+BY_JOINT = "by joint"
+"""Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
 
 class Smoother(Protocol):

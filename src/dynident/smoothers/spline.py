@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
-from dynident.parts import BY_JOINT
-from dynident.smoothers.smoother import ends_mask
+from dynident.smoothers.smoother import BY_JOINT, ends_mask
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, noise_sigma, smooth
 
 __all__ = ["Spline", "SplineSettings"]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
 
 from dynident.errors import ConfigError
 from dynident.log import Log, Motion
-from dynident.parts import SMOOTHERS
 from dynident.smoothers.smoother import Smoother
 
 __all__ = ["TimeShifted", "unshifted"]
@@ -23,7 +21,7 @@ class TimeShifted:
     touched: a shifted noisy signal is a filtered one.
     """
 
-    smoother: Annotated[Smoother, SMOOTHERS]
+    smoother: Smoother
     time_offset: float
 
     def __post_init__(self) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators import Estimator, Problem, quick
+from dynident.io.families import ESTIMATORS
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.models.gallery import slider, two_link_arm
-from dynident.parts import ESTIMATORS
 from dynident.regression import Regression
 from dynident.testing.settings import builds_itself_from_its_settings
 

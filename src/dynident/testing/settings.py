@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from dynident.io.families import Family
 from dynident.io.parts import built, with_settings
-from dynident.parts import Family
 
 __all__ = ["builds_itself_from_its_settings"]
 

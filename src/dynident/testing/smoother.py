@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
+from dynident.io.families import SMOOTHERS
 from dynident.log import Log
-from dynident.parts import SMOOTHERS
 from dynident.smoothers import Smoother
 from dynident.testing.settings import builds_itself_from_its_settings
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models import HasGravity, HasSign, Model, Term
+from dynident.errors import ModelError
+from dynident.models import HasGravity, HasNumpySource, HasSign, Model, Term
 
 __all__ = ["TERM_CHECKS", "check_term", "states"]
 
@@ -142,6 +144,21 @@ def turns_its_gravity(term: Term) -> None:
     np.testing.assert_allclose(twice.torque(*state, theta) - tau, pulled, rtol=1e-9, atol=1e-9)
 
 
+def is_the_same_in_numpy(term: Term) -> None:
+    """Its text for the exported module, where there is one, gives the same torque."""
+    if not isinstance(term, HasNumpySource):
+        return
+    state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    try:
+        text = term.numpy_source("torque", theta)
+    except ModelError:  # it has none
+        return
+    namespace: dict[str, Any] = {"np": np}
+    exec(text, namespace)  # noqa: S102 - the text of the term that is checked
+    whole = Model((term,)).torque(*state, theta)
+    np.testing.assert_allclose(namespace["torque"](*state), whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+
+
 TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     describes_its_parameters,
     returns_finite_arrays,
@@ -153,4 +170,5 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     has_partials_that_are_slopes,
     softens_its_sign,
     turns_its_gravity,
+    is_the_same_in_numpy,
 )

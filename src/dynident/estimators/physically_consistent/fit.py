@@ -86,6 +86,9 @@ class PhysicallyConsistent:
             given = getattr(self, name)
             if isinstance(given, Mapping):
                 object.__setattr__(self, name, tuple((key, _tupled(value)) for key, value in given.items()))
+        self._check_settings()
+
+    def _check_settings(self) -> None:
         if self.distance not in get_args(Distance):
             raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
         if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):

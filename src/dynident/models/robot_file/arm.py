@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,41 +111,49 @@ def _check_movable(file: RobotFile, joint: RobotJoint) -> None:
         )
 
 
+@dataclass(eq=False)
+class _Body:
+    """A body whose links are being gathered, with the frame of each in that of the body."""
+
+    joint: RobotJoint
+    parent: int | None
+    placement: Array
+    links: dict[str, Array] = field(default_factory=dict)
+    frames: list[Array] = field(default_factory=list)
+
+    def add(self, link: str, inertia: Array | None, frame: Array) -> None:
+        self.links[link] = np.full(10, np.nan) if inertia is None else moved(inertia, frame)
+        self.frames.append(frame)
+
+    def finished(self) -> ArmBody:
+        theta = sum(self.links.values(), np.zeros(10))
+        return ArmBody(self.joint, self.parent, self.placement, theta, tuple(self.links), tuple(self.frames))
+
+
 def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm:
     """Gather the links into bodies, from the root outwards, in the order of the file."""
     below: dict[str, list[RobotJoint]] = {}
     for branch in file.joints:
         below.setdefault(branch.parent, []).append(branch)
-    joints: list[tuple[RobotJoint, int | None, Array]] = []
-    links: list[dict[str, Array]] = []  # by body: inertia of each link in the body's frame
-    frames: list[list[Array]] = []
+    bodies: list[_Body] = []
     still: list[str] = []
     standing: dict[str, float] = {}
     todo: list[tuple[str, RobotJoint | None, int | None, Array]] = [(file.root, None, None, np.eye(4))]
     while todo:
         link, joint, host, frame = todo.pop()
         if joint is not None and joint.name in moving:
-            joints.append((joint, host, frame))
-            links.append({})
-            frames.append([])
-            host, frame = len(joints) - 1, np.eye(4)
+            bodies.append(_Body(joint, host, frame))
+            host, frame = len(bodies) - 1, np.eye(4)
         elif joint is not None:
             position = _position(file, joint, locked)
             frame = frame @ motion(joint, position)
-            if joint.kind != "fixed":
-                standing[joint.name] = position
+            standing |= {joint.name: position} if joint.kind != "fixed" else {}
         if host is None:
             still.append(link)
         else:
-            inertia = file.links[link]
-            links[host][link] = np.full(10, np.nan) if inertia is None else moved(inertia, frame)
-            frames[host].append(frame)
+            bodies[host].add(link, file.links[link], frame)
         todo += [(x.child, x, host, frame @ x.placement) for x in reversed(below.get(link, []))]
-    bodies = (
-        ArmBody(*joints[k], sum(own.values(), np.zeros(10)), tuple(own), tuple(frames[k]))
-        for k, own in enumerate(links)
-    )
-    return Arm(tuple(bodies), np.arange(len(links)), tuple(still), standing)
+    return Arm(tuple(body.finished() for body in bodies), np.arange(len(bodies)), tuple(still), standing)
 
 
 def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -> float:

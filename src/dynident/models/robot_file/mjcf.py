@@ -16,19 +16,18 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
 from dynident.models.inertia import from_physical, moved
+from dynident.models.robot_file.mjcf_orientation import ANGULAR, ORIENTATIONS, orientation
 from dynident.models.robot_file.xml import (
     Coupled,
     Limits,
     RobotFile,
     RobotJoint,
     Tied,
-    angles,
     corrected,
     known,
     motion,
     numbers,
     placement,
-    rotation,
     unique,
     unit,
 )
@@ -45,8 +44,6 @@ KINDS: dict[str, Literal["fixed", "revolute", "prismatic"]] = {
     "ball": "fixed",
     "free": "fixed",
 }
-ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-ANGULAR = ("euler", "axisangle")
 ALTERED = ("balanceinertia", "boundmass", "boundinertia", "settotalmass", "inertiafromgeom")
 
 
@@ -101,41 +98,9 @@ class _Reader:
         given = [key for key in ORIENTATIONS if key in attributes]
         if len(given) > 1:
             raise ModelError(f"{where}: {' and '.join(given)} are both given; keep one orientation.")
-        turn = self._orientation(given[0], attributes, where) if given else np.eye(3)
-        return placement(turn, numbers(attributes, "pos", "0 0 0", where, 3))
-
-    def _orientation(self, key: str, attributes: Attributes, where: str) -> Array:
-        counts = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
-        values = numbers(attributes, key, "", where, counts[key])
-        if key in ANGULAR:
-            turns = np.deg2rad(values) if self.degrees else angles(attributes, key, "", where, counts[key])
-            return self._euler(turns, where) if key == "euler" else rotation(unit(values[:3], where), turns[3])
-        if key == "quat":
-            half = float(np.linalg.norm(values[1:]))
-            axis = values[1:] / half if half else np.array([0.0, 0.0, 1.0])
-            if not values.any():
-                raise ModelError(f"{where}: quat is zero; write '1 0 0 0' for no rotation.")
-            return rotation(axis, 2 * float(np.arctan2(half, values[0])))
-        if key == "xyaxes":
-            x = unit(values[:3], where)
-            y = unit(values[3:] - (values[3:] @ x) * x, where)
-            return np.column_stack([x, y, np.cross(x, y)])
-        z = unit(values, where)
-        sine = np.cross([0.0, 0.0, 1.0], z)
-        size = float(np.linalg.norm(sine))
-        axis = sine / size if size else np.array([1.0, 0.0, 0.0])
-        return rotation(axis, float(np.arctan2(size, z[2])))
-
-    def _euler(self, angles: Array, where: str) -> Array:
-        """Return the rotation (3, 3); lower-case axes of ``eulerseq`` turn with the body, upper-case ones do not."""
         sequence = self.compiler.get("eulerseq", "xyz")
-        if len(sequence) != 3 or set(sequence.lower()) - set("xyz"):
-            raise ModelError(f"{where}: eulerseq = {sequence!r}; give three of x, y, z, or X, Y, Z.")
-        out = np.eye(3)
-        for letter, angle in zip(sequence, angles, strict=True):
-            turn = rotation(np.eye(3)["xyz".index(letter.lower())], angle)
-            out = out @ turn if letter.islower() else turn @ out
-        return out
+        turn = orientation(given[0], attributes, where, self.degrees, sequence) if given else np.eye(3)
+        return placement(turn, numbers(attributes, "pos", "0 0 0", where, 3))
 
     def _inertia(self, body: Element, anchor: Array, where: str) -> Array | None:
         """Return the parameters (10) about the anchor; None where MuJoCo would compute them from shapes."""
@@ -201,18 +166,10 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
     Raises ModelError for what changes the dynamics and cannot be read, for joints or bodies without a name, names
     given twice, bodies with several joints, and attributes that are not what they should be.
     """
-    for element in root.iter():
-        if element.tag in UNREAD:
-            raise ModelError(
-                f"{source}: <{element.tag}> is not read; save the compiled model from MuJoCo "
-                "(mj_saveLastXML), which writes it out, and use that file."
-            )
     compiler = _merged(root, "compiler")
-    if compiler.get("coordinate") == "global":
-        raise ModelError(f"{source}: coordinate='global' is not read; save the file again with a current MuJoCo.")
+    _check_read(root, compiler, source)
     reader = _Reader(source, compiler, _classes(root))
-    tops = [body for world in root.findall("worldbody") for body in world.findall("body")]
-    bodies = [body for top in tops for body in top.iter("body")]
+    bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
     unique([WORLD, *(body.get("name", "") for body in bodies)], "body", source)
     reader.links[WORLD] = np.zeros(10)
     for world in root.findall("worldbody"):
@@ -231,6 +188,18 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
         notes=(*_notes(root, compiler), *(() if reader.degrees else _corrected(read))),
         origins=reader.origins,
     )
+
+
+def _check_read(root: Element, compiler: Attributes, source: str) -> None:
+    """Raise ModelError for what changes the dynamics and is not read."""
+    for element in root.iter():
+        if element.tag in UNREAD:
+            raise ModelError(
+                f"{source}: <{element.tag}> is not read; save the compiled model from MuJoCo "
+                "(mj_saveLastXML), which writes it out, and use that file."
+            )
+    if compiler.get("coordinate") == "global":
+        raise ModelError(f"{source}: coordinate='global' is not read; save the file again with a current MuJoCo.")
 
 
 def _corrected(bodies: list[Element]) -> tuple[str, ...]:
@@ -288,17 +257,19 @@ def _tendons(root: Element) -> Iterator[Coupled]:
         yield Coupled(f"<tendon> <{element.tag}> {element.get('name', '')!r}", joints)
 
 
-def _notes(root: Element, compiler: Attributes) -> tuple[str, ...]:
+def _notes(root: Element, compiler: Attributes) -> Iterator[str]:
     """Say what the file holds besides that is not read."""
     option = _merged(root, "option")
-    notes = [
-        f"<option> {key} = {option[key]!r} is not read" for key in ("density", "viscosity", "wind") if key in option
-    ]
-    notes += [
-        f"<compiler> {key} = {compiler[key]!r} is not applied to the inertias" for key in ALTERED if key in compiler
-    ]
-    lifted = [body.get("name", "") for body in root.iter("body") if body.get("gravcomp", "0").strip("0.")]
-    notes += [f"the gravity compensation of {', '.join(lifted)} is not read"] if lifted else []
-    spatial = [x.get("name", "") for group in root.findall("tendon") for x in group.findall("spatial")]
-    notes += [f"the spatial tendons {', '.join(map(repr, spatial))} are not read"] if spatial else []
-    return tuple(notes)
+    for key in (one for one in ("density", "viscosity", "wind") if one in option):
+        yield f"<option> {key} = {option[key]!r} is not read"
+    for altered in (one for one in ALTERED if one in compiler):
+        yield f"<compiler> {altered} = {compiler[altered]!r} is not applied to the inertias"
+    yield from _forces(root)
+
+
+def _forces(root: Element) -> Iterator[str]:
+    """Say which forces on bodies are not read."""
+    if lifted := [body.get("name", "") for body in root.iter("body") if body.get("gravcomp", "0").strip("0.")]:
+        yield f"the gravity compensation of {', '.join(lifted)} is not read"
+    if spatial := [x.get("name", "") for group in root.findall("tendon") for x in group.findall("spatial")]:
+        yield f"the spatial tendons {', '.join(map(repr, spatial))} are not read"

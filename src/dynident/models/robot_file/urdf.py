@@ -6,7 +6,7 @@ mass, in a frame that may be turned against the link's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 from xml.etree.ElementTree import Element
 
@@ -56,15 +56,19 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     unique((joint.get("name", "") for joint in joints), "joint", source)
     inertias = {link.get("name", ""): _inertia(link, source) for link in links}
     # exporters leave the world undeclared that the base is welded to
-    if any(parent.get("link") == WORLD for joint in joints for parent in joint.findall("parent")):
+    if any(parent.get("link") == WORLD for parent in root.findall("joint/parent")):
         inertias.setdefault(WORLD, np.zeros(10))
     found = tuple(_joint(joint, list(inertias), source) for joint in joints)
     for joint in found:
         if joint.follows:
             known(joint.follows[0], (x.name for x in found), f"{source}, <mimic> of joint {joint.name!r}")
+    return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=_corrected(joints))
+
+
+def _corrected(joints: Sequence[Element]) -> tuple[str, ...]:
+    """Say which angles are taken as the exact ones."""
     origins = ((repr(joint.get("name")), joint.find("origin")) for joint in joints)
-    notes = corrected("rpy", ((name, origin.get("rpy", "")) for name, origin in origins if origin is not None))
-    return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=notes)
+    return corrected("rpy", ((name, origin.get("rpy", "")) for name, origin in origins if origin is not None))
 
 
 def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
@@ -84,16 +88,20 @@ def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
             "one tree: connect the others by joints (fixed ones perhaps), or delete them."
         )
     for link in links:
-        above: list[str] = []
-        while link in parents and link not in above:
-            above.append(link)
-            link = parents[link].parent
-        if link in above:
-            loop = " -> ".join([*above[above.index(link) :], link][::-1])
-            raise ModelError(f"{source}: the links {loop} form a cycle; only trees can be identified.")
+        _check_cycle(link, parents, source)
     if not roots:
         raise ModelError(f"{source}: the file has no <link>.")
     return roots[0]
+
+
+def _check_cycle(link: str, parents: Mapping[str, RobotJoint], source: str) -> None:
+    above: list[str] = []
+    while link in parents and link not in above:
+        above.append(link)
+        link = parents[link].parent
+    if link in above:
+        loop = " -> ".join([*above[above.index(link) :], link][::-1])
+        raise ModelError(f"{source}: the links {loop} form a cycle; only trees can be identified.")
 
 
 def _origin(element: Element | None, where: str) -> tuple[Array, Array]:
@@ -129,13 +137,6 @@ def _joint(element: Element, links: list[str], source: str) -> RobotJoint:
         if KINDS[type_] == "fixed"
         else unit(numbers(element.find("axis"), "xyz", "1 0 0", where, 3), where)
     )
-    dynamics = element.find("dynamics")
-    given = [key for key in ("damping", "friction") if dynamics is not None and key in dynamics.attrib]
-    mimic = element.find("mimic")
-    follows = None
-    if mimic is not None:
-        multiplier, offset = (numbers(mimic, key, x, where)[0] for key, x in (("multiplier", "1"), ("offset", "0")))
-        follows = (mimic.get("joint", ""), float(multiplier), float(offset))
     return RobotJoint(
         name=name,
         kind=KINDS[type_],
@@ -143,10 +144,23 @@ def _joint(element: Element, links: list[str], source: str) -> RobotJoint:
         placement=placement(*_origin(element.find("origin"), where)),
         axis=axis,
         limits=_limits(element.find("limit"), type_, where),
-        nominal={key: float(numbers(dynamics, key, "0", where)[0]) for key in given},
-        follows=follows,
+        nominal=_nominal(element.find("dynamics"), where),
+        follows=_follows(element.find("mimic"), where),
         refusal=f"it is a {type_} joint, which has several coordinates" if type_ in ("floating", "planar") else "",
     )
+
+
+def _nominal(dynamics: Element | None, where: str) -> dict[str, float]:
+    given = [key for key in ("damping", "friction") if dynamics is not None and key in dynamics.attrib]
+    return {key: float(numbers(dynamics, key, "0", where)[0]) for key in given}
+
+
+def _follows(mimic: Element | None, where: str) -> tuple[str, float, float] | None:
+    """Return the joint that is mimicked, the multiplier and the offset."""
+    if mimic is None:
+        return None
+    multiplier, offset = (numbers(mimic, key, x, where)[0] for key, x in (("multiplier", "1"), ("offset", "0")))
+    return mimic.get("joint", ""), float(multiplier), float(offset)
 
 
 def _end(joint: Element, tag: str, links: list[str], where: str) -> str:

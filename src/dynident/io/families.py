@@ -17,7 +17,6 @@ from typing import Annotated, Any, Protocol, Self, get_args, get_origin, get_typ
 from dynident.errors import ConfigError, choices
 
 __all__ = [
-    "BY_JOINT",
     "ESTIMATORS",
     "EXPORTERS",
     "READERS",
@@ -25,12 +24,10 @@ __all__ = [
     "TERMS",
     "Family",
     "Settings",
+    "family_of",
     "settings_hints",
     "settings_type",
 ]
-
-BY_JOINT = "by joint"
-"""Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
 
 
 @runtime_checkable
@@ -54,6 +51,7 @@ class Family:
 
     ``members`` are the attributes that a part must have, ``given`` those of its fields that are no settings, as the
     caller knows them. Entry points of the group ``group`` add kinds. Where ``functions``, its parts are functions.
+    ``protocol``, as "module:name", is the type of a setting that holds such a part.
     """
 
     name: str
@@ -61,6 +59,7 @@ class Family:
     members: tuple[str, ...] = ("__call__",)
     given: tuple[str, ...] = ()
     functions: bool = False
+    protocol: str = ""
 
     @property
     def group(self) -> str:
@@ -92,7 +91,7 @@ class Family:
             if not callable(part):
                 raise ConfigError(f"{where} is no function.")
             return
-        if not (isinstance(part, type) and is_dataclass(part) and part.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        if not _is_frozen(part):
             raise ConfigError(f"{where} is no frozen dataclass; write @dataclass(frozen=True) before its class.")
         known = {name for base in part.__mro__[:-1] for name in vars(base)} | {field.name for field in fields(part)}
         if missing := [name for name in self.members if name not in known]:
@@ -101,7 +100,7 @@ class Family:
     def kind_of(self, part: object) -> str:
         """Return the kind of a part; of a class that no table has, its file and name."""
         cls = type(part)
-        place = f"{cls.__module__}:{cls.__qualname__}"
+        place = _place(cls)
         for kind, known in self.table.items():
             if known == place:
                 return kind
@@ -126,6 +125,11 @@ class Family:
         }
 
 
+def family_of(hint: Any) -> Family | None:
+    """Return the family of parts that a setting of this type holds; None for plain values."""
+    return next((one for one in (SMOOTHERS, ESTIMATORS) if _place(hint) == one.protocol), None)
+
+
 def settings_type(part: type) -> Any:
     """Return the dataclass that holds the settings of a part's class: most often the class itself."""
     return getattr(part, "Settings", part)
@@ -138,6 +142,14 @@ def settings_hints(holder: type) -> dict[str, Any]:
     except NameError as error:
         words = "import it in the file itself, not under TYPE_CHECKING"
         raise ConfigError(f"{holder.__name__}: the type of a field is not known: {error}; {words}.") from error
+
+
+def _is_frozen(part: Any) -> bool:
+    return isinstance(part, type) and is_dataclass(part) and bool(part.__dataclass_params__.frozen)  # type: ignore[attr-defined]
+
+
+def _place(cls: Any) -> str:
+    return f"{getattr(cls, '__module__', '')}:{getattr(cls, '__qualname__', '')}"
 
 
 def _imported(place: str) -> Any:
@@ -154,19 +166,29 @@ def _entry_points(group: str) -> dict[str, Any]:
 def _plain(value: Any, hint: Any, where: str) -> Any:
     """Return a setting as JSON has it; pairs become a mapping where the hint allows one."""
     if get_origin(hint) is Annotated:
-        hint, *marks = get_args(hint)
-        if (family := next((mark for mark in marks if isinstance(mark, Family)), None)) is not None:
-            return family.describe(value)
-    kinds = {get_origin(one) for one in (hint, *get_args(hint))}
-    pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
-    if isinstance(value, Mapping) or (Mapping in kinds and pairs):
+        hint = get_args(hint)[0]
+    family = next(filter(None, map(family_of, (hint, *get_args(hint)))), None)
+    if family is not None and value is not None:
+        return family.describe(value)
+    if _is_mapping(value, hint):
         return {str(key): _plain(item, None, where) for key, item in dict(value).items()}
-    if isinstance(value, Enum):
-        return value.value
     if hasattr(value, "tolist"):  # arrays and scalars of NumPy
         value = value.tolist()
     if isinstance(value, list | tuple):
         return [_plain(item, None, where) for item in value]
+    return _scalar(value, where)
+
+
+def _is_mapping(value: Any, hint: Any) -> bool:
+    """Whether a value is a mapping, or a tuple of the pairs of one."""
+    allowed = any(get_origin(one) is Mapping for one in (hint, *get_args(hint)))
+    pairs = isinstance(value, tuple) and all(isinstance(one, tuple) and len(one) == 2 for one in value)
+    return isinstance(value, Mapping) or (allowed and pairs)
+
+
+def _scalar(value: Any, where: str) -> Any:
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, float) and math.isinf(value):
         return str(value)
     if value is None or isinstance(value, bool | int | float | str):
@@ -184,6 +206,7 @@ SMOOTHERS = Family(
         "butterworth": "dynident.smoothers.butterworth:Butterworth",
         "time_shifted": "dynident.smoothers.time_offset:TimeShifted",
     },
+    protocol="dynident.smoothers.smoother:Smoother",
 )
 TERMS = Family(
     "term",
@@ -203,6 +226,7 @@ ESTIMATORS = Family(
         "consistent": "dynident.estimators.physically_consistent.fit:PhysicallyConsistent",
         "maximum_likelihood": "dynident.estimators.maximum_likelihood.fit:MaximumLikelihood",
     },
+    protocol="dynident.estimators.estimator:Estimator",
 )
 READERS = Family(
     "log reader",
@@ -224,5 +248,5 @@ EXPORTERS = Family(
         "numpy": "dynident.export.formats:Numpy",
         "yaml": "dynident.export.formats:Yaml",
     },
-    members=("readers", "file", "write", "torque"),
+    members=("format", "readers", "file", "write", "torque"),
 )

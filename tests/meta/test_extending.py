@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from dynident.cli import main
 from dynident.errors import ConfigError, InputError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem, quick
+from dynident.export import Identified, Numpy, export, random_states
 from dynident.identification import Recipe, find_time_offset, identify
 from dynident.io.config import load_model, parse_config
 from dynident.io.recipe import build_recipe
@@ -26,7 +27,7 @@ from dynident.testing.estimator import known_motion, truth
 from dynident.validation import robust_covariance
 from tests.robots import ARM
 
-PAGE = Path(__file__).parents[1] / "docs" / "extending.md"
+PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 PARTS = dict(
     zip(
         ("sg", "stribeck", "huber", "raw", "csv"),
@@ -108,6 +109,8 @@ def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> No
     assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Viscous", "Coulomb", "Stribeck"]
     assert model.names[-1] == "Fs_shoulder"
     assert model.terms[-1].v == 0.05
+    one = Identified(model, np.linspace(0.5, 1.5, len(model.names)))
+    assert export(one, Numpy(), random_states(len(model.joints), np.random.default_rng(0))).ready
     text = text.replace("v: 0.05", "speed: 1")
     with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'speed'"):
         parse_config(text, folder)

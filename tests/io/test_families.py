@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas
 from dynident.io.settings import Config
 from dynident.models import Coulomb, Joint, Offset, RotorInertia, Viscous
-from dynident.parts import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 
@@ -116,6 +116,34 @@ def test_the_schema_of_a_configuration_lists_every_kind():
     made = json.dumps(Config.model_json_schema())
     for kind in (*SMOOTHERS.table, *ESTIMATORS.table, *TERMS.table):
         assert f'{{"const": "{kind}"}}' in made
+
+
+def test_a_format_is_called_as_its_kind():
+    assert {kind: EXPORTERS.get(kind)().format for kind in EXPORTERS.table} == {one: one for one in EXPORTERS.table}
+
+
+PAIR = """
+from dataclasses import dataclass
+
+from dynident.smoothers import Difference, Smoother
+
+
+@dataclass(frozen=True)
+class Pair:
+    first: Smoother
+    second: Smoother | None = None
+
+    def __call__(self, log): ...
+"""
+
+
+@pytest.mark.parametrize("second", [None, {"kind": "difference", "scheme": "central"}])
+def test_a_setting_of_the_type_of_a_part_holds_one(tmp_path, second):
+    (tmp_path / "pair.py").write_text(PAIR)
+    settings = {"kind": "pair.py:Pair", "first": {"kind": "butterworth"}, "second": second}
+    part = build(SMOOTHERS, settings, "smoother", tmp_path)
+    assert (part.first, part.second) == (Butterworth(), second and Difference("central"))
+    assert build(SMOOTHERS, json.loads(json.dumps(SMOOTHERS.describe(part))), "smoother", tmp_path) == part
 
 
 def test_a_value_without_a_plain_form_is_refused():

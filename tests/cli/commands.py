@@ -1,0 +1,46 @@
+"""Commands, run on a recording and a configuration of a slider."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import yaml
+from click.testing import CliRunner, Result
+
+from dynident.cli import main
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in arguments])
+
+
+def write_log(folder: Path, name: str = "log.csv", n: int = 2000, **changes: Any) -> Path:
+    """A slider of 5 kg with friction, pushed to and fro; ``changes`` replace columns."""
+    t = np.arange(n) * 0.002
+    x, dx, ddx = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), -2.7 * np.sin(3 * t)
+    force = 5.0 * ddx + 8.0 * dx + 3.0 * np.sign(dx) + 0.5
+    rng = np.random.default_rng(0)
+    columns = {"time": t, "pos": x + 1e-5 * rng.standard_normal(n), "force": force + 0.01 * rng.standard_normal(n)}
+    pl.DataFrame({**columns, **changes}).write_csv(folder / name)
+    return folder / name
+
+
+def settings(**changes: Any) -> dict[str, Any]:
+    return {
+        "model": "gallery:slider",
+        "time": {"column": "time", "unit": "s"},
+        "position": {"slider": {"column": "pos", "unit": "m"}},
+        "torque": {"slider": {"column": "force", "unit": "N"}},
+        "train": [{"file": "log.csv", "window": [0, 3]}],
+        "validation": [{"file": "log.csv", "window": [3, 4]}],
+        **changes,
+    }
+
+
+def configure(folder: Path, **changes: Any) -> Path:
+    path = folder / "identify.yaml"
+    path.write_text(yaml.safe_dump(settings(**changes)))
+    return path

@@ -1,0 +1,238 @@
+"""The identification as a user meets it: what it prints and writes, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.cli.commands import configure, run, write_log
+
+EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps"
+needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS logs are not beside the checkout")
+
+
+class TestIdentify:
+    def test_recovers_a_simulated_slider(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
+        assert done.exit_code == 0, done.output
+        result = json.loads((tmp_path / "out" / "result.json").read_text())
+        found = {one["name"]: one for one in result["parameters"]}
+        for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
+            assert abs(found[name]["value"] - true) < max(6 * found[name]["std"], 0.02), name
+        assert result["rank"] == 4
+        assert len(result["train"]) == len(result["validation"]) == 1
+        for errors in (*result["train"].values(), *result["validation"].values()):
+            assert errors["relative_error"] < 2.0
+            assert errors["relative_error_filtered"] is None
+            assert errors["per_joint"].keys() == errors["rmse"].keys() == {"slider"}
+        digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
+        assert result["settings"][f"SHA-256 of {tmp_path / 'log.csv'}"] == digest
+        report = (tmp_path / "out" / "report.html").read_text()
+        assert digest in report
+        assert "http://" not in report.split("<script>")[0]
+        assert "slider" in report
+        for word in ("M", "Fv", "Fc", "kg", "report.html", "result.json"):
+            assert word in done.output
+
+    @pytest.mark.parametrize("smoother", [{"kind": "difference"}, {"kind": "butterworth", "cutoffs": [20, 20, 20]}])
+    def test_other_smoothers_and_a_parallel_filter(self, tmp_path: Path, smoother: dict[str, Any]) -> None:
+        write_log(tmp_path)
+        path = configure(tmp_path, smoother=smoother, filter={"decimate": 5}, train=[{"file": "log.csv"}])
+        done = run("identify", path, "--out", tmp_path / "out")
+        assert done.exit_code == 0, done.output
+        (errors,) = json.loads((tmp_path / "out" / "result.json").read_text())["train"].values()
+        assert errors["relative_error_filtered"] < errors["relative_error"]
+
+    def test_a_model_from_a_file(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        (tmp_path / "mine.py").write_text(
+            "from dynident.models import Model\n"
+            "from dynident.models import Offset, Viscous\n"
+            "from dynident.models import Joint\n"
+            "def build():\n"
+            "    joints = (Joint('slider', 'prismatic'),)\n"
+            "    return Model((Viscous(joints), Offset(joints)), name='mine')\n"
+        )
+        done = run("identify", configure(tmp_path, model="mine.py:build"))
+        assert done.exit_code == 0, done.output
+        assert "Fv_slider" in done.output
+
+    @pytest.mark.parametrize("position", [0.0, 0.25, 0.7])
+    def test_a_joint_that_does_not_move_is_said(self, tmp_path: Path, position: float) -> None:
+        write_log(tmp_path, pos=np.full(2000, position))
+        done = run("identify", configure(tmp_path))
+        assert done.exit_code == 0, done.output
+        assert "slider" in done.output
+        assert "never moves" in done.output
+        assert "no effect on the torque" in done.output
+
+
+BAD_LOGS = {
+    "a NaN": ({"pos": np.where(np.arange(2000) == 700, np.nan, 0.1 * np.sin(np.arange(2000)))}, ["pos", "702", "nan"]),
+    "repeated times": ({"time": np.repeat(np.arange(1000), 2) * 0.004}, ["time", "repeat"]),
+    "unsorted times": ({"time": np.arange(2000)[::-1] * 0.002}, ["time", "sort"]),
+    "a gap": ({"time": np.arange(2000) * 0.002 + np.where(np.arange(2000) > 600, 0.5, 0.0)}, ["gap", "split"]),
+}
+
+
+class TestBadInput:
+    """Each ends with exit code 1, a message that names the wrong thing, no traceback, and nothing written."""
+
+    def check(self, folder: Path, words: list[str], **changes: Any) -> str:
+        out = folder / "out"
+        out.mkdir()
+        (out / "result.json").write_text("old")
+        done = run("identify", configure(folder, **changes), "--out", out)
+        assert done.exit_code == 1, done.output
+        assert isinstance(done.exception, SystemExit)
+        assert "Traceback" not in done.output
+        for word in words:
+            assert word.lower() in done.output.lower(), done.output
+        assert [path.name for path in out.iterdir()] == ["result.json"]
+        assert (out / "result.json").read_text() == "old"
+        return done.output
+
+    @pytest.mark.parametrize("what", BAD_LOGS)
+    def test_log(self, tmp_path: Path, what: str) -> None:
+        columns, words = BAD_LOGS[what]
+        write_log(tmp_path, **columns)
+        self.check(tmp_path, ["log.csv", *words])
+
+    def test_too_few_samples(self, tmp_path: Path) -> None:
+        write_log(tmp_path, n=12)
+        self.check(tmp_path, ["log.csv", "samples"], train=[{"file": "log.csv"}], validation=[])
+
+    def test_empty_file(self, tmp_path: Path) -> None:
+        (tmp_path / "log.csv").write_text("")
+        self.check(tmp_path, ["log.csv", "empty"])
+
+    def test_truncated_row(self, tmp_path: Path) -> None:
+        path = write_log(tmp_path)
+        path.write_text(path.read_text()[:30_000].rsplit(",", 1)[0])
+        self.check(tmp_path, ["log.csv", "line"])
+
+    def test_missing_file(self, tmp_path: Path) -> None:
+        write_log(tmp_path, "logs.csv")
+        self.check(tmp_path, ["log.csv", "logs.csv"])
+
+    def test_wrong_column(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        self.check(tmp_path, ["'position'", "pos"], position={"slider": {"column": "position", "unit": "m"}})
+
+    def test_wrong_unit(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        self.check(tmp_path, ["rad", "mm"], position={"slider": {"column": "pos", "unit": "rad"}})
+
+    def test_degrees_declared_as_rad(self, tmp_path: Path) -> None:
+        write_log(tmp_path, pos=60 * np.sin(3 * np.arange(2000) * 0.002))
+        (tmp_path / "arm.py").write_text(
+            "from dynident.models.gallery import pendulum\n\ndef build():\n    return pendulum()\n"
+        )
+        channels = {
+            "position": {"pivot": {"column": "pos", "unit": "rad"}},
+            "torque": {"pivot": {"column": "force", "unit": "N m"}},
+        }
+        self.check(tmp_path, ["deg", "pivot"], model="arm.py:build", **channels)
+        degrees = {**channels, "position": {"pivot": {"column": "pos", "unit": "deg"}}}
+        assert run("identify", configure(tmp_path, model="arm.py:build", **degrees)).exit_code == 0
+
+    def test_unknown_key(self, tmp_path: Path) -> None:
+        self.check(tmp_path, ["smother", "did you mean 'smoother'"], smother={"kind": "spline"})
+
+    def test_unknown_joint(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        self.check(tmp_path, ["slyder", "'slider'"], position={"slyder": {"column": "pos", "unit": "m"}})
+
+    def test_unknown_model(self, tmp_path: Path) -> None:
+        self.check(tmp_path, ["slidr", "did you mean 'slider'"], model="gallery:slidr")
+
+    @pytest.mark.parametrize(
+        ("body", "words"),
+        [
+            ("raise RuntimeError('no licence')", ["no licence", "mine.py"]),
+            ("return 3", ["Model", "int"]),
+            ("return Model((Broken(),))", ["Broken", "the cable is loose"]),
+        ],
+    )
+    def test_a_model_that_raises(self, tmp_path: Path, body: str, words: list[str]) -> None:
+        write_log(tmp_path)
+        (tmp_path / "mine.py").write_text(
+            "from dynident.models import Model\n"
+            "from dynident.models import Joint, Parameter\n"
+            "class Broken:\n"
+            "    joints = (Joint('slider', 'prismatic'),)\n"
+            "    parameters = (Parameter('a', 'kg'),)\n"
+            "    def regressor(self, q, dq, ddq):\n"
+            "        raise ValueError('the cable is loose')\n"
+            f"def build():\n    {body}\n"
+        )
+        self.check(tmp_path, words, model="mine.py:build")
+
+    def test_no_configuration(self, tmp_path: Path) -> None:
+        done = run("identify", tmp_path / "missing.yaml")
+        assert done.exit_code == 1
+        assert "missing.yaml" in done.output
+
+    def test_out_is_a_file(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        (tmp_path / "out").write_text("mine")
+        done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
+        assert done.exit_code != 0
+        assert "Traceback" not in done.output
+        assert (tmp_path / "out").read_text() == "mine"
+
+
+@needs_emps
+class TestEmps:
+    """The first real log: published M 95.11 kg, Fv 203.5, Fc 20.39; 4.083 % and, on the pulses, 5.982 %."""
+
+    def test_example(self, tmp_path: Path) -> None:
+        done = run("identify", Path(__file__).parents[2] / "examples" / "emps.yaml", "--out", tmp_path)
+        assert done.exit_code == 0, done.output
+        result = json.loads((tmp_path / "result.json").read_text())
+        found = {one["name"]: one["value"] for one in result["parameters"]}
+        assert found["M"] == pytest.approx(95.11, rel=0.005)
+        assert found["Fv"] == pytest.approx(203.5, rel=0.015)
+        assert found["Fc"] == pytest.approx(20.39, rel=0.015)
+        train, pulses = result["train"]["DATA_EMPS"], result["validation"]["pulses"]
+        assert train["relative_error_filtered"] <= 4.15
+        assert pulses["relative_error_filtered"] <= 6.0
+        assert train["relative_error"] == pytest.approx(4.4, abs=0.1)
+        assert pulses["relative_error"] == pytest.approx(11.3, abs=0.2)
+
+
+@pytest.fixture
+def no_folder(tmp_path: Path) -> Path:
+    """A folder that cannot be made, because a file has the name of its parent."""
+    (tmp_path / "taken").write_text("mine")
+    return tmp_path / "taken" / "out"
+
+
+class TestFolder:
+    """Where nothing can be written, a command says so before its long work."""
+
+    def test_identify(self, tmp_path: Path, no_folder: Path) -> None:
+        done = run("identify", tmp_path / "missing.yaml", "--out", no_folder)
+        assert done.exit_code == 1
+        assert str(no_folder) in done.output
+        assert "missing.yaml" not in done.output
+
+    def test_a_report_that_fails_leaves_no_result(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        write_log(tmp_path)
+        monkeypatch.setattr("dynident.report.identification_page", lambda *_: 1 / 0)
+        done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
+        assert isinstance(done.exception, ZeroDivisionError)
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    done = run("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
+    assert done.exit_code == 0, done.output
+    assert "overlaps in time" in done.output

@@ -1,0 +1,92 @@
+"""The study as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from tests.cli.commands import run
+
+
+class TestReproduce:
+    def test_prints_writes_and_resumes(self, tmp_path: Path) -> None:
+        words = ("reproduce", "--runs", 3, "--out", tmp_path, "--json", tmp_path / "deep" / "r.json")
+        done = run(*words)
+        assert done.exit_code == 0, done.output
+        for table in range(2, 8):
+            assert f"Table {table}" in done.output
+        assert str(tmp_path / "report.html") in done.output.replace("\n", "")
+        first = json.loads((tmp_path / "deep" / "r.json").read_text())
+        rows = pl.read_parquet(tmp_path / "study.parquet")
+        assert len(rows) == 27
+        again = run(*words)
+        assert again.exit_code == 0
+        assert json.loads((tmp_path / "deep" / "r.json").read_text()) == first
+        assert pl.read_parquet(tmp_path / "study.parquet")["seconds"].sum() == rows["seconds"].sum()
+
+    def test_chosen_methods(self, tmp_path: Path) -> None:
+        done = run("reproduce", "--runs", 2, "--methods", "spline,raw", "--json", tmp_path / "r.json")
+        assert done.exit_code == 0, done.output
+        cases = json.loads((tmp_path / "r.json").read_text())["cases"]
+        assert [case["method"] for case in cases] == ["spline", "raw"] * 3
+
+    def test_maximum_likelihood_beside_the_bound_by_two_workers(self, tmp_path: Path) -> None:
+        words = ("reproduce", "--runs", 1, "--scenario", "stated", "--methods", "spline-early,ml", "--out", tmp_path)
+        done = run(*words, "--workers", 2, "--json", tmp_path / "r.json")
+        assert done.exit_code == 0, done.output
+        for word in ("maximum likelihood", "early-cut splines", "Cramér-Rao bound", "not converged", "least"):
+            assert word in done.output
+        cases = json.loads((tmp_path / "r.json").read_text())["cases"]
+        assert {case["method"] for case in cases} == {"spline-early", "ml"}
+        assert all(len(case["bound"]) == len(case["coverage"]) == 7 for case in cases)
+        rows = pl.read_parquet(tmp_path / "study.parquet")
+        assert run(*words, "--json", tmp_path / "again.json").exit_code == 0  # alone, and nothing left to do
+        assert pl.read_parquet(tmp_path / "study.parquet").equals(rows)
+        assert (tmp_path / "again.json").read_text() == (tmp_path / "r.json").read_text()
+
+    @pytest.mark.parametrize(
+        ("options", "words"),
+        [
+            (("--scenario", "week"), "did you mean 'weak'"),
+            (("--methods", "raw,splin"), "did you mean 'spline'"),
+            (("--methods", ","), "no method"),
+            (("--runs", "0"), "runs is 0"),
+        ],
+    )
+    def test_bad_options(self, options: tuple[str, str], words: str) -> None:
+        done = run("reproduce", *options)
+        assert done.exit_code == 1
+        assert words in done.output
+
+    @pytest.mark.skipif(os.name == "nt", reason="sends a POSIX signal")
+    def test_interrupting_loses_nothing(self, tmp_path: Path) -> None:
+        command = [sys.executable, "-m", "dynident", "reproduce", "--runs", "4000", "--out", str(tmp_path)]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            deadline = time.monotonic() + 60
+            while not (tmp_path / "study.parquet").exists() and time.monotonic() < deadline:
+                time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+        assert process.returncode != 0
+        assert "Traceback" not in told
+        assert "again" in told  # run the same command again to go on
+        assert len(pl.read_parquet(tmp_path / "study.parquet")) > 0
+
+    @pytest.mark.parametrize("option", ["--out", "--json"])
+    def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:
+        (tmp_path / "taken").write_text("mine")
+        no_folder = tmp_path / "taken" / "out"
+        done = run(
+            "reproduce", "--scenario", "unknown", option, no_folder if option == "--out" else no_folder / "r.json"
+        )
+        assert done.exit_code == 1
+        assert str(no_folder) in done.output
+        assert "Known" not in done.output

@@ -1,0 +1,127 @@
+"""One log with its splines: costs, gradients and normal equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators.maximum_likelihood import (
+    Sigma,
+    State,
+    equations,
+    leverage,
+    plan,
+    scores,
+)
+from dynident.log import Log
+from dynident.models.gallery import two_link_arm
+from dynident.studies import SCENARIOS
+
+
+def article_segment(*, rest: bool = True, stop: float = 0.5):
+    scenario = SCENARIOS["stated"]
+    log = scenario.record(1e-6, np.random.default_rng(0)).log.window(stop=stop)
+    return plan(log, (), 20.0, np.full(2, 0.1), rest=rest)
+
+
+class TestSegment:
+    @pytest.mark.parametrize("rest", [True, False])
+    def test_gradient_is_that_of_the_cost(self, rng: np.random.Generator, rest: bool) -> None:
+        arm, one = two_link_arm(), article_segment(rest=rest)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
+        assert found.cost == pytest.approx(one.cost(arm, state, theta, sigma))
+        k = found.border.shape[1] - 7
+        dC, dW = 1e-7 * rng.standard_normal(state.C.size), 1e-5 * rng.standard_normal(k)
+        dtheta = 1e-6 * theta * rng.standard_normal(7)
+        if rest:
+            dC[:2] = 0.0  # they follow the next two
+        ends = []
+        for sign in (1, -1):
+            moved = one.moved(state, sign * dC, sign * dW)
+            ends.append(one.cost(arm, moved, theta + sign * dtheta, sigma))
+        along = found.by_coefficients @ dC + found.by_border @ np.concatenate([dW, dtheta])
+        assert (ends[1] - ends[0]) / 2 == pytest.approx(along, rel=1e-3)
+
+    @pytest.mark.parametrize("rest", [False, True])
+    def test_positions_summed_up_lose_nothing_where_a_joint_has_turned_far(self, rest: bool) -> None:
+        one = article_segment(rest=rest)
+        one = replace(one, log=replace(one.log, q=one.log.q + np.array([0.0, 1e5])))
+        state = one.start(np.full(2, 1e-4), np.full(2, 1e3))
+        left = one.offset(state)
+        share, squares = one.shares(state)
+        np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
+        np.testing.assert_allclose(share, one.positions.T @ left, atol=1e-4 * np.abs(left).max())
+
+    def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
+        """The gradient by C changes with theta by the border and the bend."""
+        arm, one = two_link_arm(), article_segment()
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        here = equations(one, arm, state, theta, sigma)
+        dtheta = 1e-6 * theta * rng.standard_normal(7)
+        there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
+        change = (there.by_coefficients - back.by_coefficients) / 2
+        expected = -(here.border[:, -7:] + here.bend) @ dtheta
+        np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
+
+    def test_leverage_counts_the_coefficients(self) -> None:
+        """Positions, torques and the equations between samples share the coefficients; none takes a negative part."""
+        arm, one = two_link_arm(), article_segment(rest=False)
+        sigma = Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        taken = leverage(one, arm, state, np.asarray(arm.values), sigma)
+        assert (taken > 0).all()
+        # without a step there are no equations between samples
+        assert taken.sum() == pytest.approx(2 * one.trajectory.size, rel=1e-6)
+
+    def test_few_points_stand_for_many_torques(self) -> None:
+        """Cost, gradient and information are those of all samples."""
+        arm, one = two_link_arm(), article_segment(stop=2.0)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        few = one.condensed(arm, state, theta, sigma.tau)
+        assert len(few.points) < 0.7 * len(one.points)
+        assert few.torques.weight[:, 0].sum() == pytest.approx(len(one.log))
+        a, b = (equations(segment, arm, state, theta, sigma) for segment in (one, few))
+        assert a.cost == pytest.approx(b.cost, rel=1e-7)
+        for name in ("band", "corner", "by_coefficients", "by_border"):
+            wanted = getattr(a, name)
+            np.testing.assert_allclose(getattr(b, name), wanted, rtol=1e-5, atol=1e-6 * np.abs(wanted).max())
+
+    def test_scores_add_up_to_the_gradient(self) -> None:
+        arm, one = two_link_arm(), article_segment(rest=False)
+        theta, sigma = np.asarray(arm.values), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+        state = one.start(sigma.q, np.full(2, 30.0))
+        found = equations(one, arm, state, theta, sigma)
+        follow = np.ones((len(found.band[0]), 7))
+        pulls = scores(one, arm, state, theta, sigma, follow)
+        np.testing.assert_allclose(pulls.sum(axis=0), found.by_border - found.by_coefficients.sum(), rtol=1e-9)
+
+    def test_late_positions(self) -> None:
+        """Positions stamped late show an earlier motion: with the time offset known the trajectory is the same."""
+        log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(1.0, 2.0)
+        late = Log(log.t, np.roll(log.q, 2, axis=0), log.tau, log.joints)
+        time_offset, noise = 2 * (log.t[1] - log.t[0]), (np.full(2, 1e-3), np.full(2, 30.0))
+        states = []
+        for one in (
+            plan(log, (), 20.0, np.full(2, 0.1), rest=False),
+            plan(late, (), 20.0, np.full(2, 0.1), rest=False, time_offset=time_offset),
+        ):
+            basis = one.basis(np.array([1.5]))[0, 0]
+            at = one.trajectory.first[one.trajectory.interval(np.array([1.5]))[0]]
+            states.append(basis @ one.start(*noise).C[at : at + 5])
+            assert one.raw.t[-1] <= one.trajectory.breaks[-1] + 1e-12
+        np.testing.assert_allclose(states[1], states[0], atol=5e-3)
+
+    def test_starts_from_rest(self) -> None:
+        one = article_segment()
+        _, dq, _ = one.motion(one.start(np.full(2, 1e-3), np.full(2, 30.0)))
+        assert one.points[0] == 0.0
+        np.testing.assert_allclose(dq[0], 0.0, atol=1e-12)
+
+
+def test_state_is_immutable() -> None:
+    with pytest.raises(AttributeError):
+        State(np.zeros((3, 1)), np.zeros((0, 1))).C = np.ones((3, 1))

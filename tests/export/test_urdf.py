@@ -1,0 +1,39 @@
+"""What a URDF holds, and what it leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.export import Urdf, export, identified_urdf, random_states
+from tests.export.arms import STATES, arm
+from tests.robots import ARM, joint, link, urdf
+
+
+def test_urdf_says_what_it_leaves_out():
+    left_out = identified_urdf(arm(width=0.05, gravity=(0, 0, 9.81))).left_out
+    for words in ("Ia_shoulder = 0.5 kg m^2", "offset_twist = -0.3 N m", "Ia_motor", "tanh(dq/0.05)", "gravity"):
+        assert any(words in line for line in left_out), words
+    assert len(left_out) == 3 + 3 + 1 + 1 + 1
+    assert identified_urdf(arm()).text.count('<dynamics damping="1.0" friction="2.0"/>') == 3
+
+
+def test_locked_joints_are_told():
+    written = identified_urdf(arm(joints_used=("shoulder", "rail"), locked={"twist": 0.4}))
+    assert any("'twist' stood still" in note for note in written.notes)
+
+
+def test_a_link_without_inertia_gets_one():
+    text = urdf(link("base"), link("one"), link("two"), joint("a", "revolute", "base", "one"),
+                joint("b", "revolute", "one", "two", (0.3, 0, 0), (1.0, 0.5, 0.2)))  # fmt: skip
+    text = text.replace("<link", "\n  <link").replace("<joint", "\n  <joint")
+    made = export(arm(text), Urdf(), random_states(2, np.random.default_rng(0), 30))
+    assert made.ready, made.refusal
+    assert '\n  <link name="one">\n    <inertial>\n      <origin xyz=' in made.written.text
+    assert '\n  <link name="base"/>' in made.written.text
+
+
+def test_a_root_that_is_not_declared_is_no_obstacle():
+    text = ARM.replace('<joint name="flange"', joint("weld", "fixed", "world", "base") + '<joint name="flange"')
+    made = export(arm(text), Urdf(), STATES)
+    assert made.ready, made.refusal
+    assert "Pinocchio" in made.proof.readers

@@ -52,6 +52,9 @@ def main(arguments: list[str]) -> None:
     """Run the task named first with the rest as its arguments."""
     if sys.version_info < (3, 11):  # noqa: UP036 - this file runs before pip can check
         sys.exit("dynident needs Python 3.11 or newer; this is " + sys.version.split()[0])
+    if arguments[:1] in (["-h"], ["--help"]):
+        print(__doc__)
+        return
     if not arguments or arguments[0] not in EXTRAS:
         sys.exit(__doc__)
     task, rest = arguments[0], arguments[1:]

@@ -23,16 +23,16 @@ from scipy.special import ndtri
 from dynident.bounds import information
 from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
 from dynident.identification import pair
-from dynident.io.recipe import FACTORS
 from dynident.log import Log, Motion
 from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from dynident.regression import BaseParameters, Regression, base_std, informed_std, structural_base_parameters
 from dynident.report.wording import status_words
 from dynident.smoothers import Smoother, Spline
+from dynident.smoothers.spline import FACTORS
 from dynident.validation import robust_covariance
 
 PERIOD, RATE = 10.0, 500.0  # s, Hz
-ESTIMATORS = {
+ESTIMATORS: dict[str, Estimator] = {
     "least squares": LeastSquares(),
     "consistent": PhysicallyConsistent(costs=False),
     "maximum likelihood": MaximumLikelihood(),

@@ -122,7 +122,7 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Result:
-    """Errors (r) of the base parameters, two kinds of standard errors (2, r), CPU seconds, and the kinds of its notes."""
+    """Errors (r) of the base parameters, two kinds of standard errors (2, r), CPU seconds, kinds of notes."""
 
     error: np.ndarray
     std: np.ndarray
@@ -159,7 +159,7 @@ def tell(name: str, results: list[Result], least: np.ndarray, basis: BaseParamet
     for words, x in zip(("own", "HAC"), 100 * (np.abs(error[:, None]) < 1.96 * std).mean(axis=0), strict=True):
         print(f"  coverage, 95 % by {words} standard errors: mean {x.mean():.1f} %, least {x.min():.0f} %")
     notes = Counter(note for one in results for note in one.notes)
-    print(f"  notes: {', '.join(f'{note} of {count} runs' for note, count in notes.items()) or 'none'}", flush=True)
+    print(f"  notes, by runs: {', '.join(f'{note} {count}' for note, count in notes.items()) or 'none'}", flush=True)
 
 
 def recorded(motion: Motion, seen: np.ndarray, noise: float, colour: float, rng: np.random.Generator) -> Log:

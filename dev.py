@@ -22,6 +22,8 @@ VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 EXTRAS = {"demo": "", "test": "dev", "lint": "dev,docs", "docs": "docs", "bench": "bench"}
+# by Python, not by the programs in BIN: those name the folder in which they were installed
+IMPORTS = (PYTHON, "-c", "from importlinter.cli import lint_imports_command as lint; lint()", "--no-cache")
 DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
 
 
@@ -41,7 +43,10 @@ def install(extra: str) -> None:
         return
     print(f"Installing dynident into {VENV} (once; later calls start at once) ...", flush=True)
     if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
-        venv.create(VENV, with_pip=True, clear=True)
+        try:
+            venv.create(VENV, with_pip=True, clear=True)
+        except subprocess.CalledProcessError:
+            sys.exit("This Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
     target = f".[{extra}]" if extra else "."
     pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     run(*pip, "--constraint", "constraints.txt", "--editable", target)
@@ -52,6 +57,9 @@ def main(arguments: list[str]) -> None:
     """Run the task named first with the rest as its arguments."""
     if sys.version_info < (3, 11):  # noqa: UP036 - this file runs before pip can check
         sys.exit("dynident needs Python 3.11 or newer; this is " + sys.version.split()[0])
+    if arguments[:1] in (["-h"], ["--help"]):
+        print(__doc__)
+        return
     if not arguments or arguments[0] not in EXTRAS:
         sys.exit(__doc__)
     task, rest = arguments[0], arguments[1:]
@@ -64,7 +72,7 @@ def main(arguments: list[str]) -> None:
         run(PYTHON, "-m", "ruff", "check", ".")
         run(PYTHON, "-m", "ruff", "format", "--check", ".")
         run(PYTHON, "-m", "mypy")
-        run(BIN / "lint-imports", "--no-cache")
+        run(*IMPORTS)
         run(*DOCS)
     elif task == "docs":
         run(*DOCS)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,16 +24,15 @@ from scipy.special import ndtri
 from dynident.bounds import information
 from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
 from dynident.identification import pair
-from dynident.io.recipe import FACTORS
 from dynident.log import Log, Motion
 from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from dynident.regression import BaseParameters, Regression, base_std, informed_std, structural_base_parameters
-from dynident.report.wording import status_words
 from dynident.smoothers import Smoother, Spline
+from dynident.smoothers.spline import FACTORS
 from dynident.validation import robust_covariance
 
 PERIOD, RATE = 10.0, 500.0  # s, Hz
-ESTIMATORS = {
+ESTIMATORS: dict[str, Estimator] = {
     "least squares": LeastSquares(),
     "consistent": PhysicallyConsistent(costs=False),
     "maximum likelihood": MaximumLikelihood(),
@@ -122,12 +122,12 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Result:
-    """Errors (r) of the base parameters, two kinds of standard errors (2, r), CPU seconds, and the status."""
+    """Errors (r) of the base parameters, two kinds of standard errors (2, r), CPU seconds, kinds of notes."""
 
     error: np.ndarray
     std: np.ndarray
     seconds: float
-    status: str
+    notes: tuple[str, ...]
 
 
 def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: BaseParameters) -> Result:
@@ -140,7 +140,8 @@ def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: Bas
         std = base_std(basis, problem.regression.triangular_factors, found.sigma, found.weights)
     hac = robust_covariance(problem.regression, found.value, found.weights, basis.independent)
     both = np.stack([std, np.sqrt(np.diag(hac))])
-    return Result(basis.combination @ (found.value - truth), both, took, status_words(found))
+    notes = tuple(type(note).__name__ for note in found.notes)
+    return Result(basis.combination @ (found.value - truth), both, took, notes)
 
 
 def tell(name: str, results: list[Result], least: np.ndarray, basis: BaseParameters) -> None:
@@ -157,8 +158,8 @@ def tell(name: str, results: list[Result], least: np.ndarray, basis: BaseParamet
     print(f"  bias: {beyond} of {r} beyond |z| = {limit:.2f} (1 % for all together), largest {np.abs(z).max():.1f}")
     for words, x in zip(("own", "HAC"), 100 * (np.abs(error[:, None]) < 1.96 * std).mean(axis=0), strict=True):
         print(f"  coverage, 95 % by {words} standard errors: mean {x.mean():.1f} %, least {x.min():.0f} %")
-    for word in sorted({one.status.partition("rank")[0] for one in results})[:2]:
-        print(f"  status: {word}", flush=True)
+    notes = Counter(note for one in results for note in one.notes)
+    print(f"  notes, by runs: {', '.join(f'{note} {count}' for note, count in notes.items()) or 'none'}", flush=True)
 
 
 def recorded(motion: Motion, seen: np.ndarray, noise: float, colour: float, rng: np.random.Generator) -> Log:

@@ -11,6 +11,7 @@ import argparse
 import os
 import time
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
@@ -24,6 +25,7 @@ from dynident.regression import Regression
 from dynident.smoothers import Spline
 from dynident.studies import LEVELS, SCENARIOS, ArmScenario
 
+Start = Literal["rest", "free", "test"]
 FAMILY = 0.01  # chance that any mean error of a whole table is called a bias where there is none
 
 
@@ -38,7 +40,7 @@ class Result:
     seconds: np.ndarray
 
 
-def repeat(scenario: ArmScenario, level: float, runs: int, seed: int, start: str) -> Result:
+def repeat(scenario: ArmScenario, level: float, runs: int, seed: int, start: Start) -> Result:
     arm, estimator = two_link_arm(), MaximumLikelihood(start=start)
     truth, rows = np.array(arm.values), []
     inertia = [k for k, one in enumerate(arm.parameters) if one.unit == "kg m^2"][:2]
@@ -77,16 +79,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--noise", action="append", type=float, help=f"sigma_q^2 in rad^2; default {LEVELS}")
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--start", choices=("rest", "free", "test"), default="rest")
+    parser.add_argument("--start", choices=get_args(Start), default="rest")
     given = parser.parse_args(arguments)
     names, levels = given.scenario or ["stated", "weak"], given.noise or LEVELS
     arm = two_link_arm()
+    truth = np.array(arm.values)
     for name in names:
         scenario = SCENARIOS[name]
         for level in levels:
             done = repeat(scenario, level, given.runs, given.seed, given.start)
             variance = cramer_rao_bound(
-                arm, arm.values, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=given.start == "rest"
+                arm, truth, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=given.start == "rest"
             )
             tell(name, level, done, np.sqrt(np.diag(variance)), len(names) * len(levels))
 

@@ -7,6 +7,7 @@ the same seconds.
 
 from __future__ import annotations
 
+import argparse
 import os
 import resource
 import subprocess
@@ -19,7 +20,7 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import numpy as np
 
-from dynident.splines import GCV, Constraint, Fixed, smooth
+from dynident.splines import GCV, Constraint, Fixed, Rule, smooth
 
 LAM = 1e-6  # in sum((g - y)^2) + lam * integral(g''^2)
 SIGMA = 1e-3
@@ -41,7 +42,7 @@ def seconds(call: Callable[[], object], repeat: int) -> float:
     return best
 
 
-def ours(t: np.ndarray, y: np.ndarray, rule: object, sigma: float | None = None) -> np.ndarray:
+def ours(t: np.ndarray, y: np.ndarray, rule: Rule, sigma: float | None = None) -> np.ndarray:
     """Fit with refinement, and both derivatives at the samples."""
     fit = smooth(t, y, rule, sigma=sigma)
     fit.derivative(1)
@@ -53,7 +54,7 @@ def fitpack(t: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     fit = UnivariateSpline(t, y, w=np.full(len(t), 1 / SIGMA), s=len(t))
     fit.derivative(1)(t)
-    return fit.derivative(2)(t)
+    return np.asarray(fit.derivative(2)(t))
 
 
 def scipy_spline(t: np.ndarray, y: np.ndarray, lam: float | None) -> np.ndarray:
@@ -61,7 +62,7 @@ def scipy_spline(t: np.ndarray, y: np.ndarray, lam: float | None) -> np.ndarray:
 
     fit = make_smoothing_spline(t, y, lam=lam)
     fit.derivative(1)(t)
-    return fit.derivative(2)(t)
+    return np.asarray(fit.derivative(2)(t))
 
 
 def csaps_spline(t: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -69,7 +70,7 @@ def csaps_spline(t: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     fit = CubicSmoothingSpline(t, y, smooth=1 / (1 + LAM)).spline
     fit.derivative(1)(t)
-    return fit.derivative(2)(t)
+    return np.asarray(fit.derivative(2)(t))
 
 
 def row(what: str, n: int, own: float, peer: str = "", other: float = np.nan, error: str = "") -> None:
@@ -157,10 +158,18 @@ PARTS = {
 }
 PARTS |= {name: script(name) for name in ("consistent", "maximum_likelihood", "closed_loop")}
 
-if __name__ == "__main__":
-    wrong = [name for name in sys.argv[1:] if name not in PARTS]
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help="what to run; all, where none is named")
+    names = parser.parse_args().parts
+    wrong = [name for name in names if name not in PARTS]
     if wrong:
-        sys.exit(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")
-    for name in sys.argv[1:] or PARTS:
+        parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")
+    for name in names or PARTS:
         PARTS[name]()
     print(f"peak memory of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.2f} GiB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,7 @@
-"""A long recording, 1e6 samples of 7 joints, from Parquet to the report: seconds by stage, and the peak of memory."""
+"""A long recording, 1e6 samples of 7 joints, from Parquet to the report: seconds by stage, and the peak of memory.
+
+``python3 benchmarks/size.py make [SAMPLES]`` makes the recording and runs this file with its configuration.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,8 @@ def staged(config: Path) -> None:
     from dynident.report import identification_page, result_dict
 
     began = last = time.perf_counter()
-    stage, spent = "start", {}
+    stage = "start"
+    spent: dict[str, float] = {}
 
     def say(step: str) -> None:
         nonlocal last, stage
@@ -98,4 +102,4 @@ def size(n: int = 1_000_000) -> None:
 
 
 if __name__ == "__main__":
-    size() if sys.argv[1:] == ["make"] else staged(Path(sys.argv[1]))
+    size(*map(int, sys.argv[2:])) if sys.argv[1:2] == ["make"] else staged(Path(sys.argv[1]))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import runpy
 import shlex
+import subprocess
 import tomllib
+import venv
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +52,25 @@ def test_ci_runs_the_same_tasks_here_and_there() -> None:
     (job,) = jobs(ROOT / ".github" / "workflows" / "test.yml")
     here = re.findall(r"^python3 dev\.py .*$", (ROOT / ".ci" / "run").read_text(encoding="utf-8"), re.MULTILINE)
     assert here == [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_help_of_dev_py_lists_every_task_and_installs_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(ROOT / "dev.py"))["main"](["--help"])
+    shown = capsys.readouterr().out
+    assert re.findall(r"^python3 dev\.py (\w+)", shown, re.MULTILINE) == list(TASKS)
+
+
+def test_dev_py_names_what_a_python_without_pip_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Debian and Ubuntu ship the pip of new environments apart."""
+
+    def create(*_: object, **__: object) -> None:
+        raise subprocess.CalledProcessError(1, "ensurepip")
+
+    monkeypatch.setattr(venv, "create", create)
+    install = runpy.run_path(str(ROOT / "dev.py"))["install"]
+    monkeypatch.setitem(install.__globals__, "PYTHON", tmp_path / "python")
+    with pytest.raises(SystemExit, match="apt install python3-venv"):
+        install("dev")
 
 
 def test_hooks_run_the_linters_of_this_project() -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.bounds.normal_matrix import NormalMatrix, normal_matrices
 from dynident.checks import channels
-from dynident.errors import ConfigError, InputError, choices
+from dynident.errors import ConfigError, InputError, choices, listed
 from dynident.estimators import quick
 from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
@@ -20,6 +20,9 @@ from dynident.models import Model
 from dynident.regression import BaseParameters, Regression, base_parameters, rank_of_information
 from dynident.smoothers.smoother import KnowsNoise
 from dynident.splines import noise_sigma, steady_noise
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = ["CHANGES", "AccuracyBound", "Measure", "Noise", "Origin", "TorqueNoise", "accuracy_bound", "noise_of"]
 
@@ -88,6 +91,24 @@ class AccuracyBound:
     fit: Array
     noise: Noise
     samples: int
+
+    def __repr__(self) -> str:
+        hardest = [k for k in np.argsort(-self.relative) if np.isfinite(self.relative[k])]
+        shown = listed((f"{self.leads[k]} {self.relative[k]:.2g} %" for k in hardest), 3)
+        return f"<AccuracyBound of {len(self.names)} base parameters from {self.samples} samples; least known: {shown}>"
+
+    @property
+    def leads(self) -> tuple[str, ...]:
+        """The standard parameter (r) that each base parameter begins with."""
+        return tuple(name.partition(" ")[0] for name in self.names)
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table, one row per base parameter: parameter, unit, value, ``std`` of the fit, and the least
+        standard deviation ``now`` and after each change of ``CHANGES``."""
+        import polars as pl
+
+        columns = {"parameter": self.names, "unit": self.units, "value": self.value, "std": self.fit}
+        return pl.DataFrame({**columns, **self.std})
 
     @property
     def relative(self) -> Array:

@@ -113,6 +113,18 @@ class LeastSquares:
     The rank is that of ``rank_of``, ``tolerance`` its limit (None: the precision of the model). The covariance is
     s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors of equal variance and an exactly known
     regressor; correlated residuals make it too small.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.LeastSquares())
+    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
+    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0825 +- 0.00007
+    h = 0.2498 +- 0.00021
     """
 
     tolerance: Annotated[float, Gt(0), Lt(1)] | None = None

@@ -49,7 +49,7 @@ def choose_smoother(
     does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
     others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 0.5 %
     of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
-    no candidate can smooth the logs, ConfigError where there is none.
+    no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no candidate.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
@@ -63,6 +63,11 @@ def choose_smoother(
         common = _thinned(motions, masks)
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
+    if not len(good):
+        raise InputError(
+            f"{logs[0].source}: the torque is zero in every sample of every log, so that no smoother can be chosen by "
+            "it; look whether the right torque column is named, and was recorded."
+        )
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
 
 

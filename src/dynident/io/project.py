@@ -130,6 +130,26 @@ def run(path: str | Path, *, progress: Progress | None = None) -> Identification
     """Identify what a configuration describes, as the command ``dynident identify`` does.
 
     ``progress`` is called with a few words before each step. Raises ConfigError, ModelError, InputError.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> table = np.column_stack([t, np.sin(3 * t), -45 * np.sin(3 * t) + 24 * np.cos(3 * t)])  # 5 kg, 8 N s/m
+    >>> text = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... train: [{ file: log.csv }]
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(Path(folder, "log.csv"), table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(text)
+    ...     found = dy.run(Path(folder, "robot.yaml"))
+    >>> print(found.estimate.names[0], round(found.estimate.value[0], 2))
+    M 5.0
     """
     progress = progress or _silent
     return read_project(path, progress).identify(progress)

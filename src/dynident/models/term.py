@@ -30,7 +30,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joint:
-    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N)."""
+    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N).
+
+    >>> import dynident as dy
+    >>> dy.Joint("rail", "prismatic").effort
+    'N'
+    """
 
     name: str
     kind: Literal["revolute", "prismatic"] = "revolute"

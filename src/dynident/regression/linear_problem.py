@@ -38,6 +38,10 @@ class ParallelFilter:
     The relation tau = Y theta survives it exactly, because it is linear. ``decimate`` keeps every k-th sample;
     ``cutoff`` (Hz) of the Butterworth filter of ``order``, forward and backward; None takes 0.8 of half the rate that
     remains. Reference: Gautier and Poignet (2000), cited by the article.
+
+    >>> import dynident as dy
+    >>> dy.ParallelFilter(decimate=10, cutoff=20.0)
+    ParallelFilter(decimate=10, cutoff=20.0, order=4)
     """
 
     decimate: int = 1

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from dynident.errors import listed
 from dynident.report import figures
 
 if TYPE_CHECKING:
@@ -42,12 +42,6 @@ def labelled(identification: Identification) -> list[tuple[str, int]]:
 def count(number_of: int, noun: str) -> str:
     """Word a count, such as "1 log" or "2 logs"."""
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
-
-
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Return names in a row, no more than ``most`` of them, and how many more there are."""
-    every = list(names)
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
 
 
 def points(identification: Identification) -> int:

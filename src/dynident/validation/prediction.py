@@ -70,6 +70,15 @@ def validate(
 
     ``filter`` and ``min_speed`` are those of the fit: they make ``relative_error_filtered`` and touch nothing else.
     Raises InputError where the motion's mask leaves no sample, and ModelError where a shape does not fit.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> print(f"{dy.validate(arm, arm.values, dy.Spline(sigma=1e-4)(log)).relative_error:.1f} %")
+    2.6 %
     """
     if not motion.mask.any():
         raise InputError(f"{motion.source}: no sample is left to judge the model on; widen the window, or smooth less.")

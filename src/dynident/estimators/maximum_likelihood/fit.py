@@ -54,6 +54,18 @@ class MaximumLikelihood:
     iteration fails it is returned, and the status says so. Sharp signs of Coulomb friction are made as smooth as the
     velocities are known. The barrier ``weight`` that keeps inertia and friction physical is in units of half a squared
     standard deviation.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.MaximumLikelihood(start="rest"))
+    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
+    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0824 +- 0.00005
+    h = 0.2497 +- 0.00014
     """
 
     start: Start = "free"

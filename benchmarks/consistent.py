@@ -73,10 +73,10 @@ def main() -> None:
         posed = problem(arm, noise)
         for name, estimator in estimators.items():
             found = estimator(posed)
-            least = min(found.eigenvalues.values(), default=np.nan)
+            least = min(found.consistency.eigenvalues.values(), default=np.nan)
             print(
                 f"noise {noise:4.2f} N m  {name:<26} {1e3 * seconds(lambda e=estimator, p=posed: e(p)):6.1f} ms  "  # type: ignore[misc]
-                f"smallest eigenvalue {least:.1e}  costs {found.costs.get('all', np.nan):.4f} %",
+                f"smallest eigenvalue {least:.1e}  costs {found.consistency.costs.get('all', np.nan):.4f} %",
                 flush=True,
             )
 

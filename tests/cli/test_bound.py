@@ -37,7 +37,7 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
         assert word in done.output
     found = json.loads((tmp_path / "numbers.json").read_text())
     assert found == json.loads((tmp_path / "out" / "bound.json").read_text())
-    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "versions", "settings"}
+    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "provenance"}
     assert {one["name"] for one in found["parameters"]} == {"M", "Fv", "Fc", "offset"}
     for one in found["parameters"]:
         assert one.keys() == KEYS

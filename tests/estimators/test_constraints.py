@@ -31,9 +31,12 @@ def test_friction_and_rotor_inertia_are_not_negative_unless_switched_off(role: s
     found, freed = PhysicallyConsistent()(posed), PhysicallyConsistent(**off)(posed)
     assert found.value[10] == 0.0
     assert found.provenance[10] == "bound"
-    assert found.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")] > 0
+    assert (
+        found.consistency.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")]
+        > 0
+    )
     assert freed.value[10] == pytest.approx(-0.2, abs=4 * freed.std[10])
-    assert set(freed.costs) == {"pseudo-inertia", "all"}
+    assert set(freed.consistency.costs) == {"pseudo-inertia", "all"}
 
 
 LIMITS: list[tuple[dict[str, Any], Any]] = [
@@ -56,7 +59,7 @@ def test_limits_are_met(setting: dict[str, Any], met: Any) -> None:
     found = PhysicallyConsistent(**setting)(posed)
     assert met(found.value), found.value
     assert smallest(found.value) > 0
-    assert found.costs["all"] > 0
+    assert found.consistency.costs["all"] > 0
     assert "bounds" not in setting or found.provenance[0] == "bound"
 
 
@@ -68,7 +71,7 @@ def test_total_mass_settles_what_the_data_leave_free() -> None:
     found = PhysicallyConsistent(bounds=bounds, prior="none")(posed)
     assert 4.5 <= found.value[10] <= 4.6
     assert found.value[0] + found.value[10] == pytest.approx(7.0, abs=0.01)
-    assert found.costs["all"] < 1e-4
+    assert found.consistency.costs["all"] < 1e-4
 
 
 CONFLICTS: list[tuple[dict[str, Any], list[str]]] = [

@@ -47,9 +47,8 @@ def test_coloured_noise_asks_for_more_than_its_differences_show() -> None:
 
 def test_identify_takes_the_chosen_one_and_says_so() -> None:
     found = identify(two_link_arm(), {"a": log()}, {"b": log(1)}, Recipe(smoother=(Difference(), Spline())))
-    assert found.pairing is not None
-    assert found.pairing.choice is not None
-    assert found.pairing.smoother == found.pairing.choice.smoother == Spline()
+    assert found.calibration.smoother is not None
+    assert found.recipe.smoother == found.calibration.smoother.smoother == Spline()
     np.testing.assert_allclose(found.estimate.value, two_link_arm().values, rtol=0.1)
 
 

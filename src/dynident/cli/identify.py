@@ -59,7 +59,7 @@ def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tup
     from dynident.io.saved import check_targets
     from dynident.report import identification_page, result_dict
 
-    check_targets(out, (one.file for one in made), found.settings)
+    check_targets(out, (one.file for one in made), found.provenance)
     result, page = result_dict(found, made), identification_page(found, made)
     written = []
     for one in made:

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, choices
-from dynident.estimators.estimator import Estimate, Problem
+from dynident.estimators.estimator import Determined, Estimate, Problem, Residual
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, rank_of
@@ -146,17 +146,16 @@ class LeastSquares:
         factor = triangular.stacked(weights)
         fit = solve(factor, rank_of(factor, parameters, self.tolerance))
         return Estimate(
+            parameters=parameters,
             value=fit.value,
             covariance=fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1)),
-            names=model.names,
-            units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(triangular.residual(fit.value) / np.maximum(triangular.rows - 1, 1)),
-            rank=fit.rank,
-            condition=fit.condition,
-            samples=triangular.samples,
+            determined=Determined(fit.rank, fit.condition, fit.directions),
+            residual=Residual(
+                np.sqrt(triangular.residual(fit.value) / np.maximum(triangular.rows - 1, 1)),
+                triangular.samples,
+                None if self.weights == "equal" else weights,
+            ),
             notes=_notes(fit, model.names),
-            directions=fit.directions,
-            weights=None if self.weights == "equal" else weights,
         )
 
 

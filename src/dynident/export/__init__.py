@@ -42,7 +42,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     """
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
-    states = spread(tuple(log.motion for log in found.logs))
+    states = spread(tuple(log.motion for log in found.validations))
     formats = [term.format for term in found.model.terms if isinstance(term, RigidBodies)]
     return tuple(export(identified, one, states) for one in (*formats, *ALWAYS))
 

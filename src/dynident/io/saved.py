@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, choices
-from dynident.identification import Recipe, mounted
+from dynident.identification import Recipe, Sources, mounted
 from dynident.io.logs import Reading, read_logs
-from dynident.io.project import FILE, HASH, ORIGIN, TEXT, parse_project
+from dynident.io.project import parse_project
 from dynident.io.robot import fingerprint
 from dynident.io.settings import Config, LogSpec
 from dynident.log import Log
@@ -25,6 +25,7 @@ from dynident.validation import LogValidation, validate
 __all__ = ["Saved", "check_targets", "log_spec", "read_result"]
 
 Array = NDArray[np.float64]
+TEXT, FILE, HASH, ORIGIN = "configuration", "model file", "model file SHA-256", "configuration file"
 SMOOTHER, OFFSET, TILT = "smoother used", "delay used", "lean used"
 
 
@@ -53,9 +54,9 @@ class Saved:
         return validate(self.model, self.value, self.smoother(log))
 
 
-def check_targets(folder: Path, names: Iterable[str], settings: Mapping[str, str]) -> None:
+def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
     """Raise ConfigError where one of the files to be written is the configuration or the model's file."""
-    read = {settings[key] for key in (ORIGIN, FILE) if key in settings}
+    read = {one.path for one in (sources.configuration, sources.model) if one is not None}
     for name in names:
         if str((folder / name).resolve()) in read:
             raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another folder for --out.")

@@ -56,7 +56,7 @@ def _lead(identification: Identification) -> str:
     )
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
-        f"{count(len(identification.logs), 'log')}. {logs[:1].upper()}{logs[1:]}."
+        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}."
     )
 
 
@@ -93,27 +93,36 @@ def result_dict(identification: Identification, exports: Sequence[Export] = ()) 
     return {
         **verdict_results(identification),
         **parameter_results(identification),
-        "rank": int(estimate.rank),
-        "condition": float(estimate.condition),
+        "rank": int(estimate.determined.rank),
+        "condition": float(estimate.determined.condition),
         "train": {log.name: _errors(log) for log in logs_of(identification, "train")},
         "validation": {log.name: _errors(log) for log in logs_of(identification, "validation")},
         "exports": export_results(exports),
         "status": status_words(estimate),
         "warnings": [words(note) for note in identification.warnings],
-        "versions": dict(identification.versions),
-        "settings": settings_of(identification),
+        "versions": dict(identification.provenance.versions),
+        "settings": {**_sources(identification), **settings_of(identification)},
     }
 
 
 def _errors(log: LogValidation) -> dict[str, Any]:
-    filtered = log.relative_error_filtered
+    filtered = log.errors.relative_error_filtered
     return {
-        "relative_error": float(log.relative_error),
+        "relative_error": float(log.errors.relative_error),
         "relative_error_filtered": None if filtered is None else float(filtered),
-        "rmse": {joint: float(value) for joint, value in log.rmse.items()},
-        "per_joint": {joint: float(value) for joint, value in log.per_joint.items()},
-        "per_joint_filtered": dict(log.per_joint_filtered),
-        "effort_share": dict(log.effort_share),
-        "explained": dict(log.r2),
+        "rmse": {joint: float(value) for joint, value in log.errors.rmse.items()},
+        "per_joint": {joint: float(value) for joint, value in log.errors.per_joint.items()},
+        "per_joint_filtered": dict(log.errors.per_joint_filtered),
+        "effort_share": dict(log.errors.effort_share),
+        "explained": dict(log.errors.r2),
         "residuals": {joint: {**asdict(test), "words": causes_words(test)} for joint, test in log.residuals.items()},
     }
+
+
+def _sources(identification: Identification) -> dict[str, str]:
+    sources, found = identification.provenance, dict[str, str]()
+    if sources.configuration:
+        found |= {"configuration": sources.configuration.text, "configuration file": sources.configuration.path}
+    if sources.model:
+        found |= {"model file": sources.model.path, "model file SHA-256": sources.model.sha256}
+    return found | {f"SHA-256 of {one.path}": one.sha256 for one in sources.logs}

@@ -14,6 +14,7 @@ from dynident.estimators import notes
 from dynident.identification import BaseTilt, Choice, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
+from dynident.smoothers import unshifted
 from dynident.validation import residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
@@ -63,14 +64,20 @@ def causes_words(test: residuals.ResidualTest) -> str:
 
 
 def settings_of(identification: Identification) -> dict[str, str]:
-    """Return the settings of a run, with what was chosen and calibrated in words."""
-    pairing = identification.pairing
-    found = {
-        "smoother": pairing and pairing.choice,
-        "delay": pairing and pairing.time_offset,
-        "lean": identification.base_tilt,
+    """Return the settings of a run in words: the recipe as used, and what was chosen and calibrated."""
+    recipe, calibration = identification.recipe, identification.calibration
+    found = {"estimator": repr(recipe.estimator), "low-pass": repr(recipe.filter)}
+    found["seed of the random poses"] = str(identification.provenance.seed)
+    found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
+    numbers = {
+        "low speeds left out": recipe.min_speed,
+        "delay used": recipe.time_offset or None,
+        "lean used": recipe.base_tilt,
+        "restart": recipe.restart,
     }
-    return {**identification.settings, **{key: words(noun) for key, noun in found.items() if noun is not None}}
+    chosen = {"smoother": calibration.smoother, "delay": calibration.time_offset, "lean": calibration.base_tilt}
+    found |= {key: str(value) for key, value in numbers.items() if value is not None}
+    return found | {key: words(noun) for key, noun in chosen.items() if noun is not None}
 
 
 @words.register

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, choices
 from dynident.estimators.constraints import Barrier, bodies_of
-from dynident.estimators.estimator import Estimate, Problem, Provenance
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined
 from dynident.estimators.maximum_likelihood.friction import has_sign
@@ -212,22 +212,22 @@ class _Run:
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
+        smallest = {body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies}
         return Estimate(
+            parameters=model.parameters,
             value=np.where(nothing, 0.0, fitted.theta),
             covariance=covariance,
-            names=model.names,
-            units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
-            rank=rank,
-            condition=directions.condition,
-            samples=sum(map(len, search.given.logs)),
+            determined=Determined(rank, directions.condition, directions),
+            residual=Residual(
+                np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
+                sum(map(len, search.given.logs)),
+                1.0 / search.sigma.tau,
+            ),
             notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
             provenance=provenance,
-            eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
-            interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
-            weights=1.0 / search.sigma.tau,
+            consistency=Consistency(smallest) if smallest else None,
+            interval=self.intervals(fitted, covariance) if fitted.converged else None,
             information=fitted.information,
-            directions=directions,
         )
 
     def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:

@@ -6,7 +6,7 @@ Settings become constraints and a prior here. Two convex programs, small whateve
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, get_args
 
@@ -28,7 +28,7 @@ from dynident.estimators.constraints import (
     signs,
     total,
 )
-from dynident.estimators.estimator import Estimate, Problem, Provenance
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import Weights, check_weights, joint_weights
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, PriorApproached, RankDeficient
 from dynident.estimators.physically_consistent.prior import nearest, settle
@@ -138,20 +138,18 @@ class PhysicallyConsistent:
         provenance = _provenance(value, known, constraints, ~np.isnan(prior))
         costs = _costs(known, constraints, start, excess) if self.costs else {}
         return Estimate(
+            parameters=model.parameters,
             value=value,
             covariance=directions.covariance(known.variance),
-            names=model.names,
-            units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)),
-            rank=known.rank,
-            condition=directions.condition,
-            samples=triangular.samples,
+            determined=Determined(known.rank, directions.condition, directions),
+            residual=Residual(
+                np.sqrt(triangular.residual(value) / np.maximum(triangular.rows - 1, 1)),
+                triangular.samples,
+                None if self.weights == "equal" else weights,
+            ),
             notes=_notes(known, provenance, gap),
             provenance=provenance,
-            eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(value))[0]) for body in bodies},
-            costs=costs,
-            weights=None if self.weights == "equal" else weights,
-            directions=directions,
+            consistency=Consistency(_eigenvalues(bodies, value), costs),
         )
 
     def quick(self) -> PhysicallyConsistent:
@@ -224,6 +222,10 @@ def _snapped(theta: Array, constraints: Constraints) -> Array:
                 if abs(limit.rows[i, k] * theta[k] - side) < CLOSE:
                     theta[k] = side / limit.rows[i, k]
     return theta
+
+
+def _eigenvalues(bodies: Sequence[BodyConstraint], theta: Array) -> dict[str, float]:
+    return {body.name: float(np.linalg.eigvalsh(body.scaled(theta))[0]) for body in bodies}
 
 
 def _provenance(

@@ -1,0 +1,137 @@
+"""What one identification found, in groups: parameters, standard errors, base parameters, validations, origins."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident import __version__
+from dynident.errors import Note
+from dynident.estimators import Estimate
+from dynident.identification.calibration import BaseTilt, TimeOffset
+from dynident.identification.recipe import Recipe
+from dynident.identification.smoother_choice import Choice
+from dynident.log import Log
+from dynident.models import MassMatrixCheck, Model
+from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.validation import SEED, FreeRun, LogValidation, validate
+
+__all__ = ["Calibration", "Identifiability", "Identification", "SourceFile", "Sources", "StandardErrors", "versions"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StandardErrors:
+    """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
+
+    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, infinite
+    for what the data do not determine. None where they cannot be had, or where there are no base parameters.
+    """
+
+    std: Array
+    std_hac: Array | None = None
+    base_std: Array | None = None
+    base_std_hac: Array | None = None
+
+    @property
+    def best(self) -> Array:
+        """The standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
+        return self.std if self.std_hac is None else np.where(np.isfinite(self.std_hac), self.std_hac, self.std)
+
+    @property
+    def best_base(self) -> Array | None:
+        """The same (r) of the base parameters, None where there are none."""
+        return self.base_std if self.base_std_hac is None else self.base_std_hac
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Which base parameters there are, all empty where the data determine every parameter.
+
+    ``on_data`` are those that the training data show, ``structural`` those that any motion could show, ``unexcited``
+    the rest, with the motion that would show them.
+    """
+
+    on_data: BaseParameters | None = None
+    structural: BaseParameters | None = None
+    unexcited: tuple[UnexcitedParameters, ...] = ()
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How smoother, time offset and tilt of the base were found, each None where it was not sought."""
+
+    smoother: Choice | None = None
+    time_offset: TimeOffset | None = None
+    base_tilt: BaseTilt | None = None
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, and of a configuration its ``text``."""
+
+    path: str
+    sha256: str = ""
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What a result was made from: the files, those of a run from Python without the first two, and versions.
+
+    ``seed`` is that of the random poses in which the mass matrix is looked at.
+    """
+
+    configuration: SourceFile | None = None
+    model: SourceFile | None = None
+    logs: tuple[SourceFile, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seed: int = SEED
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Everything that one run found: what reports and exports read.
+
+    ``model`` and ``recipe`` are as used: the model on its base as it is tilted, one smoother, numbers where something
+    was sought, so that ``recipe.motion`` makes of a new log what the fit has seen. ``mass`` is the mass matrix over all
+    logs and random poses.
+    """
+
+    model: Model
+    recipe: Recipe
+    estimate: Estimate
+    errors: StandardErrors
+    base: Identifiability
+    validations: tuple[LogValidation, ...]
+    mass: MassMatrixCheck | None = None
+    calibration: Calibration = Calibration()
+    provenance: Sources = Sources()
+    warnings: tuple[Note, ...] = ()
+
+    @property
+    def runs(self) -> tuple[FreeRun, ...]:
+        """The free simulations."""
+        return tuple(one.free_run for one in self.validations if one.free_run is not None)
+
+    def predict(self, log: Log) -> LogValidation:
+        """Return the torque of a log by the model, beside the measured one; raises the errors of the smoother."""
+        joints = tuple(joint.name for joint in self.model.joints)
+        return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes the numbers, and the platform."""
+    found = {"dynident": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # pin, where there is no wheel for it, may come from elsewhere
+            found[name] = "not installed as a package"
+    return {**found, "platform": platform.platform()}

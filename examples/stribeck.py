@@ -42,4 +42,4 @@ for name, rate in (("monday", 1.5), ("tuesday", 2.2)):
 for model in (plain, rich):
     found = dy.identify(model, logs["monday"], logs["tuesday"])
     held_out = found.validations[-1]
-    print(f"{model.name}: torque error on tuesday {held_out.errors.relative:.1f} %")
+    print(f"{model.name}: torque error on tuesday {held_out.errors.relative_error:.1f} %")

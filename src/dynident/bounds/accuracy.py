@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.bounds.normal_matrix import NormalMatrix, normal_matrices
-from dynident.checks import channels
-from dynident.errors import ConfigError, InputError, choices, listed
+from dynident.checks.channels import channels
+from dynident.errors import ConfigError, InputError, brief, choices, listed
 from dynident.estimators import quick
 from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
@@ -65,6 +65,8 @@ class Noise:
     sensor: Array
     positions: Origin = Origin()
     torques: Origin = Origin()
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.errors import DynidentError, Severity
+from dynident.errors import DynidentError, Severity, brief
 from dynident.estimators import LeastSquares
 from dynident.identification import Recipe, find_base_tilt, pair
 from dynident.log import Log, Motion
@@ -40,6 +40,8 @@ class CheckResult:
     agreements: tuple[Agreement, ...] = ()
     rank: ExcitedRank | None = None
     links: tuple[LinkFacts, ...] = ()
+
+    __repr__ = brief
 
     @property
     def failed(self) -> bool:

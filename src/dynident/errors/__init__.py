@@ -1,6 +1,7 @@
 """Errors that a user can cause, and notes: what a stage has to say about its result, as data."""
 
-from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices, listed
+from dynident.errors.brief import brief, listed
+from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.note import Note, Remark, Severity
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "Note",
     "Remark",
     "Severity",
+    "brief",
     "choices",
     "listed",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["ConfigError", "DynidentError", "InputError", "ModelError", "choices", "listed"]
+__all__ = ["ConfigError", "DynidentError", "InputError", "ModelError", "choices"]
 
 
 class DynidentError(Exception):
@@ -31,9 +31,3 @@ def choices(wrong: str, known: Iterable[str]) -> str:
     hint = f"did you mean {near[0]!r}? " if near else ""
     shown = ", ".join(repr(name) for name in names[:20]) + (", ..." if len(names) > 20 else "")
     return f"{hint}Known: {shown or 'none'}."
-
-
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Return names in a row, no more than ``most`` of them, and how many more there are."""
-    every = list(names)
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note
+from dynident.errors import Note, brief, listed
 from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
 from dynident.models import Model, Parameter
@@ -55,6 +55,8 @@ class Problem:
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Determined:
@@ -66,6 +68,8 @@ class Determined:
     rank: int
     condition: float = math.nan
     directions: Rank | None = None
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +88,8 @@ class Residual:
     sample_weights: tuple[Array, ...] = ()
     slopes: tuple[Array, ...] = ()
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
@@ -94,6 +100,8 @@ class Consistency:
 
     eigenvalues: Mapping[str, float] = field(default_factory=dict)
     costs: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +126,11 @@ class Estimate:
     consistency: Consistency | None = None
     interval: Array | None = None
     information: Array | None = None
+
+    def __repr__(self) -> str:
+        rows = zip(self.parameters, self.value, self.std, strict=True)
+        few = listed((f"{one.name} = {value:.4g} +- {std:.2g} {one.unit}" for one, value, std in rows), 3)
+        return f"<Estimate of {len(self.value)} parameters, rank {self.determined.rank}: {few}>"
 
     @property
     def names(self) -> tuple[str, ...]:

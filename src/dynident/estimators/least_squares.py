@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, choices
+from dynident.errors import ConfigError, Note, brief, choices
 from dynident.estimators.estimator import Determined, Estimate, Problem, Residual
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
@@ -32,6 +32,8 @@ class LeastSquaresSolution:
     value: Array
     rss: float
     directions: Rank
+
+    __repr__ = brief
 
     @property
     def rank(self) -> int:

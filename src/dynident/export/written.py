@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dynident.errors import brief
+
 __all__ = ["Export", "Proof", "Written"]
 
 
@@ -16,6 +18,8 @@ class Written:
     text: str
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Export:
     written: Written | None = None
     proof: Proof | None = None
     refusal: str = ""
+
+    __repr__ = brief
 
     @property
     def ready(self) -> bool:

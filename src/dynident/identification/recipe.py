@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from dynident.errors import ConfigError, choices
+from dynident.errors import ConfigError, choices, listed
 from dynident.estimators import Estimator, LeastSquares
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
@@ -27,6 +27,10 @@ class Recipe:
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose.
+
+    >>> import dynident as dy
+    >>> dy.Recipe(dy.Difference("central"), time_offset="estimate")
+    Recipe(smoother=Difference(scheme='central'), time_offset='estimate')
     """
 
     smoother: Smoother | tuple[Smoother, ...] = field(default_factory=Spline)
@@ -36,6 +40,16 @@ class Recipe:
     time_offset: float | Literal["estimate"] = 0.0
     base_tilt: tuple[float, float] | Literal["estimate"] | None = None
     restart: float | None = None
+
+    def __repr__(self) -> str:
+        """Show the fields that differ from the article's method."""
+        shown = []
+        for name in (one.name for one in fields(self)):
+            value = getattr(self, name)
+            if value != getattr(_ARTICLE, name):
+                several = name == "smoother" and isinstance(value, tuple)
+                shown.append(f"{name}=({listed(map(repr, value), 1)})" if several else f"{name}={value!r}")
+        return f"Recipe({', '.join(shown)})"
 
     @property
     def smoothers(self) -> tuple[Smoother, ...]:
@@ -59,3 +73,6 @@ class Recipe:
             if name not in joints:
                 raise ConfigError(f"min_speed: there is no joint {name!r}. {choices(name, joints)}")
         return tuple(float(self.min_speed.get(name, 0.0)) for name in joints)
+
+
+_ARTICLE = Recipe()

@@ -6,12 +6,13 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
-from dynident.errors import Note
+from dynident.errors import Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.calibration import BaseTilt, TimeOffset
 from dynident.identification.recipe import Recipe
@@ -20,6 +21,11 @@ from dynident.log import Log
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.validation import SEED, FreeRun, LogValidation, validate
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from dynident.report.display import Plot
 
 __all__ = ["Calibration", "Identifiability", "Identification", "SourceFile", "Sources", "StandardErrors", "versions"]
 
@@ -38,6 +44,8 @@ class StandardErrors:
     std_hac: Array | None = None
     base_std: Array | None = None
     base_std_hac: Array | None = None
+
+    __repr__ = brief
 
     @property
     def best(self) -> Array:
@@ -62,6 +70,8 @@ class Identifiability:
     structural: BaseParameters | None = None
     unexcited: tuple[UnexcitedParameters, ...] = ()
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -71,6 +81,8 @@ class Calibration:
     time_offset: TimeOffset | None = None
     base_tilt: BaseTilt | None = None
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class SourceFile:
@@ -79,6 +91,8 @@ class SourceFile:
     path: str
     sha256: str = ""
     text: str = ""
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -93,6 +107,8 @@ class Sources:
     logs: tuple[SourceFile, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = SEED
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +130,43 @@ class Identification:
     calibration: Calibration = Calibration()
     provenance: Sources = Sources()
     warnings: tuple[Note, ...] = ()
+
+    def __repr__(self) -> str:
+        from dynident.report.display import summary
+
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from dynident.report.display import summary_html
+
+        return summary_html(self)
+
+    @property
+    def plot(self) -> Plot:
+        """The figures of the report, one by one: ``plot.torque("tuesday", "elbow")``, ``plot.parameters()``, ..."""
+        from dynident.report.display import Plot
+
+        return Plot(self)
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table, one row per parameter: parameter, value, std (the one to believe), std_independent, unit,
+        determined_by, and the value that the model knows, true or nominal; null where nothing is known.
+        """
+        import polars as pl
+
+        parameters = self.model.parameters
+        return pl.DataFrame(
+            {
+                "parameter": self.estimate.names,
+                "value": self.estimate.value,
+                "std": self.errors.best,
+                "std_independent": self.errors.std,
+                "unit": self.estimate.units,
+                "determined_by": [one.value for one in self.estimate.provenance] or [None] * len(parameters),
+                "known": [parameter.value for parameter in parameters],
+            },
+            schema_overrides={"determined_by": pl.String, "known": pl.Float64},
+        )
 
     @property
     def runs(self) -> tuple[FreeRun, ...]:

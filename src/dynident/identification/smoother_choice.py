@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, brief
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
@@ -33,6 +33,8 @@ class Choice:
     smoother: Smoother
     candidates: tuple[Smoother, ...]
     errors: tuple[float, ...]
+
+    __repr__ = brief
 
 
 def choose_smoother(

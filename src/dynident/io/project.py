@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, run_checks
-from dynident.errors import Remark, Severity
+from dynident.errors import Remark, Severity, brief
 from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
@@ -42,6 +42,8 @@ class Project:
     recipe: Recipe
     warnings: tuple[str, ...]
     sources: Sources
+
+    __repr__ = brief
 
     def logs(self, progress: Progress = _silent) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
         """Read all recordings: their logs by role ("train", "validation") and name, and warnings.

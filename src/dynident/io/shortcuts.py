@@ -61,7 +61,7 @@ class RecipeFields(TypedDict, total=False):
     filter: ParallelFilter | None
     min_speed: Mapping[str, float] | float | None
     time_offset: float | Literal["estimate"]
-    base_tilt: bool
+    base_tilt: tuple[float, float] | Literal["estimate"] | None
     restart: float | None
 
 

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import DynidentError, ModelError, listed
+from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
 from dynident.models.term import HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
 
@@ -30,6 +30,8 @@ class MassMatrixCheck:
     smallest: float
     q: Array
     positive: bool
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)

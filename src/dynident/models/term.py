@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from dynident.models.robot_file import Limits
 
+from dynident.errors import brief
+
 __all__ = [
     "INERTIAL",
     "HasGravity",
@@ -79,6 +81,8 @@ class Partials:
     q: Array
     dq: Array
     ddq: Array
+
+    __repr__ = brief
 
 
 class Term(Protocol):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, brief
 from dynident.log import Motion
 from dynident.models import Model
 
@@ -92,6 +92,8 @@ class RegressorBlock:
     tau: Array
     keep: NDArray[np.bool_] | None = None
 
+    __repr__ = brief
+
     def times(self, weight: Array) -> RegressorBlock:
         """Return the block with each row multiplied by its weight (B, n)."""
         return RegressorBlock(self.Y * weight[:, :, None], self.tau * weight, self.keep)
@@ -106,6 +108,8 @@ class TriangularFactors:
 
     factors: Array
     rows: NDArray[np.int_]
+
+    __repr__ = brief
 
     @property
     def samples(self) -> int:
@@ -145,6 +149,8 @@ class Regression:
     filter: ParallelFilter | None = None
     min_speed: tuple[float, ...] | None = None
     weights: tuple[Array, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = tuple(joint.name for joint in self.model.joints)

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ConfigError, DynidentError, InputError
+from dynident.errors import ConfigError, DynidentError, InputError, brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
 from dynident.regression import stretches
@@ -38,6 +38,8 @@ class CascadePD:
     gain: Array
     saturation: Array
     feedforward: Array
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n, rows = len(self.joints), len(self.t)
@@ -95,6 +97,8 @@ class RunSignals:
     measured: Array
     tau: Array
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
@@ -117,6 +121,8 @@ class FreeRun:
     torque_error: Mapping[str, float]
     failure: Failure | None = None
     signals: RunSignals | None = None
+
+    __repr__ = brief
 
     @property
     def t(self) -> Array:

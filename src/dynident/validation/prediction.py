@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import InputError
+from dynident.errors import InputError, brief, listed
 from dynident.log import Log, Motion, subsample
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BLOCK, ParallelFilter, fast_enough, stretches
 from dynident.validation.free_run import FreeRun
 from dynident.validation.residuals import ResidualTest, residual_test
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = ["SEED", "LogValidation", "Signals", "TorqueErrors", "check_mass", "relative_error", "validate"]
 
@@ -46,6 +49,8 @@ class TorqueErrors:
     effort_share: Mapping[str, float] = field(default_factory=dict)
     r2: Mapping[str, float] = field(default_factory=dict)
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Signals:
@@ -56,6 +61,8 @@ class Signals:
     motion: Motion
     predicted: Array
     recorded: Log | None = None
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +79,30 @@ class LogValidation:
     residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
     free_run: FreeRun | None = None
     signals: Signals | None = None
+
+    def __repr__(self) -> str:
+        joints = listed((f"{joint} {error:.3g} %" for joint, error in self.errors.per_joint.items()), 6)
+        return f"<LogValidation {self.name!r} ({self.role}): torque error {self.errors.relative_error:.3g} %; {joints}>"
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table of the errors, one row per joint: joint, rmse (N m, N), relative_error (%),
+        relative_error_filtered (%), effort_share (%), r2; null where there is no such figure.
+        """
+        import polars as pl
+
+        errors = self.errors
+        columns = {
+            "rmse": errors.rmse,
+            "relative_error": errors.per_joint,
+            "relative_error_filtered": errors.per_joint_filtered,
+            "effort_share": errors.effort_share,
+            "r2": errors.r2,
+        }
+        joints = list(errors.rmse)
+        floats = {
+            name: pl.Series([one.get(joint) for joint in joints], dtype=pl.Float64) for name, one in columns.items()
+        }
+        return pl.DataFrame({"joint": joints, **floats})
 
     @property
     def motion(self) -> Motion:

@@ -19,10 +19,9 @@ URDF = """<robot name="arm"><link name="base"/>
 
 
 def recorded(robot, name, rate, rng):
-    """Return what the robot's sensors would show: its bodies are 20 % heavier than the file says, and it has friction."""
-    nominal = [0.0 if one.value is None else 1.2 * one.value for one in robot.parameters]
+    """Return what the sensors would show of a robot that is 20 % heavier than its file says, and has friction."""
     friction = {"Fv": 0.4, "Fc": 0.6, "offset": 0.1, "Ia": 0.02}
-    truth = np.array([friction.get(one.name.partition("_")[0], x) for one, x in zip(robot.parameters, nominal)])
+    truth = [1.2 * one.value if one.body else friction[one.name.partition("_")[0]] for one in robot.parameters]
     t = np.arange(6001) * 0.002
     amplitude, w = np.array([[0.7, 0.5], [0.4, 0.6]]), rate * np.array([[1.0, 1.7], [2.3, 3.1]])
     wave = [np.sum(amplitude * w**k * np.sin(w * t[:, None, None] + k * np.pi / 2), axis=1) for k in range(3)]

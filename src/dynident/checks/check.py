@@ -12,7 +12,7 @@ from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.errors import DynidentError, Severity, brief
+from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import Recipe, find_base_tilt, pair
 from dynident.log import Log, Motion
@@ -41,7 +41,15 @@ class CheckResult:
     rank: ExcitedRank | None = None
     links: tuple[LinkFacts, ...] = ()
 
-    __repr__ = brief
+    def __repr__(self) -> str:
+        from dynident.report.display import check_lines
+
+        return check_lines(self)
+
+    def _repr_html_(self) -> str:
+        from dynident.report.display import check_html
+
+        return check_html(self)
 
     @property
     def failed(self) -> bool:

@@ -7,25 +7,31 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from dynident.errors import InputError, choices, listed
-from dynident.identification import judge
+from dynident.identification import Use, judge
 from dynident.report import figures
+from dynident.report.check import check_summary, check_tables
 from dynident.report.page import PageTable, number
 from dynident.report.parameters import terminal_parameters
 from dynident.report.validation import error_table
 from dynident.report.verdict import verdict_text
+from dynident.report.wording import words
 from dynident.report.words import ROLES, logs_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
+    from dynident.checks import CheckResult
     from dynident.identification import Identification
     from dynident.models import Joint
     from dynident.validation import LogValidation
 
-__all__ = ["Plot", "summary", "summary_html"]
+__all__ = ["Plot", "check_html", "check_lines", "summary", "summary_html"]
 
-FEW = 3  # parameters and logs of a summary
+FEW = 3  # parameters, logs and findings of a summary
+LONGEST = 100  # letters of a sentence there
 
 
 def summary(found: Identification) -> str:
@@ -34,20 +40,39 @@ def summary(found: Identification) -> str:
 
 
 def _lines(found: Identification) -> Iterator[str]:
-    verdict = f", {judge(found).use.value}" if _judged(found) else ""
-    yield f"<Identification of {found.model.name!r}{verdict}"
+    verdict = judge(found) if _judged(found) else None
+    yield f"<Identification of {found.model.name!r}" + (f": {verdict.use.value}" if verdict else "")
+    if verdict and verdict.use is Use.DO_NOT_USE:
+        yield f"  {_cut(words(verdict.reasons[0]))}"
     for role, word in ROLES.items():
         if logs := logs_of(found, role):
             errors = (f"{log.name} {number(log.errors.relative_error, 3)} %" for log in logs)
             yield f"  torque error, {word}: {listed(errors, FEW)}"
     rows = zip(found.estimate.names, found.estimate.value, found.errors.best, found.estimate.units, strict=True)
-    words = (f"{name} = {number(value)} +- {number(std, 2)} {unit}" for name, value, std, unit in rows)
-    yield f"  {listed(words, FEW)}>"
+    known = sorted(rows, key=lambda row: not np.isfinite(row[2]))  # what the data determine first
+    shown = (f"{name} = {number(value)} +- {number(std, 2)} {unit}" for name, value, std, unit in known)
+    yield f"  {listed(shown, FEW)}>"
 
 
 def _judged(found: Identification) -> bool:
     """Whether the signals are there that a verdict looks at; a saved result has none."""
     return all(log.signals is not None for log in found.validations)
+
+
+def check_lines(found: CheckResult) -> str:
+    """Return a few lines: how many errors and warnings there are, and the gravest of them."""
+    gravest = [row for table in check_tables(found)[: len(found.findings) and 1] for row in table.rows][:FEW]
+    lines = [f"<CheckResult: {check_summary(found)}", *(_cut(f"  {where}: {what}") for where, what in gravest)]
+    return "\n".join(lines) + ">"
+
+
+def check_html(found: CheckResult) -> str:
+    """Return the findings and the facts behind them as HTML for a notebook; all texts are escaped."""
+    return f"<div><p><b>{escape(check_summary(found))}</b></p>{''.join(map(_table, check_tables(found)))}</div>"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def summary_html(found: Identification) -> str:

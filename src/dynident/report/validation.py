@@ -55,7 +55,7 @@ def error_table(identification: Identification) -> PageTable:
         (
             log.name,
             ROLES.get(log.role, log.role),
-            str(int(log.motion.mask.sum())),
+            str(log.errors.samples),
             number(log.errors.relative_error, 3),
             number(log.errors.relative_error_filtered, 3),
         )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
     from dynident.identification import Identification, Recipe
     from dynident.io.project import run
+    from dynident.io.saved import load
     from dynident.io.shortcuts import accuracy_bound, check, export_model, identify, read_log, read_robot
     from dynident.log import Log, Motion
     from dynident.models import (
@@ -69,6 +70,7 @@ __all__ = [
     "errors",
     "export_model",
     "identify",
+    "load",
     "read_log",
     "read_robot",
     "record",
@@ -107,6 +109,7 @@ _MODULES = {
     "errors": "dynident",
     "export_model": "dynident.io.shortcuts",
     "identify": "dynident.io.shortcuts",
+    "load": "dynident.io.saved",
     "read_log": "dynident.io.shortcuts",
     "read_robot": "dynident.io.shortcuts",
     "record": "dynident.models",

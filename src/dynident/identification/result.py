@@ -6,6 +6,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,16 @@ if TYPE_CHECKING:
 
     from dynident.report.display import Plot
 
-__all__ = ["Calibration", "Identifiability", "Identification", "SourceFile", "Sources", "StandardErrors", "versions"]
+__all__ = [
+    "Calibration",
+    "Identifiability",
+    "Identification",
+    "OldResult",
+    "SourceFile",
+    "Sources",
+    "StandardErrors",
+    "versions",
+]
 
 Array = NDArray[np.float64]
 
@@ -82,6 +92,14 @@ class Calibration:
     base_tilt: BaseTilt | None = None
 
     __repr__ = brief
+
+
+@dataclass(frozen=True)
+class OldResult(Note):
+    """The result was read from a file of an older ``version`` of the format, which ``lacks`` these groups."""
+
+    version: int
+    lacks: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -177,6 +195,16 @@ class Identification:
         """Return the torque of a log by the model, beside the measured one; raises the errors of the smoother."""
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write all but the signals as JSON, which ``dynident.load`` reads again; return the path.
+
+        The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has
+        settings without a plain form.
+        """
+        from dynident.io.saved import save
+
+        return save(self, path)
 
 
 def versions() -> dict[str, str]:

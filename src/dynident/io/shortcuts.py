@@ -16,14 +16,15 @@ from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.export import exports
-from dynident.identification import Identification, Recipe
+from dynident.identification import Identification, Recipe, SourceFile
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
+from dynident.io.named_log import log_spec
 from dynident.io.project import read_project
 from dynident.io.results import probe_folder, write_text
-from dynident.io.robot import load_robot
-from dynident.io.saved import log_spec
+from dynident.io.robot import SUFFIXES, fingerprint, load_robot
+from dynident.io.saved import check_targets
 from dynident.io.settings import Config, LogSpec, RobotSettings
 from dynident.io.wording import worded
 from dynident.log import Log
@@ -113,9 +114,12 @@ def identify(
         if name not in known:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
     used = replace(recipe or default_recipe(model), **changes)
-    return identification.identify(
-        model, _named(logs, "logs"), _named(validation, "validation"), used, progress=progress
-    )
+    trained, held_out = _named(logs, "logs"), _named(validation, "validation")
+    found = identification.identify(model, trained, held_out, used, progress=progress)
+    if isinstance(robot, Model) or Path(robot).suffix.lower() not in SUFFIXES:
+        return found
+    file = SourceFile(str(Path(robot).resolve()), fingerprint(Path(robot)))  # from which `load` builds the model again
+    return replace(found, provenance=replace(found.provenance, model=file))
 
 
 def check(
@@ -281,6 +285,7 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     refused = [one for one in chosen if not one.ready]
     if refused and (format is not None or len(refused) == len(chosen)):
         raise ModelError(f"{refused[0].file}: {refused[0].refusal}")
+    check_targets(Path(folder), [one.file for one in chosen], found.provenance)
     probe_folder(Path(folder))
     ready = [(one.file, one.written.text) for one in chosen if one.ready and one.written is not None]
     return tuple(write_text(Path(folder) / file, text) for file, text in ready)

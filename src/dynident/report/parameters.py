@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.estimators import Consistency, Provenance
+from dynident.estimators import Provenance
 from dynident.models import INERTIAL
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
@@ -18,11 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "brief",
-    "parameter_results",
     "parameter_section",
     "parameter_table",
     "rank_sentence",
-    "standard_errors",
     "terminal_parameters",
 ]
 
@@ -73,17 +71,11 @@ def parameter_section(identification: Identification) -> PageSection:
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
-def standard_errors(identification: Identification) -> figures.Array:
-    """Return the standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
-    plain, robust = np.asarray(identification.estimate.std), identification.errors.std_hac
-    return plain if robust is None else np.where(np.isfinite(robust), robust, plain)
-
-
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
     """Return the table of the ``chosen`` parameters, by default all; columns without content are left out."""
     estimate, parameters = identification.estimate, identification.model.parameters
     shown = range(len(parameters)) if chosen is None else chosen
-    errors = standard_errors(identification)
+    errors = identification.errors.best
     relative = figures.relative_std(estimate.value, errors)
     robust = identification.errors.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
@@ -119,7 +111,7 @@ def _verdicts(identification: Identification) -> tuple[str, ...]:
 
 def _certain(identification: Identification) -> str:
     estimate = identification.estimate
-    relative = figures.relative_std(estimate.value, standard_errors(identification))
+    relative = figures.relative_std(estimate.value, identification.errors.best)
     well = int((relative <= WELL).sum())
     unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
     rest = f"; less certain: {listed(unsure)}" if unsure and not identification.base.on_data else ""
@@ -147,7 +139,7 @@ def _interval(identification: Identification, rows: list[int]) -> Figure:
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
-        standard_errors(identification)[rows],
+        identification.errors.best[rows],
         [model.parameters[k].value for k in rows] if not figures.only_nominal(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
@@ -184,35 +176,3 @@ def brief(warning: str) -> str:
     if len(warning) <= LONGEST:
         return warning
     return f"{warning[:LONGEST].rsplit(' ', 1)[0]} ... (in full in the report)"
-
-
-def parameter_results(identification: Identification) -> dict[str, Any]:
-    """Return the parameters, and what is known of base parameters and consistency, as plain values."""
-    estimate, basis = identification.estimate, identification.base.on_data
-    columns = zip(estimate.names, estimate.value, estimate.std, estimate.units, strict=True)
-    rows: list[dict[str, Any]] = [
-        {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns
-    ]
-    for row, provenance in zip(rows, estimate.provenance, strict=False):
-        row["verdict"] = provenance.value
-    if identification.errors.std_hac is not None:
-        for row, std in zip(rows, identification.errors.std_hac, strict=True):
-            row["std_hac"] = float(std)
-    found: dict[str, Any] = {"parameters": rows}
-    if basis:
-        values = np.asarray(basis.to_base(estimate.value)).tolist()
-        plain = (
-            np.full(basis.rank, np.nan) if identification.errors.base_std is None else identification.errors.base_std
-        )
-        found["base_parameters"] = [
-            {"name": name, "value": value, "std": float(std)}
-            for name, value, std in zip(basis.groupings, values, plain, strict=True)
-        ]
-        if identification.errors.base_std_hac is not None:
-            for row, std in zip(found["base_parameters"], identification.errors.base_std_hac, strict=True):
-                row["std_hac"] = float(std)
-    consistency = estimate.consistency or Consistency()
-    for name in ("eigenvalues", "costs"):
-        if given := getattr(consistency, name):
-            found[name] = {key: float(value) for key, value in given.items()}
-    return found

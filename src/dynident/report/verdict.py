@@ -43,9 +43,9 @@ def verdict_section(identification: Identification) -> PageSection:
 
 
 def verdict_results(identification: Identification) -> dict[str, Any]:
-    """Return the verdict, the mass matrix and the free simulations as plain values."""
+    """Return the verdict in words."""
     verdict = judge(identification)
-    found: dict[str, Any] = {
+    return {
         "verdict": {
             "word": verdict.use.value,
             "sentences": list(sentences(verdict)),
@@ -53,18 +53,6 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
             "next_steps": [words(step) for step in verdict.next],
         }
     }
-    if mass := identification.mass:
-        found["mass_matrix"] = {"positive": bool(mass.positive), "smallest": mass.smallest, "q": mass.q.tolist()}
-    keys = ("restart", "relative_error", "motion_error", "rms", "torque_error")
-    found["simulation"] = {
-        run.name: {
-            "driver": run.driver.value,
-            **{key: getattr(run, key) for key in keys},
-            "failure": words(run.failure) if run.failure else "",
-        }
-        for run in identification.runs
-    }
-    return found
 
 
 def _numbers(identification: Identification) -> Iterator[tuple[str, ...]]:

@@ -137,8 +137,8 @@ def judged(estimator: Estimator, problem: Problem, truth: np.ndarray, basis: Bas
     if found.information is not None:
         std = informed_std(basis, found.information)
     else:
-        std = base_std(basis, problem.regression.triangular_factors, found.sigma, found.weights)
-    hac = robust_covariance(problem.regression, found.value, found.weights, basis.independent)
+        std = base_std(basis, problem.regression.triangular_factors, found.residual.sigma, found.residual.weights)
+    hac = robust_covariance(problem.regression, found.value, found.residual.weights, basis.independent)
     both = np.stack([std, np.sqrt(np.diag(hac))])
     notes = tuple(type(note).__name__ for note in found.notes)
     return Result(basis.combination @ (found.value - truth), both, took, notes)

@@ -72,11 +72,12 @@ def main() -> None:
     for noise in (0.02, 0.5, 5.0):
         posed = problem(arm, noise)
         for name, estimator in estimators.items():
-            found = estimator(posed)
-            least = min(found.eigenvalues.values(), default=np.nan)
+            physics = estimator(posed).consistency
+            least = min(physics.eigenvalues.values(), default=np.nan) if physics else np.nan
+            cost = physics.costs.get("all", np.nan) if physics else np.nan
             print(
                 f"noise {noise:4.2f} N m  {name:<26} {1e3 * seconds(lambda e=estimator, p=posed: e(p)):6.1f} ms  "  # type: ignore[misc]
-                f"smallest eigenvalue {least:.1e}  costs {found.costs.get('all', np.nan):.4f} %",
+                f"smallest eigenvalue {least:.1e}  costs {cost:.4f} %",
                 flush=True,
             )
 

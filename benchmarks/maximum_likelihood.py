@@ -50,7 +50,9 @@ def repeat(scenario: ArmScenario, level: float, runs: int, seed: int, start: Sta
         motions = (Spline()(log),)
         found = estimator(Problem(arm, motions, Regression(arm, motions), (log,)))
         took = time.process_time() - began
-        ends = found.interval if len(found.interval) else found.value[:, None] + 1.96 * np.outer(found.std, [-1, 1])
+        ends = (
+            found.interval if found.interval is not None else found.value[:, None] + 1.96 * np.outer(found.std, [-1, 1])
+        )
         covers = (ends[:, 0] <= truth) & (truth <= ends[:, 1])
         rows.append((found.value - truth, covers, not found.notes, (found.value[inertia] <= 0).any(), took))
     error, covers, converged, negative, seconds = map(np.array, zip(*rows, strict=True))

@@ -90,7 +90,7 @@ def staged(config: Path) -> None:
         print(f"  {name:<32} {seconds:7.2f} s")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"  {'all':<32} {last - began:7.2f} s, peak {peak:.2f} GiB, report {len(page) / 1e6:.1f} MB, ", end="")
-    print(f"relative error {found.logs[0].relative_error:.3f} %", flush=True)
+    print(f"relative error {found.validations[0].errors.relative_error:.3f} %", flush=True)
 
 
 def size(n: int = 1_000_000) -> None:

@@ -1,3 +1,135 @@
-"""dynident: dynamic parameters of robot arms from measured joint positions and torques."""
+"""dynident: dynamic parameters of robot arms from measured joint positions and torques.
+
+    import dynident as dy
+
+    found = dy.identify("arm.urdf", {"monday": monday}, {"tuesday": tuesday})
+
+The names below are what a user calls; each is imported when it is first asked for. All others are in their packages.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dynident import errors
+    from dynident.bounds import cramer_rao_bound
+    from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.identification import Identification, Recipe
+    from dynident.io.project import run
+    from dynident.io.saved import load
+    from dynident.io.shortcuts import accuracy_bound, check, export_model, identify, read_log, read_robot
+    from dynident.log import Log, Motion
+    from dynident.models import (
+        Coulomb,
+        CoupledMotor,
+        Joint,
+        Lagrangian,
+        Model,
+        Offset,
+        RigidBodies,
+        RotorInertia,
+        Viscous,
+        record,
+        simulate,
+    )
+    from dynident.models.gallery import two_link_arm
+    from dynident.regression import ParallelFilter
+    from dynident.smoothers import Butterworth, Difference, Spline
+    from dynident.splines import smooth
+    from dynident.validation import validate
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Butterworth",
+    "Coulomb",
+    "CoupledMotor",
+    "Difference",
+    "Estimate",
+    "Identification",
+    "Joint",
+    "Lagrangian",
+    "LeastSquares",
+    "Log",
+    "MaximumLikelihood",
+    "Model",
+    "Motion",
+    "Offset",
+    "ParallelFilter",
+    "PhysicallyConsistent",
+    "Recipe",
+    "RigidBodies",
+    "RotorInertia",
+    "Spline",
+    "Viscous",
+    "accuracy_bound",
+    "check",
+    "cramer_rao_bound",
+    "errors",
+    "export_model",
+    "identify",
+    "load",
+    "read_log",
+    "read_robot",
+    "record",
+    "run",
+    "simulate",
+    "smooth",
+    "two_link_arm",
+    "validate",
+]
+
+_MODULES = {
+    "Butterworth": "dynident.smoothers",
+    "Coulomb": "dynident.models",
+    "CoupledMotor": "dynident.models",
+    "Difference": "dynident.smoothers",
+    "Estimate": "dynident.estimators",
+    "Identification": "dynident.identification",
+    "Joint": "dynident.models",
+    "Lagrangian": "dynident.models",
+    "LeastSquares": "dynident.estimators",
+    "Log": "dynident.log",
+    "MaximumLikelihood": "dynident.estimators",
+    "Model": "dynident.models",
+    "Motion": "dynident.log",
+    "Offset": "dynident.models",
+    "ParallelFilter": "dynident.regression",
+    "PhysicallyConsistent": "dynident.estimators",
+    "Recipe": "dynident.identification",
+    "RigidBodies": "dynident.models",
+    "RotorInertia": "dynident.models",
+    "Spline": "dynident.smoothers",
+    "Viscous": "dynident.models",
+    "accuracy_bound": "dynident.io.shortcuts",
+    "check": "dynident.io.shortcuts",
+    "cramer_rao_bound": "dynident.bounds",
+    "errors": "dynident",
+    "export_model": "dynident.io.shortcuts",
+    "identify": "dynident.io.shortcuts",
+    "load": "dynident.io.saved",
+    "read_log": "dynident.io.shortcuts",
+    "read_robot": "dynident.io.shortcuts",
+    "record": "dynident.models",
+    "run": "dynident.io.project",
+    "simulate": "dynident.models",
+    "smooth": "dynident.splines",
+    "two_link_arm": "dynident.models.gallery",
+    "validate": "dynident.validation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of ``__all__`` when it is first asked for (PEP 562)."""
+    module = _MODULES.get(name)
+    if module is None:
+        raise AttributeError(f"module 'dynident' has no attribute {name!r}")
+    found = import_module(f"dynident.{name}") if module == "dynident" else getattr(import_module(module), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

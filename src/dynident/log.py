@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import InputError
+from dynident.errors import InputError, listed
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = ["Controller", "Log", "Motion", "pieces", "subsample"]
 
@@ -76,6 +79,25 @@ def _times(value: ArrayLike, source: str) -> Array:
     return t
 
 
+def _shown(one: Log | Motion, more: str = "") -> str:
+    """Return the text that stands for a recording where it is displayed."""
+    kind, t = type(one).__name__, one.t
+    span = f"{t[0]:.6g} to {t[-1]:.6g} s, {1.0 / float(np.median(np.diff(t))):.4g} Hz"
+    return f"<{kind} {one.source!r}: {len(t)} samples of {listed(one.joints, 6)}; {span}{more}>"
+
+
+def _frame(one: Log | Motion, channels: Sequence[str]) -> pl.DataFrame:
+    """Return a table of the time and of each channel by joint, such as ``q.elbow``."""
+    import polars as pl
+
+    columns: dict[str, NDArray[Any]] = {"t": one.t}
+    for name in channels:
+        value = getattr(one, name)
+        if value is not None:
+            columns |= {f"{name}.{joint}": value[:, j] for j, joint in enumerate(one.joints)}
+    return pl.DataFrame(columns)
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """One uninterrupted recording of n joints at N instants.
@@ -85,6 +107,15 @@ class Log:
     and so is ``controller``, what gave the torque.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> t = np.arange(401) * 0.0025
+    >>> log = dy.Log(t, q=np.sin(3 * t)[:, None], tau=np.cos(3 * t)[:, None], joints=("hinge",), source="monday")
+    >>> log.window(0.5)
+    <Log 'monday': 201 samples of hinge; 0.5 to 1 s, 400 Hz>
+    >>> log.frame().columns
+    ['t', 'q.hinge', 'tau.hinge']
     """
 
     t: Array
@@ -110,6 +141,13 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        return _shown(self)
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table: t (s), then q, tau and, where known, dq and command by joint, such as ``q.elbow``."""
+        return _frame(self, ("q", "tau", "dq", "command"))
 
     def window(self, start: float = -np.inf, stop: float = np.inf) -> Log:
         """Return the part with ``start <= t <= stop`` (s); InputError where fewer than two samples remain."""
@@ -177,6 +215,16 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        method = self.smoothing.get("method")
+        return _shown(self, f"; {self.mask.sum()} usable" + (f"; {method}" if method else ""))
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table: t (s), then q, dq, ddq, tau by joint, such as ``dq.elbow``, and whether it is ``usable``."""
+        import polars as pl
+
+        return _frame(self, ("q", "dq", "ddq", "tau")).with_columns(pl.Series("usable", self.mask))
 
     def between(self, start: float = -np.inf, stop: float = np.inf) -> Motion:
         """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""

@@ -66,15 +66,15 @@ def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
 
 def test_a_robot_of_bodies_is_told_by_its_base_parameters() -> None:
     found = arm()
-    basis = found.identification.base_parameters
+    basis = found.identification.base.on_data
     assert basis is not None
     assert found.names == basis.groupings
     assert len(found.names) < len(found.identification.model.parameters)
     assert not found.alone.all()
     assert np.isfinite(found.std["now"]).all()
-    assert found.identification.base_std is not None
+    assert found.identification.errors.base_std is not None
     # the motion is known but for the accelerations at both ends, which tell much of a few parameters here
-    ratio = found.identification.base_std / found.std["now"]
+    ratio = found.identification.errors.base_std / found.std["now"]
     assert (ratio < 1.01).all()
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
 

@@ -37,7 +37,7 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
         assert word in done.output
     found = json.loads((tmp_path / "numbers.json").read_text())
     assert found == json.loads((tmp_path / "out" / "bound.json").read_text())
-    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "versions", "settings"}
+    assert found.keys() == {"parameters", "noise", "samples", "findings", "warnings", "provenance"}
     assert {one["name"] for one in found["parameters"]} == {"M", "Fv", "Fc", "offset"}
     for one in found["parameters"]:
         assert one.keys() == KEYS
@@ -46,7 +46,7 @@ def test_table_numbers_and_report(config: Path, tmp_path: Path) -> None:
         assert one["std"]["bit"] <= one["std"]["now"] * (1 + 1e-9)
     assert found["noise"]["q"]["slider"] == pytest.approx(1e-5, rel=0.15)
     assert found["noise"]["sensor"]["slider"] == pytest.approx(0.01, rel=0.5)
-    assert "configuration" in found["settings"]
+    assert found["provenance"]["configuration"]["text"] == config.read_text()
     page = (tmp_path / "out" / "report.html").read_text()
     assert "http://" not in page.split("<script>")[0]
     assert page.count("<figure>") == 1

@@ -168,7 +168,7 @@ def test_estimate_says_which_parameters_cannot_be_told_apart() -> None:
     found = LeastSquares()(posed)
     assert found.names == ("v1", "offset_a", "offset_b", "v2", "Fc")
     np.testing.assert_array_equal(np.isinf(found.std), [True, False, False, True, True])
-    assert found.rank == 3
+    assert found.determined.rank == 3
     assert found.notes == (RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),)
     assert found.converged
     np.testing.assert_allclose(found.value[[0, 3, 4]], [2.5, 2.5, 0.0], atol=0.1)
@@ -177,7 +177,7 @@ def test_estimate_says_which_parameters_cannot_be_told_apart() -> None:
     )
     variance = np.sum(residual**2) / (200 - 3)
     assert found.std[2] == pytest.approx(np.sqrt(variance / 100), rel=1e-10)
-    np.testing.assert_allclose(found.sigma, np.sqrt(np.sum(residual**2, axis=0) / 99), rtol=1e-10)
+    np.testing.assert_allclose(found.residual.sigma, np.sqrt(np.sum(residual**2, axis=0) / 99), rtol=1e-10)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:

@@ -60,12 +60,11 @@ def test_identify_takes_the_time_offset_into_account_and_says_so() -> None:
     recipe = Recipe(smoother=(Spline(), Spline(factor=2.0)), time_offset="estimate")
     found = identify(arm, [moved], (), recipe)
     plain = identify(arm, [moved])
-    assert found.pairing is not None
-    assert found.pairing.time_offset is not None
-    assert found.pairing.time_offset.seconds == pytest.approx(0.005, abs=1e-4)
-    assert found.pairing.choice is not None
-    assert all(isinstance(one, TimeShifted) for one in found.pairing.choice.candidates)
-    assert found.logs[0].relative_error < 0.7 * plain.logs[0].relative_error
+    assert found.calibration.time_offset is not None
+    assert found.calibration.time_offset.seconds == pytest.approx(0.005, abs=1e-4)
+    assert found.calibration.smoother is not None
+    assert all(isinstance(one, TimeShifted) for one in found.calibration.smoother.candidates)
+    assert found.validations[0].errors.relative_error < 0.7 * plain.validations[0].errors.relative_error
     np.testing.assert_allclose(found.estimate.value, arm.values, rtol=0.1)
 
 

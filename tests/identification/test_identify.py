@@ -41,12 +41,12 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: P
     assert error(found) < 1e-3
     assert found.warnings == ()
     assert found.estimate.notes == ()
-    (judged,) = found.logs
+    (judged,) = found.validations
     assert (judged.name, judged.role) == ("exact", "train")
-    assert judged.relative_error < 0.1
-    assert (judged.relative_error_filtered is None) == (parallel_filter is None)
+    assert judged.errors.relative_error < 0.1
+    assert (judged.errors.relative_error_filtered is None) == (parallel_filter is None)
     step = 1 if parallel_filter is None else parallel_filter.decimate
-    assert found.estimate.samples == -(-judged.motion.mask.sum() // step)
+    assert found.estimate.residual.samples == -(-judged.motion.mask.sum() // step)
 
 
 def test_recipe_chooses_the_parts(log: Log) -> None:
@@ -54,9 +54,8 @@ def test_recipe_chooses_the_parts(log: Log) -> None:
     recipe = Recipe(smoother=Difference(), estimator=LeastSquares(1e-10))
     found = identify(ARM, [log], recipe=recipe)
     assert error(found) > 20 * error(identify(ARM, [log]))
-    assert found.logs[0].motion.smoothing["method"] == "forward differences"
-    assert found.settings["recipe"] == repr(recipe)
-    assert "tolerance=1e-10" in found.settings["recipe"]
+    assert found.validations[0].motion.smoothing["method"] == "forward differences"
+    assert found.recipe == recipe
     assert Recipe() == Recipe(Spline(), LeastSquares(), None)
 
 
@@ -65,7 +64,7 @@ def test_joints_are_matched_by_name(log: Log) -> None:
     assert turned.joints != log.joints
     found, straight = identify(ARM, [turned]), identify(ARM, [log])
     np.testing.assert_array_equal(found.estimate.value, straight.estimate.value)
-    assert found.logs[0].per_joint == straight.logs[0].per_joint
+    assert found.validations[0].errors.per_joint == straight.validations[0].errors.per_joint
 
 
 def test_a_missing_joint_is_an_error(log: Log) -> None:
@@ -86,18 +85,18 @@ def test_two_logs_of_the_same_source_need_names(log: Log) -> None:
     with pytest.raises(ConfigError, match=r"same source among \['exact', 'exact'\]; give them by name"):
         identify(ARM, [early, late])
     found = identify(ARM, {"early": early, "late": late})
-    assert [judged.name for judged in found.logs] == ["early", "late"]
-    assert found.estimate.samples == sum(int(judged.motion.mask.sum()) for judged in found.logs)
+    assert [judged.name for judged in found.validations] == ["early", "late"]
+    assert found.estimate.residual.samples == sum(int(judged.motion.mask.sum()) for judged in found.validations)
 
 
 def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
     early, late = log.window(stop=6.0), replace(log.window(start=4.0), source="late")
     found = identify(ARM, [early], {"check": late})
-    assert [(judged.name, judged.role) for judged in found.logs] == [("exact", "train"), ("check", "validation")]
+    assert [(judged.name, judged.role) for judged in found.validations] == [("exact", "train"), ("check", "validation")]
     np.testing.assert_array_equal(found.estimate.value, identify(ARM, [early]).estimate.value)
     wrong = identify(ARM, [early], {"check": replace(late, tau=2 * late.tau)})
     np.testing.assert_array_equal(found.estimate.value, wrong.estimate.value)
-    assert wrong.logs[1].relative_error == pytest.approx(50.0, rel=1e-2)
+    assert wrong.validations[1].errors.relative_error == pytest.approx(50.0, rel=1e-2)
 
 
 def test_progress_is_told_before_each_step(log: Log) -> None:
@@ -126,11 +125,11 @@ def test_errors_of_a_likelihood_count_those_of_the_motion(more: tuple[Viscous, .
     information = found.estimate.information
     assert information is not None
     if more:
-        assert found.base_parameters is not None
-        np.testing.assert_array_equal(found.base_std, informed_std(found.base_parameters, information))
-        least, robust = found.base_std, found.base_std_hac
+        assert found.base.on_data is not None
+        np.testing.assert_array_equal(found.errors.base_std, informed_std(found.base.on_data, information))
+        least, robust = found.errors.base_std, found.errors.base_std_hac
     else:
-        least, robust = found.estimate.std, found.std_hac
+        least, robust = found.estimate.std, found.errors.std_hac
     assert least is not None
     assert robust is not None
     assert (robust >= least).all()

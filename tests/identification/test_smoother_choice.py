@@ -11,7 +11,7 @@ from dynident.errors import ConfigError, InputError
 from dynident.identification import Recipe, choose_smoother, cross_validated_error, identify, smoother_choice
 from dynident.log import Log, Motion
 from dynident.models import record, simulate
-from dynident.models.gallery import two_link_arm
+from dynident.models.gallery import slider, two_link_arm
 from dynident.smoothers import Butterworth, Difference, Spline
 
 
@@ -47,9 +47,8 @@ def test_coloured_noise_asks_for_more_than_its_differences_show() -> None:
 
 def test_identify_takes_the_chosen_one_and_says_so() -> None:
     found = identify(two_link_arm(), {"a": log()}, {"b": log(1)}, Recipe(smoother=(Difference(), Spline())))
-    assert found.pairing is not None
-    assert found.pairing.choice is not None
-    assert found.pairing.smoother == found.pairing.choice.smoother == Spline()
+    assert found.calibration.smoother is not None
+    assert found.recipe.smoother == found.calibration.smoother.smoother == Spline()
     np.testing.assert_allclose(found.estimate.value, two_link_arm().values, rtol=0.1)
 
 
@@ -93,3 +92,11 @@ def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None
     choice = choose_smoother(two_link_arm(), [log(coloured=True)], [Counted(factor=one.factor) for one in FACTORS])
     assert choice.smoother.factor == whole.smoother.factor
     assert set(seen) == {1000}
+
+
+def test_torques_of_zero_choose_nothing_and_are_named() -> None:
+    """As a log has them whose torque column is another one: an error in words."""
+    t = np.arange(1001) * 0.01
+    silent = Log(t, np.sin(t)[:, None], np.zeros((1001, 1)), ("slider",), "silent")
+    with pytest.raises(InputError, match="silent: the torque is zero"):
+        choose_smoother(slider(), [silent], [Spline(sigma=1e-3), Spline(sigma=1e-2)])

@@ -15,7 +15,7 @@ from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharp
 from dynident.log import Log
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
-from dynident.validation import Driver, RunsAway
+from dynident.validation import Driver, LogValidation, RunsAway, Signals
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
 
@@ -33,18 +33,26 @@ def good() -> Identification:
     return identify(slider(), [log(3.0, "slow")], [log(4.0, "fast", 1)], recipe)
 
 
+def with_errors(log: LogValidation, **changes: Any) -> LogValidation:
+    return replace(log, errors=replace(log.errors, **changes))
+
+
 def with_log(found: Identification, k: int, **changes: Any) -> Verdict:
-    logs = list(found.logs)
+    return with_part(found, k, errors=replace(found.validations[k].errors, **changes))
+
+
+def with_part(found: Identification, k: int, **changes: Any) -> Verdict:
+    logs = list(found.validations)
     logs[k] = replace(logs[k], **changes)
-    return judge(replace(found, logs=tuple(logs)))
+    return judge(replace(found, validations=tuple(logs)))
 
 
 def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
     verdict = judge(good)
     assert verdict.use is Use.SIMULATION
     assert (verdict.reasons, verdict.next) == ((), ())
-    held, train = good.logs[1], good.logs[0]
-    assert verdict.held_out == HeldOut(held.relative_error, train.relative_error, None)
+    held, train = good.validations[1], good.validations[0]
+    assert verdict.held_out == HeldOut(held.errors.relative_error, train.errors.relative_error, None)
     assert verdict.run is not None
     assert verdict.residual is not None
     assert (verdict.run.joint, verdict.residual.joint, verdict.residual.log) == ("slider", "slider", "fast")
@@ -53,7 +61,7 @@ def test_a_good_model_is_good_for_simulation(good: Identification) -> None:
 
 
 def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
-    verdict = judge(replace(good, logs=good.logs[:1]))
+    verdict = judge(replace(good, validations=good.validations[:1]))
     assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.NoHoldOut()
     assert verdict.next[0] is Remedy.HOLD_OUT
@@ -61,8 +69,8 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
 
 
 def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
-    train = good.logs[0].motion
-    verdict = with_log(good, 0, motion=replace(train, tau=0 * train.tau))
+    train = good.validations[0].motion
+    verdict = with_part(good, 0, signals=Signals(replace(train, tau=0 * train.tau), train.tau))
     assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.SilentTorque(("slider",))
     assert verdict.next[0] is Remedy.TORQUE_COLUMN
@@ -74,7 +82,7 @@ def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification)
     assert verdict.use is Use.DO_NOT_USE
     assert verdict.reasons[0] == why.Repeats((("again", "slow"),))
     assert verdict.next[0] is Remedy.ANOTHER_MOTION
-    both = judge(replace(again, logs=(*again.logs, good.logs[1])))
+    both = judge(replace(again, validations=(*again.validations, good.validations[1])))
     assert both.use is Use.SIMULATION
 
 
@@ -96,7 +104,7 @@ def test_held_out_errors(good: Identification, changes: dict[str, Any], reason: 
 def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:
     verdict = with_log(good, 1, relative_error=9.0)
     assert verdict.use is Use.DO_NOT_USE
-    assert verdict.reasons[0] == why.NotCarriedOver("fast", 9.0 / good.logs[0].relative_error)
+    assert verdict.reasons[0] == why.NotCarriedOver("fast", 9.0 / good.validations[0].errors.relative_error)
     (reason, *_) = with_log(good, 1, relative_error=float("nan")).reasons
     assert isinstance(reason, why.TorqueErrorTooLarge)
     assert np.isnan(reason.error)
@@ -108,11 +116,11 @@ def test_a_large_error_of_a_small_torque_does_no_harm(good: Identification) -> N
 
 
 def test_an_error_that_the_low_pass_takes_away_is_forgiven_up_to_a_limit(good: Identification) -> None:
-    first = replace(good.logs[0], relative_error_filtered=3.0)
-    held = replace(good.logs[1], relative_error=20.0, relative_error_filtered=4.0)
-    verdict = judge(replace(good, logs=(first, held)))
+    first = with_errors(good.validations[0], relative_error_filtered=3.0)
+    held = with_errors(good.validations[1], relative_error=20.0, relative_error_filtered=4.0)
+    verdict = judge(replace(good, validations=(first, held)))
     assert verdict.use is Use.SIMULATION
-    assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.logs[0].relative_error))
+    assert verdict.held_out == HeldOut(4.0, 3.0, (20.0, good.validations[0].errors.relative_error))
 
 
 def test_a_mass_matrix_that_is_not_positive_forbids_use(good: Identification) -> None:
@@ -131,7 +139,7 @@ def test_negative_friction_forbids_simulation_only(good: Identification) -> None
 
 
 def test_without_a_free_simulation_none_is_promised(good: Identification) -> None:
-    verdict = judge(replace(good, runs=()))
+    verdict = judge(replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations)))
     assert verdict.use is Use.CONTROL
     assert verdict.reasons == (why.NoFreeRun(),)
     assert verdict.next == (Remedy.SIMULATE,)
@@ -157,7 +165,7 @@ def test_without_a_free_simulation_none_is_promised(good: Identification) -> Non
 def test_free_simulations_that_go_astray(
     good: Identification, changes: dict[str, Any], reason: why.Reason, remedy: Remedy | None
 ) -> None:
-    verdict = judge(replace(good, runs=(good.runs[0], replace(good.runs[1], **changes))))
+    verdict = with_part(good, 1, free_run=replace(good.runs[1], **changes))
     assert verdict.use is Use.CONTROL
     assert verdict.reasons[0] == reason
     assert reason.remedy is remedy
@@ -165,8 +173,8 @@ def test_free_simulations_that_go_astray(
 
 
 def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None:
-    assert good.std_hac is not None
-    verdict = judge(replace(good, std_hac=np.array([4.0, 6.0, 0.01, np.inf])))
+    assert good.errors.std_hac is not None
+    verdict = judge(replace(good, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf]))))
     steps = {step.parameter: step for step in verdict.next if isinstance(step, Sharpen)}
     assert {name: step.excitation for name, step in steps.items()} == {
         "M": Excitation.ACCELERATE,
@@ -178,21 +186,23 @@ def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None
 
 def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
     """A ripple and friction at reversals, which the tests of the residuals say by type."""
-    test = good.logs[1].residuals["slider"]
+    test = good.validations[1].residuals["slider"]
     ripple = replace(test, peak=26.0, peak_share=0.9, reversal_share=0.0, sign_correlation=0.0)
     friction = replace(test, peak_share=0.0, reversal_share=0.9, slow_share=0.01)
-    assert CheckRipple(("slider",)) in with_log(good, 1, residuals={"slider": ripple}).next
-    assert SlowReversals(("slider",)) in with_log(good, 1, residuals={"slider": friction}).next
+    assert CheckRipple(("slider",)) in with_part(good, 1, residuals={"slider": ripple}).next
+    assert SlowReversals(("slider",)) in with_part(good, 1, residuals={"slider": friction}).next
 
 
 def test_figures_behind_the_verdict(good: Identification) -> None:
     """The slider's truth is within its robust errors, its mass matrix is the mass,."""
-    assert good.std_hac is not None
+    assert good.errors.std_hac is not None
     assert good.mass is not None
-    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.std_hac)
+    np.testing.assert_array_less(np.abs(good.estimate.value - (M, FV, FC, OFFSET)), 5 * good.errors.std_hac)
     assert good.mass.smallest == pytest.approx(good.estimate.value[0])
     assert [run.name for run in good.runs] == ["slow", "fast"]
-    held = good.logs[1]
-    assert held.r2["slider"] == pytest.approx(1 - (held.rmse["slider"] ** 2) / np.var(held.motion.tau), rel=1e-2)
-    assert held.effort_share == {}
+    held = good.validations[1]
+    assert held.errors.r2["slider"] == pytest.approx(
+        1 - (held.errors.rmse["slider"] ** 2) / np.var(held.motion.tau), rel=1e-2
+    )
+    assert held.errors.effort_share == {}
     assert slider().limits == {}

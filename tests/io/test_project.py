@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from dynident.errors import ConfigError, InputError, Remark
-from dynident.io.project import HASH_OF, parse_project, read_project, run
+from dynident.identification import SourceFile
+from dynident.io.project import parse_project, read_project, run
 from dynident.models.gallery import slider
 from tests.cli.commands import configure, settings, write_log
 
@@ -43,9 +44,10 @@ def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> No
     assert steps[0] == "building the model"
     assert "validating" in steps
     np.testing.assert_allclose(found.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
-    assert found.settings["configuration"] == config.read_text()
+    assert found.provenance.configuration is not None
+    assert found.provenance.configuration.text == config.read_text()
     digest = hashlib.sha256((config.parent / "log.csv").read_bytes()).hexdigest()
-    assert found.settings[f"{HASH_OF}{config.parent.resolve() / 'log.csv'}"] == digest
+    assert found.provenance.logs == (SourceFile(str(config.parent.resolve() / "log.csv"), digest),)
     assert any("overlaps in time" in note.text for note in found.warnings if isinstance(note, Remark))
 
 

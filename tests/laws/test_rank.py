@@ -120,15 +120,15 @@ def test_the_elbow_of_a_planar_arm_may_be_printed_with_any_digits(angle: str, es
     assert angle in text
     found = fitted(driven(text), estimator)
     rank = exact("2R")
-    assert found.base_parameters is not None
-    assert found.structural is not None
-    assert (found.estimate.rank, found.base_parameters.rank, found.structural.rank) == (rank, rank, rank)
-    assert len(found.base_parameters.independent) == rank
+    assert found.base.on_data is not None
+    assert found.base.structural is not None
+    assert (found.estimate.determined.rank, found.base.on_data.rank, found.base.structural.rank) == (rank, rank, rank)
+    assert len(found.base.on_data.independent) == rank
     said = [(note.rank, note.parameters) for note in found.estimate.notes if isinstance(note, RankDeficient)]
     assert said == [(rank, len(found.model.names))]
     assert np.abs(found.estimate.value).max() < 10
-    assert found.unexcited == ()
-    assert found.logs[0].relative_error < 7
+    assert found.base.unexcited == ()
+    assert found.validations[0].errors.relative_error < 7
 
 
 def test_the_bound_has_as_many_parameters() -> None:
@@ -159,7 +159,11 @@ def test_files_with_rounded_angles_have_the_rank_of_the_exact_file(kind: str, di
     estimates = [
         one(Problem(model, (motion,), regression)) for one in (LeastSquares(), PhysicallyConsistent(costs=False))
     ]
-    ranks = {structural_base_parameters(model).rank, on_data.rank, *(estimate.rank for estimate in estimates)}
+    ranks = {
+        structural_base_parameters(model).rank,
+        on_data.rank,
+        *(estimate.determined.rank for estimate in estimates),
+    }
     assert ranks == {exact(kind)}
     assert on_data.gap > 1e6
 
@@ -236,11 +240,11 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     inside, total, worst = 0, 0, 0.0
     for seed in range(6):
         found = identify(model, [recorded(motion, seed)], recipe=Recipe(estimator=PhysicallyConsistent(costs=False)))
-        basis, std = found.base_parameters, found.base_std_hac
+        basis, std = found.base.on_data, found.errors.base_std_hac
         assert basis is not None
-        assert found.structural is not None
+        assert found.base.structural is not None
         assert std is not None
-        assert (found.estimate.rank, basis.rank, found.structural.rank) == (exact("bent"),) * 3
+        assert (found.estimate.determined.rank, basis.rank, found.base.structural.rank) == (exact("bent"),) * 3
         error = np.abs(basis.to_base(found.estimate.value) - basis.to_base(true.values)) / std
         inside, total, worst = inside + int((error < 1.96).sum()), total + len(error), max(worst, error.max())
     assert worst < 4.5

@@ -96,10 +96,10 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
     robust = identify(model, [log], (), Recipe(Spline(sigma=1e-6), recipe.estimator))
     plain = identify(model, [log], (), Recipe(Spline(sigma=1e-6)))
     assert recipe.estimator.k == 1.5
-    assert robust.std_hac is not None
+    assert robust.errors.std_hac is not None
     off, off_plain = (np.abs(found.estimate.value - truth(model)) for found in (robust, plain))
     assert off[-1] < 0.05 * off_plain[-1]  # the offset takes all outliers in least squares
-    assert len(robust.estimate.sample_weights) == 1
+    assert len(robust.estimate.residual.sample_weights) == 1
 
 
 def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> None:
@@ -161,8 +161,8 @@ def test_standard_errors_of_huber_are_honest_under_outliers(folder: Path) -> Non
         motion = type(clean)(clean.t, clean.q, clean.dq, clean.ddq, clean.tau + noise, clean.joints, clean.mask)
         regression = Regression(model, (motion,))
         found = huber(Problem(model, (motion,), regression))
-        weighted = Regression(model, (motion,), weights=found.sample_weights)
-        covariance = robust_covariance(weighted, found.value, found.weights, slopes=found.slopes)
+        weighted = Regression(model, (motion,), weights=found.residual.sample_weights)
+        covariance = robust_covariance(weighted, found.value, found.residual.weights, slopes=found.residual.slopes)
         values.append(found.value)
         told.append(np.sqrt(np.diag(covariance)))
         plain.append(LeastSquares()(Problem(model, (motion,), regression)).value)

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from dynident.errors import Remark
+from dynident.estimators import Determined, Residual
 from dynident.estimators.notes import NotAlone
+from dynident.identification import Calibration, Identifiability, Recipe, Sources, StandardErrors
 from dynident.log import Motion
 from dynident.models import Joint, MassMatrixCheck, Parameter
 from dynident.models.robot_file import Limits
+from dynident.smoothers import Spline
 from dynident.validation import residual_test
 
 PARAMETERS = (
@@ -98,13 +101,18 @@ def log_validation(name, role, joints, filtered):
         role=role,
         motion=held,
         predicted=held.tau + 0.02 * rng.standard_normal(held.tau.shape),
-        relative_error=4.2 if role == "train" else 5.1,
-        relative_error_filtered=filtered,
-        rmse=dict.fromkeys(joints, 0.02),
-        per_joint={joint: 3.5 + j for j, joint in enumerate(joints)},
-        per_joint_filtered={},
-        effort_share={joints[0]: 0.4},
-        r2=dict.fromkeys(joints, 0.99),
+        recorded=None,
+        free_run=None,
+        errors=SimpleNamespace(
+            samples=int(held.mask.sum()),
+            relative_error=4.2 if role == "train" else 5.1,
+            relative_error_filtered=filtered,
+            rmse=dict.fromkeys(joints, 0.02),
+            per_joint={joint: 3.5 + j for j, joint in enumerate(joints)},
+            per_joint_filtered={},
+            effort_share={joints[0]: 0.4},
+            r2=dict.fromkeys(joints, 0.99),
+        ),
         residuals={
             joint: residual_test(0.02 * rng.standard_normal(len(held)), held.dq[:, j], 0.01)
             for j, joint in enumerate(joints)
@@ -124,12 +132,10 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         names=tuple(parameter.name for parameter in PARAMETERS),
         units=tuple(parameter.unit for parameter in PARAMETERS),
         notes=(NotAlone(("theta3",)),),
-        rank=6,
-        condition=143.7,
-        sigma=np.full(len(joints), 0.0101),
+        determined=Determined(6, 143.7),
+        residual=Residual(np.full(len(joints), 0.0101), 2000),
         provenance=(),
-        eigenvalues={},
-        costs={},
+        consistency=None,
     )
     model = SimpleNamespace(
         name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}
@@ -139,25 +145,18 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
     return SimpleNamespace(
         model=model,
         estimate=estimate,
-        logs=tuple(
+        recipe=Recipe(Spline()),
+        errors=StandardErrors(std),
+        base=Identifiability(),
+        validations=tuple(
             log_validation(name, "train" if i == 0 else "validation", joints, 1.1 if i == 0 else None)
             for i, name in enumerate(logs)
         ),
         warnings=warnings,
-        base_parameters=None,
-        base_std=None,
-        structural=None,
-        unexcited=(),
-        std_hac=None,
-        base_std_hac=None,
         mass=MassMatrixCheck(0.5, np.array([0.0, 1.0]), True),
         runs=(),
-        recorded=(),
-        time_offset=0.0,
-        pairing=None,
-        base_tilt=None,
-        settings={"smoother": "spline", "estimator": "least squares"},
-        versions={"dynident": "0.1.0", "numpy": "2.0"},
+        calibration=Calibration(),
+        provenance=Sources(versions={"dynident": "0.1.0", "numpy": "2.0"}),
     )
 
 

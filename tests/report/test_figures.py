@@ -239,14 +239,15 @@ def test_names_cannot_carry_tags_into_a_figure():
     assert figure.data[0].text[0].startswith("&lt;a")
     assert "&lt;b&gt;kg" in figure.data[0].text[0]
     assert "<b>" not in figures.trace_figure({"<b>": motion()}, 0, "dq").data[0].name
-    log = SimpleNamespace(name="<b>", role="train", per_joint={"<i>": 1.0})
+    log = SimpleNamespace(name="<b>", role="train", errors=SimpleNamespace(per_joint={"<i>": 1.0}))
     bar = figures.error_figure([log], ["<i>"]).data[0]
     assert (bar.name, bar.y[0]) == ("&lt;b&gt; (training)", "&lt;i&gt;")
 
 
 def test_error_figure_has_a_bar_for_each_log_and_joint():
-    logs = [SimpleNamespace(name=name, role=role, per_joint={"x": 1.0, "y": 2.0}) for name, role in
-            (("a", "train"), ("b", "validation"), ("c", "validation"))]  # fmt: skip
+    errors = SimpleNamespace(per_joint={"x": 1.0, "y": 2.0})
+    roles = {"a": "train", "b": "validation", "c": "validation"}
+    logs = [SimpleNamespace(name=name, role=role, errors=errors) for name, role in roles.items()]
     bars = figures.error_figure(logs, ["x", "y"]).data
     assert [tuple(bar.x) for bar in bars] == [(1.0, 2.0)] * 3
     assert [bar.marker.color for bar in bars] == [canvas.PALE, canvas.BLUE, canvas.GREEN]

@@ -10,8 +10,9 @@ import rich.console
 from plotly.offline import get_plotlyjs
 
 from dynident.errors import Severity
-from dynident.estimators import Provenance
+from dynident.estimators import Consistency, Determined, Provenance
 from dynident.estimators.notes import RankDeficient
+from dynident.identification import Identifiability, SourceFile, Sources, StandardErrors
 from dynident.log import Log, Motion
 from dynident.models import INERTIAL, Parameter
 from dynident.regression import BaseParameters, UnexcitedParameters
@@ -75,7 +76,7 @@ def test_page_says_when_nothing_was_held_out_or_warned_of():
 
 def test_of_several_held_out_logs_the_worst_counts():
     identification = identification_of(logs=("a", "b", "c"))
-    identification.logs[2].relative_error = 7.25
+    identification.validations[2].errors.relative_error = 7.25
     assert "<dt>torque error, held out</dt><dd>7.25 %</dd>" in body(identification)
 
 
@@ -91,12 +92,12 @@ def test_page_shows_every_log_and_joint(identification):
     assert '<td class="words">theta3</td><td class="number">0.005850</td><td class="number">∞</td>' in page
     assert '<td class="words">elbow</td><td class="number">0.001000</td><td class="number">1200</td>' in page
     assert "Method spline, note S = n." in page
-    assert "least squares" in page
+    assert "LeastSquares(" in page
     assert '<td class="number">\u22121.500 rad</td>' in page  # a limit of the joint
 
 
 def test_a_smoother_that_tells_nothing_is_reported_too(identification):
-    for log in identification.logs:
+    for log in identification.validations:
         object.__setattr__(log.motion, "smoothing", {})
     assert "Smoothing per log and joint" not in body(identification)
 
@@ -127,18 +128,20 @@ def test_seven_joints_of_long_logs_stay_below_six_megabytes():
     """Noise everywhere, so that no curve is thinner than any other; free simulations and recordings as well."""
     joints, rng = tuple(f"joint{i}" for i in range(7)), np.random.default_rng(1)
     found = identification_of(joints, ("train", "test"))
-    for log in found.logs:
+    for log in found.validations:
         t, (q, dq, ddq, tau) = np.arange(20_000) / 1000, rng.standard_normal((4, 20_000, 7))
         log.motion = Motion(t, q, dq, ddq, tau, joints, np.ones(len(t), bool), log.name)
         log.predicted = tau + rng.standard_normal(tau.shape)
-    found.recorded = tuple(Log(m.t, m.q + 0.1, m.tau, joints) for m in (log.motion for log in found.logs))
+    for log in found.validations:
+        m = log.motion
+        log.recorded = Log(m.t, m.q + 0.1, m.tau, joints)
     each = dict.fromkeys(joints, 1.0)
     found.runs = tuple(
         SimpleNamespace(
             name=log.name, joints=joints, driver="controller", restart=None, t=log.motion.t, q=log.motion.q + 0.1,
             measured=log.motion.q, relative_error=each, motion_error=each, rms=each, torque_error=each, failure="",
         )
-        for log in found.logs
+        for log in found.validations
     )  # fmt: skip
     page = body(found)
     assert Outline(page).count("figure") == 2 + 2 * 7 * 3
@@ -146,14 +149,12 @@ def test_seven_joints_of_long_logs_stay_below_six_megabytes():
 
 
 def test_what_repeats_a_run_is_told(identification):
-    identification.settings = {
-        "configuration": "model: <b>arm.urdf\ntrain: []",
-        "configuration file": "arm.yaml",
-        "model file": "arm.urdf",
-        "model file SHA-256": "ab12",
-        "SHA-256 of swing.csv": "cd34",
-        "seed of the random poses": "0",
-    }
+    identification.provenance = Sources(
+        SourceFile("arm.yaml", text="model: <b>arm.urdf\ntrain: []"),
+        SourceFile("arm.urdf", "ab12"),
+        (SourceFile("swing.csv", "cd34"),),
+        {"numpy": "2.0"},
+    )
     page = body(identification)
     assert "<summary>Configuration: arm.yaml</summary>" in page
     assert "model: &lt;b&gt;arm.urdf\ntrain: []</pre>" in page
@@ -164,11 +165,11 @@ def test_what_repeats_a_run_is_told(identification):
 
 
 def test_honest_standard_errors_come_first(identification):
-    identification.std_hac = 2.0 * identification.estimate.std
+    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
     cells = '<td class="number">0.03400</td><td class="number">0.00080</td><td class="number">2.4</td>'
     assert f'{cells}<td class="number muted">0.00040</td>' in body(identification)
     assert "if independent" in printed(identification)
-    identification.std_hac[0] = np.inf  # not a base parameter by itself: then only the other one is known
+    identification.errors.std_hac[0] = np.inf  # not a base parameter by itself: then only the other one is known
     assert '<td class="number">0.00040</td><td class="number">1.2</td><td class="number muted">0.00040' in body(
         identification
     )
@@ -181,8 +182,8 @@ def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
 
 
 def test_a_held_out_motion_is_compared_with_the_training(identification):
-    motion = identification.logs[1].motion
-    identification.logs[1].motion = replace(motion, dq=3.0 * motion.dq)
+    motion = identification.validations[1].motion
+    identification.validations[1].motion = replace(motion, dq=3.0 * motion.dq)
     page = body(identification)
     assert '<th colspan="2" scope="colgroup">held out / training</th>' in page
     assert '<td class="number">3.0</td><td class="number">1.0</td></tr>' in page
@@ -206,6 +207,7 @@ def robot(bodies=5, basis=True):
     p = len(parameters)
     found = identification_of()
     found.model.parameters = parameters
+    found.errors = StandardErrors(np.full(p, 0.1))
     found.warnings = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
     vars(found.estimate).update(
         value=np.arange(1.0, p + 1),
@@ -213,20 +215,18 @@ def robot(bodies=5, basis=True):
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
         notes=found.warnings,
-        rank=42,
+        determined=Determined(42, 143.7),
         provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
-        eigenvalues={"link0": 0.0123, "link1": 0.0},
-        costs={"inertia": 0.25, "all": 0.5},
+        consistency=Consistency({"link0": 0.0123, "link1": 0.0}, {"inertia": 0.25, "all": 0.5}),
     )
     if basis:
         independent = tuple(range(42))
         combination = np.eye(p)[:42]
         combination[3, 50] = 2.0
         values = np.r_[np.ones(42), np.full(p - 42, 1e-12)]
-        found.base_parameters = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
-        found.base_std = np.full(42, 0.5)
-        found.structural = SimpleNamespace(rank=44)
-        found.unexcited = (UnexcitedParameters(("Izz4",), ("elbow",)),)
+        on_data = BaseParameters(found.estimate.names, 42, values, independent, combination, np.ones(p))
+        found.errors = StandardErrors(np.full(p, 0.1), base_std=np.full(42, 0.5))
+        found.base = Identifiability(on_data, SimpleNamespace(rank=44), (UnexcitedParameters(("Izz4",), ("elbow",)),))
     return found
 
 
@@ -275,7 +275,7 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
 def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
     found = robot()
     found.estimate.provenance = ()
-    found.base_parameters.combination[3, 50] = 1.0
+    found.base.on_data.combination[3, 50] = 1.0
     page = body(found)
     for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
         row = re.search(rf'<td class="words">{name}</td>.*?<td class="words">([^<]*)</td></tr>', page)

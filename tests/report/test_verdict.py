@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from dynident.identification import StandardErrors
 from dynident.report import identification_page, result_dict
 from dynident.report.verdict import verdict_text
 from dynident.validation import Broken, Driver
@@ -59,8 +60,8 @@ def test_free_simulations_are_shown_with_their_failures(identification):
 def test_of_a_single_joint_the_error_is_told_in_its_unit():
     found = identification_of(joints=("slider",))
     found.model.limits.clear()
-    for log in found.logs:
-        log.effort_share = {}
+    for log in found.validations:
+        log.errors.effort_share = {}
     page = identification_page(found)
     assert '<dt>largest rms error, held out</dt><dd>0.0200 N m</dd><dd class="note">slider, reach.csv</dd>' in page
     assert "worst joint" not in page
@@ -78,7 +79,7 @@ def test_names_cannot_break_out_of_the_verdict():
 
 
 def test_robust_errors_stand_beside_the_plain_ones(identification):
-    identification.std_hac = np.arange(7.0)
+    identification.errors = StandardErrors(identification.estimate.std, np.arange(7.0))
     rows = result_dict(identification)["parameters"]
     assert [row["std_hac"] for row in rows] == list(range(7))
     assert rows[0]["std"] == 4e-4

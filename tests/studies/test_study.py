@@ -13,10 +13,10 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from dynident.errors import InputError
-from dynident.estimators import Estimate
+from dynident.estimators import Determined, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
 from dynident.log import Log, Motion
-from dynident.models import Recording, record
+from dynident.models import Parameter, Recording, record
 from dynident.studies import Outcome, run_study, statistics
 from dynident.studies.study import generator
 
@@ -33,6 +33,9 @@ class Still:
         return record(truth, level, level, rng)
 
 
+SEEN = (Parameter("q", "rad"), Parameter("tau", "N m"))
+
+
 @dataclass(frozen=True)
 class Mean:
     """Estimates the position and the torque by their means; breaks on demand."""
@@ -45,7 +48,7 @@ class Mean:
         value = np.array([log.q.mean(), log.tau.mean()])
         if value[0] > self.breaks_above:
             raise ValueError("too large")
-        return Estimate(value, np.eye(2), ("q", "tau"), ("rad", "N m"), np.ones(1), 2, 1.0, 50)
+        return Estimate(SEEN, value, np.eye(2), Determined(2), Residual(np.ones(1), 50))
 
 
 LEVELS = (0.1, 0.2)
@@ -88,16 +91,7 @@ class Sure:
         ends = np.array([[1.5, 2.1], [3.1, 3.2]])
         value = np.array([2.0, 3.0])
         return Estimate(
-            value,
-            np.eye(2),
-            ("q", "tau"),
-            ("rad", "N m"),
-            np.ones(1),
-            2,
-            1.0,
-            50,
-            (NotConverged(9, 0.5),),
-            interval=ends,
+            SEEN, value, np.eye(2), Determined(2), Residual(np.ones(1), 50), (NotConverged(9, 0.5),), interval=ends
         )
 
 

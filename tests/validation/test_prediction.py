@@ -43,10 +43,10 @@ def test_errors_by_hand() -> None:
     """Predicted (2, 10) at the two samples that count; the residuals are (1, 0) and (1, -2)."""
     found = validate(MODEL, THETA, motion([[1, 1], [1, 1], [9, 9]], [[3, 10], [3, 8], [0, 0]], [1, 1, 0]))
     np.testing.assert_array_equal(found.predicted, [[2, 10], [2, 10], [18, 90]])
-    assert found.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
-    assert found.relative_error_filtered is None
-    assert found.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
-    assert found.per_joint == pytest.approx({"a": 100 / 3, "b": 100 * np.sqrt(4 / 164)})
+    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(6 / 182))
+    assert found.errors.relative_error_filtered is None
+    assert found.errors.rmse == pytest.approx({"a": 1.0, "b": np.sqrt(2)})
+    assert found.errors.per_joint == pytest.approx({"a": 100 / 3, "b": 100 * np.sqrt(4 / 164)})
     assert (found.name, found.role) == ("morning", "validation")
     assert found.motion.source == "morning"
 
@@ -58,17 +58,19 @@ def test_name_and_role_can_be_given() -> None:
 
 def test_a_joint_without_torque_has_no_relative_error() -> None:
     found = validate(MODEL, THETA, motion([[1, 1]] * 3, [[0, 5]] * 3))
-    assert np.isnan(found.per_joint["a"])
-    assert found.per_joint["b"] == pytest.approx(100.0)
-    assert found.rmse == pytest.approx({"a": 2.0, "b": 5.0})
-    assert found.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
+    assert np.isnan(found.errors.per_joint["a"])
+    assert found.errors.per_joint["b"] == pytest.approx(100.0)
+    assert found.errors.rmse == pytest.approx({"a": 2.0, "b": 5.0})
+    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(29 / 25))
 
 
 def test_without_any_torque_there_is_no_relative_error() -> None:
     found = validate(MODEL, THETA, motion([[1, 1]] * 50, [[0, 0]] * 50), parallel_filter=ParallelFilter(2))
-    assert found.relative_error_filtered is not None
-    assert np.isnan([found.relative_error, found.relative_error_filtered, *found.per_joint.values()]).all()
-    assert found.rmse == pytest.approx({"a": 2.0, "b": 10.0})
+    assert found.errors.relative_error_filtered is not None
+    assert np.isnan(
+        [found.errors.relative_error, found.errors.relative_error_filtered, *found.errors.per_joint.values()]
+    ).all()
+    assert found.errors.rmse == pytest.approx({"a": 2.0, "b": 10.0})
 
 
 def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_not() -> None:
@@ -78,9 +80,9 @@ def test_filtered_error_forgives_noise_above_the_cutoff_and_the_unfiltered_does_
     noise = np.outer((-1.0) ** np.arange(1000), [1.0, 1.0])
     made = motion(velocity, velocity * THETA + noise)
     found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(decimate=4))
-    assert found.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
-    assert found.relative_error_filtered is not None
-    assert found.relative_error_filtered < 0.1 * found.relative_error
+    assert found.errors.relative_error == pytest.approx(100 * np.sqrt(2000) / np.linalg.norm(made.tau))
+    assert found.errors.relative_error_filtered is not None
+    assert found.errors.relative_error_filtered < 0.1 * found.errors.relative_error
 
 
 def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
@@ -88,15 +90,15 @@ def test_filtered_error_keeps_what_is_below_the_cutoff() -> None:
     velocity = np.random.default_rng(0).normal(size=(300, 2))
     mask = np.arange(300) % 100 > 3
     found = validate(MODEL, THETA, motion(velocity, velocity * THETA / 0.9, mask), parallel_filter=ParallelFilter(3))
-    assert found.relative_error == pytest.approx(10.0)
-    assert found.relative_error_filtered == pytest.approx(10.0)
+    assert found.errors.relative_error == pytest.approx(10.0)
+    assert found.errors.relative_error_filtered == pytest.approx(10.0)
 
 
 def test_single_samples_cannot_be_filtered() -> None:
     made = motion([[1, 1]] * 10, [[2, 10]] * 10, np.arange(10) % 2)
     found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
-    assert found.relative_error == 0.0
-    assert np.isnan(found.relative_error_filtered or 0.0)
+    assert found.errors.relative_error == 0.0
+    assert np.isnan(found.errors.relative_error_filtered or 0.0)
 
 
 def test_no_usable_sample() -> None:
@@ -120,10 +122,10 @@ class Limited(Viscous):
 def test_errors_of_each_joint_in_other_measures() -> None:
     """Residuals (1, 0) and (1, -2) as above: joint a is 1 N m off all the time, which explains all its variance."""
     found = validate(Model((Limited(MODEL.joints),)), THETA, motion([[1, 1], [2, 1]], [[3, 10], [5, 8]]))
-    assert found.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
-    assert found.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
-    assert found.per_joint_filtered == {}
-    assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).effort_share == {}
+    assert found.errors.effort_share == pytest.approx({"a": 100 * 1.0 / 20.0})
+    assert found.errors.r2 == pytest.approx({"a": 1.0, "b": 1 - 1.0 / 1.0})
+    assert found.errors.per_joint_filtered == {}
+    assert validate(MODEL, THETA, motion([[1, 1]] * 3, [[2, 10]] * 3)).errors.effort_share == {}
 
 
 def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
@@ -131,9 +133,9 @@ def test_filtered_errors_of_each_joint_make_up_the_whole() -> None:
     velocity = rng.normal(size=(400, 2))
     made = motion(velocity, velocity * THETA + rng.normal(size=(400, 2)) * (1.0, 0.0))
     found = validate(MODEL, THETA, made, parallel_filter=ParallelFilter(2))
-    assert found.per_joint_filtered["b"] < 1e-9 < 1 < found.per_joint_filtered["a"]
-    assert found.relative_error_filtered is not None
-    assert found.relative_error_filtered < found.per_joint_filtered["a"]
+    assert found.errors.per_joint_filtered["b"] < 1e-9 < 1 < found.errors.per_joint_filtered["a"]
+    assert found.errors.relative_error_filtered is not None
+    assert found.errors.relative_error_filtered < found.errors.per_joint_filtered["a"]
 
 
 def test_residuals_are_examined_on_the_longest_stretch() -> None:

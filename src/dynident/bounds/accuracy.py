@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.bounds.normal_matrix import NormalMatrix, normal_matrices
-from dynident.checks import channels
-from dynident.errors import ConfigError, InputError, choices
+from dynident.checks.channels import channels
+from dynident.errors import ConfigError, InputError, brief, choices, listed
 from dynident.estimators import quick
 from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
@@ -20,6 +20,9 @@ from dynident.models import Model
 from dynident.regression import BaseParameters, Regression, base_parameters, rank_of_information
 from dynident.smoothers.smoother import KnowsNoise
 from dynident.splines import noise_sigma, steady_noise
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = ["CHANGES", "AccuracyBound", "Measure", "Noise", "Origin", "TorqueNoise", "accuracy_bound", "noise_of"]
 
@@ -63,6 +66,8 @@ class Noise:
     positions: Origin = Origin()
     torques: Origin = Origin()
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class AccuracyBound:
@@ -88,6 +93,24 @@ class AccuracyBound:
     fit: Array
     noise: Noise
     samples: int
+
+    def __repr__(self) -> str:
+        hardest = [k for k in np.argsort(-self.relative) if np.isfinite(self.relative[k])]
+        shown = listed((f"{self.leads[k]} {self.relative[k]:.2g} %" for k in hardest), 3)
+        return f"<AccuracyBound of {len(self.names)} base parameters from {self.samples} samples; least known: {shown}>"
+
+    @property
+    def leads(self) -> tuple[str, ...]:
+        """The standard parameter (r) that each base parameter begins with."""
+        return tuple(name.partition(" ")[0] for name in self.names)
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table, one row per base parameter: parameter, unit, value, ``std`` of the fit, and the least
+        standard deviation ``now`` and after each change of ``CHANGES``."""
+        import polars as pl
+
+        columns = {"parameter": self.names, "unit": self.units, "value": self.value, "std": self.fit}
+        return pl.DataFrame({**columns, **self.std})
 
     @property
     def relative(self) -> Array:
@@ -139,8 +162,8 @@ def accuracy_bound(
         sigma_q = _told(recipe)
     sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
     progress("computing the bound")
-    motions = tuple(one.motion for one in found.logs)
-    directions = found.estimate.directions
+    motions = tuple(one.motion for one in found.validations)
+    directions = found.estimate.determined.directions
     shown = Regression(found.model, motions).triangular_factors.stacked() if directions is None else directions
     basis = base_parameters(shown, found.model.parameters)
     return _bounded(found, motions, basis, sensors, recipe.min_speeds(joints))
@@ -148,7 +171,7 @@ def accuracy_bound(
 
 def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
     """Return the position noise that the smoothing spline is told, None where it estimates it."""
-    first = recipe.smoother[0] if isinstance(recipe.smoother, tuple) else recipe.smoother
+    first = recipe.smoothers[0]
     return first.sigma if isinstance(first, KnowsNoise) else None
 
 
@@ -194,10 +217,9 @@ def _bounded(
 
 def _fit_std(found: Identification, basis: BaseParameters) -> Array:
     """Return the standard errors (r) of the identification for the base parameters that it knows by the same name."""
-    honest = found.std_hac if found.base_parameters is None else found.base_std_hac
-    plain = found.estimate.std if found.base_parameters is None else found.base_std
-    std = plain if honest is None else honest
-    names = found.estimate.names if found.base_parameters is None else found.base_parameters.groupings
+    errors, own = found.errors, found.base.on_data
+    alone = errors.std if errors.std_hac is None else errors.std_hac
+    std, names = (alone, found.estimate.names) if own is None else (errors.best_base, own.groupings)
     known = {} if std is None else dict(zip(names, std.tolist(), strict=True))
     return np.array([known.get(name, np.nan) for name in basis.groupings])
 
@@ -224,10 +246,10 @@ def noise_of(
     misfit too, or with ``torque`` "sensor" the scatter between neighbouring samples. Scatter is never less than that of
     rounding, step / sqrt(12). Raises ConfigError for an unknown joint.
     """
-    joints = found.logs[0].motion.joints
+    joints = found.validations[0].motion.joints
     position = _mean([_position(log) for log in logs], logs)
     sensor = _mean([_scatter(log) for log in logs], logs)
-    residual = _mean([np.array([one.rmse[name] for name in joints]) for one in found.logs], logs)
+    residual = _mean([np.array([one.errors.rmse[name] for name in joints]) for one in found.validations], logs)
     by = Measure.RESIDUAL if torque == "residual" else Measure.SCATTER
     q, positions = _given("sigma_q", sigma_q, joints, position, Measure.SCATTER)
     tau, torques = _given("sigma_tau", sigma_tau, joints, residual if by is Measure.RESIDUAL else sensor, by)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.bounds.cramer_rao import variance
+from dynident.errors import brief
 from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
 from dynident.log import Motion
 from dynident.models import Model
@@ -40,6 +41,8 @@ class NormalMatrix:
     torque: Array
     border: Array
     corner: Array
+
+    __repr__ = brief
 
     def information(self, finer_q: float = 1.0, finer_tau: float = 1.0) -> Array:
         """Return the information (r, r) of the parameters, with sigma_q and sigma_tau so many times smaller."""

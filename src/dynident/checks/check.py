@@ -41,6 +41,16 @@ class CheckResult:
     rank: ExcitedRank | None = None
     links: tuple[LinkFacts, ...] = ()
 
+    def __repr__(self) -> str:
+        from dynident.report.display import check_lines
+
+        return check_lines(self)
+
+    def _repr_html_(self) -> str:
+        from dynident.report.display import check_html
+
+        return check_html(self)
+
     @property
     def failed(self) -> bool:
         """Whether there is an error among the findings."""

@@ -14,6 +14,7 @@ from dynident.cli.identify import identify
 from dynident.cli.init import init
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
+from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
 from dynident.errors import DynidentError
 
@@ -39,5 +40,5 @@ def main() -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (reproduce, init, check, bound, identify, predict, export, smooth):
+for _command in (reproduce, init, check, bound, identify, predict, export, smooth, schema):
     main.add_command(_command)

@@ -57,8 +57,8 @@ def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
 
 def _robot(path: Path) -> CheckResult:
     from dynident.checks import CheckResult, check_robot, link_facts
-    from dynident.io.robot import read_robot
+    from dynident.io.robot import robot_text
     from dynident.models.rigid_bodies import read_robot_file
 
-    file = read_robot_file(read_robot(path), path.name)
+    file = read_robot_file(robot_text(path), path.name)
     return CheckResult(check_robot(file), links=link_facts(file))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import FILE, console, tell
+from dynident.cli.terminal import FILE, console, say_line, tell
 
 __all__ = ["export"]
 
@@ -43,16 +43,19 @@ def export(result: Path, kind: str, out: Path) -> None:
     from dynident.export import export as make
     from dynident.io.families import EXPORTERS
     from dynident.io.results import probe_folder, write_text
-    from dynident.io.saved import read_result
+    from dynident.io.saved import load
     from dynident.report.exports import export_notes
+    from dynident.report.wording import old_result_lines
 
     probe_folder(out.parent)
-    saved = read_result(result)
-    states = random_states(len(saved.model.joints), np.random.default_rng(0))
-    made = make(Identified(saved.model, saved.value, saved.std, saved.verdict), EXPORTERS.get(kind)(), states)
+    found, exporter = load(result), EXPORTERS.get(kind)()
+    estimate, states = found.estimate, random_states(len(found.model.joints), np.random.default_rng(0))
+    made = make(Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance)), exporter, states)
     if not made.ready or made.written is None or made.proof is None:
         raise ModelError(f"{out}: not written: {made.refusal}")
     screen = console()
+    for line in old_result_lines(found):
+        say_line(screen, line)
     for note in (*export_notes([made]), *(f"Not in the file: {words}" for words in made.written.left_out)):
         screen.print(note, soft_wrap=True, highlight=False, markup=False)
     screen.print(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")

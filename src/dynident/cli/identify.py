@@ -55,12 +55,13 @@ def identify(config: Path, out: Path | None) -> None:
 
 def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
     """Write the model's files, result.json and report.html; return what was written where."""
+    from dynident.io.result_write import result_data
     from dynident.io.results import remove, write_json, write_text
     from dynident.io.saved import check_targets
-    from dynident.report import identification_page, result_dict
+    from dynident.report import identification_page, result_words
 
-    check_targets(out, (one.file for one in made), found.settings)
-    result, page = result_dict(found, made), identification_page(found, made)
+    check_targets(out, (one.file for one in made), found.provenance)
+    result, page = result_data(found, result_words(found, made)), identification_page(found, made)
     written = []
     for one in made:
         if one.ready and one.written is not None:

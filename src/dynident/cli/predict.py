@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import FILE, console, status, tell
+from dynident.cli.terminal import FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dynident.io.saved import Saved
+    from dynident.identification import Identification
     from dynident.validation import LogValidation
 
 __all__ = ["predict"]
@@ -31,9 +31,10 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
     """
     from dynident.errors import ConfigError
     from dynident.io.results import probe_folder, table_kind, write_table
-    from dynident.io.saved import read_result
+    from dynident.io.saved import load
     from dynident.report.page import terminal
     from dynident.report.prediction import prediction_frame, prediction_table
+    from dynident.report.wording import old_result_lines
 
     if out:
         table_kind(out)
@@ -41,7 +42,9 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
     screen = console()
     with status() as say:
         say("reading the result")
-        saved = read_result(result)
+        saved = load(result)
+        for line in old_result_lines(saved):
+            say_line(screen, line)
         found = _predicted(saved, logs, screen, say)
     measured = [one for one, known in found if known]
     if measured:
@@ -54,13 +57,15 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
 
 
 def _predicted(
-    saved: Saved, logs: tuple[str, ...], screen: Console, say: Callable[[str], None]
+    saved: Identification, logs: tuple[str, ...], screen: Console, say: Callable[[str], None]
 ) -> list[tuple[LogValidation, bool]]:
     """Return the prediction of every log, and whether its torques are known; print what reading warns of."""
+    from dynident.io.saved import read_log_like
+
     found = []
     for text in logs:
         say(f"predicting {text}")
-        reading = saved.read(text)
+        reading = read_log_like(saved, text)
         for warning in reading.warnings:
             screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
         found += [(saved.predict(log), reading.measured) for log in reading.logs]

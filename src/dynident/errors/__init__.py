@@ -1,6 +1,18 @@
 """Errors that a user can cause, and notes: what a stage has to say about its result, as data."""
 
+from dynident.errors.brief import brief, listed
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.note import Note, Remark, Severity
 
-__all__ = ["ConfigError", "DynidentError", "InputError", "ModelError", "Note", "Remark", "Severity", "choices"]
+__all__ = [
+    "ConfigError",
+    "DynidentError",
+    "InputError",
+    "ModelError",
+    "Note",
+    "Remark",
+    "Severity",
+    "brief",
+    "choices",
+    "listed",
+]

@@ -1,11 +1,22 @@
 """Estimators: Problem -> Estimate. A family of interchangeable parts; ``estimator`` holds their protocol."""
 
-from dynident.estimators.estimator import Estimate, Estimator, Problem, Provenance, quick
+from dynident.estimators.estimator import (
+    Consistency,
+    Determined,
+    Estimate,
+    Estimator,
+    Problem,
+    Provenance,
+    Residual,
+    quick,
+)
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 
 __all__ = [
+    "Consistency",
+    "Determined",
     "Estimate",
     "Estimator",
     "LeastSquares",
@@ -13,5 +24,6 @@ __all__ = [
     "PhysicallyConsistent",
     "Problem",
     "Provenance",
+    "Residual",
     "quick",
 ]

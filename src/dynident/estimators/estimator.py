@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -10,13 +11,23 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note
+from dynident.errors import Note, brief, listed
 from dynident.estimators.notes import Unsettled
 from dynident.log import Log, Motion
-from dynident.models import Model
+from dynident.models import Model, Parameter
 from dynident.regression import Rank, Regression
 
-__all__ = ["Estimate", "Estimator", "HasQuick", "Problem", "Provenance", "quick"]
+__all__ = [
+    "Consistency",
+    "Determined",
+    "Estimate",
+    "Estimator",
+    "HasQuick",
+    "Problem",
+    "Provenance",
+    "Residual",
+    "quick",
+]
 
 Array = NDArray[np.float64]
 
@@ -44,45 +55,92 @@ class Problem:
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
 
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Determined:
+    """What the data determine: the ``rank``, and the ``condition`` of the column-scaled regressor.
+
+    ``directions`` are those of the parameters of which the rank is the number, where the estimator says them.
+    """
+
+    rank: int
+    condition: float = math.nan
+    directions: Rank | None = None
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What the fit leaves of the torque: standard deviation ``sigma`` (n) of each joint (N m or N), of ``samples``.
+
+    How rows were weighted: ``weights`` (n) are what each joint's rows were multiplied with, None where all count the
+    same; ``sample_weights`` holds for each motion of the regression what its rows (N, n) were multiplied with besides,
+    empty where all count the same, and ``slopes`` (N, n) the derivative of w^2 e by the residual e where the weights w
+    depend on it (empty: w^2).
+    """
+
+    sigma: Array
+    samples: int
+    weights: Array | None = None
+    sample_weights: tuple[Array, ...] = ()
+    slopes: tuple[Array, ...] = ()
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Consistency:
+    """How an estimate stands to physics: ``eigenvalues`` is the smallest one of each body's pseudo-inertia, relative
+    to the body's usual mass (kg) and length (m); ``costs`` is what each family of constraints alone, and "all" of them,
+    add to the weighted relative error of the training data (percentage points of the torque).
+    """
+
+    eigenvalues: Mapping[str, float] = field(default_factory=dict)
+    costs: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Parameters with their uncertainty.
 
-    ``value`` (p) in the units ``units``; ``covariance`` (p, p), infinite variance where the data do not determine a
-    parameter; ``sigma`` (n) standard deviation of each joint's torque residual; ``rank`` and ``condition`` of the
-    column-scaled regressor; ``notes`` say what was not as it should be, none where all is well.
+    ``value`` (p) of the model's ``parameters``, in their units; ``covariance`` (p, p), infinite variance where the data
+    do not determine a parameter; ``notes`` say what was not as it should be, none where all is well.
 
-    Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by; ``eigenvalues`` is the
-    smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
-    is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
-    (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
-    empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
-    were multiplied with, None where all count the same; ``sample_weights`` holds for each motion of the regression what
-    its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
-    of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
-    where the errors of the motion count, too; ``directions`` are those that the data determine, of which the rank is
-    the number.
+    Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by (else empty);
+    ``consistency`` how it stands to physics; ``interval`` (p, 2) are the ends of 95 % intervals that need not be
+    symmetric; ``information`` (p, p) is Fisher's of all, where the errors of the motion count, too.
     """
 
+    parameters: tuple[Parameter, ...]
     value: Array
     covariance: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    sigma: Array
-    rank: int
-    condition: float
-    samples: int
+    determined: Determined
+    residual: Residual
     notes: tuple[Note, ...] = ()
     provenance: tuple[Provenance, ...] = ()
-    eigenvalues: Mapping[str, float] = field(default_factory=dict)
-    costs: Mapping[str, float] = field(default_factory=dict)
-    interval: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    weights: Array | None = None
-    sample_weights: tuple[Array, ...] = ()
-    slopes: tuple[Array, ...] = ()
+    consistency: Consistency | None = None
+    interval: Array | None = None
     information: Array | None = None
-    directions: Rank | None = None
+
+    def __repr__(self) -> str:
+        rows = zip(self.parameters, self.value, self.std, strict=True)
+        few = listed((f"{one.name} = {value:.4g} +- {std:.2g} {one.unit}" for one, value, std in rows), 3)
+        return f"<Estimate of {len(self.value)} parameters, rank {self.determined.rank}: {few}>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters (p)."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the parameters (p)."""
+        return tuple(parameter.unit for parameter in self.parameters)
 
     @property
     def std(self) -> Array:

@@ -48,7 +48,7 @@ def exports(found: Identification) -> tuple[Export, ...]:
     """
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
-    states = spread(tuple(log.motion for log in found.logs))
+    states = spread(tuple(log.motion for log in found.validations))
     robots = [ROBOT[robot.format]] if (robot := identified.robot) else []
     return tuple(export(identified, one, states) for one in (*robots, *ALWAYS))
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, brief
 from dynident.models import (
     Coulomb,
     Model,
@@ -41,6 +41,8 @@ class Identified:
     value: Array
     std: Array | None = None
     verdict: tuple[str, ...] = ()
+
+    __repr__ = brief
 
     @property
     def parts(self) -> Iterator[tuple[Term, Array]]:

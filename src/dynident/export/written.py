@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dynident.errors import brief
+
 __all__ = ["Export", "Proof", "Written"]
 
 
@@ -15,6 +17,8 @@ class Written:
     text: str
     left_out: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ class Export:
     written: Written | None = None
     proof: Proof | None = None
     refusal: str = ""
+
+    __repr__ = brief
 
     @property
     def ready(self) -> bool:

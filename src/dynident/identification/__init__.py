@@ -9,7 +9,18 @@ from dynident.identification.calibration import (
     mounted,
     pair,
 )
-from dynident.identification.identify import Identification, Recipe, identify, versions
+from dynident.identification.identify import identify
+from dynident.identification.recipe import Recipe
+from dynident.identification.result import (
+    Calibration,
+    Identifiability,
+    Identification,
+    OldResult,
+    SourceFile,
+    Sources,
+    StandardErrors,
+    versions,
+)
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
@@ -18,14 +29,20 @@ from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Us
 
 __all__ = [
     "BaseTilt",
+    "Calibration",
     "Choice",
     "HeldOut",
+    "Identifiability",
     "Identification",
     "LargestResidual",
+    "OldResult",
     "Pairing",
     "Reason",
     "Recipe",
     "Remedy",
+    "SourceFile",
+    "Sources",
+    "StandardErrors",
     "Step",
     "TimeOffset",
     "Use",

@@ -19,7 +19,7 @@ from dynident.identification.smoother_choice import Choice, choose_smoother, exc
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
 from dynident.regression import Regression, triangularise
-from dynident.smoothers import Smoother, TimeShifted
+from dynident.smoothers import Smoother, TimeShifted, unshifted
 
 __all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_offset", "mounted", "pair"]
 
@@ -106,9 +106,8 @@ def pair(
         return choice.smoother
 
     if time_offset != "estimate":
-        return Pairing(
-            chosen([TimeShifted(one, time_offset) for one in smoothers] if time_offset else smoothers), choice
-        )
+        late = [TimeShifted(unshifted(one), time_offset) for one in smoothers] if time_offset else smoothers
+        return Pairing(chosen(late), choice)
     best = chosen(smoothers)
     progress("finding the delay")
     found = find_time_offset(model, [best(log) for log in excerpts(logs)], estimator, min_speed)

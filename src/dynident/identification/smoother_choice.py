@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, brief
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
@@ -34,6 +34,8 @@ class Choice:
     candidates: tuple[Smoother, ...]
     errors: tuple[float, ...]
 
+    __repr__ = brief
+
 
 def choose_smoother(
     model: Model,
@@ -49,7 +51,7 @@ def choose_smoother(
     does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
     others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 0.5 %
     of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
-    no candidate can smooth the logs, ConfigError where there is none.
+    no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no candidate.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
@@ -63,6 +65,11 @@ def choose_smoother(
         common = _thinned(motions, masks)
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
+    if not len(good):
+        raise InputError(
+            f"{logs[0].source}: the torque is zero in every sample of every log, so that no smoother can be chosen by "
+            "it; look whether the right torque column is named, and was recorded."
+        )
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
 
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from dynident.errors import ConfigError, choices
@@ -178,16 +178,29 @@ def _files(value: object, info: ValidationInfo) -> dict[str, Path]:
     return {key: folder / str(path) for key, path in named.items()}
 
 
+def _schema(**words: Any) -> WithJsonSchema:
+    """Mark a type with the JSON schema of what YAML may give for it, where that is more than the type itself."""
+    return WithJsonSchema(words)
+
+
+_END = {"type": ["number", "null"]}
+_PAIR = {"type": "array", "prefixItems": [_END, _END], "items": False, "minItems": 2}
+_TEXTS = {"type": "object", "additionalProperties": {"type": "string"}, "minProperties": 1}
+
 Number = Annotated[float, BeforeValidator(_number)]
-Positive = Annotated[float, BeforeValidator(_positive)]
-NonNegative = Annotated[float, BeforeValidator(_non_negative)]
-Count = Annotated[int, BeforeValidator(_count)]
+Positive = Annotated[float, BeforeValidator(_positive), _schema(type="number", exclusiveMinimum=0)]
+NonNegative = Annotated[float, BeforeValidator(_non_negative), _schema(type="number", minimum=0)]
+Count = Annotated[int, BeforeValidator(_count), _schema(type="integer", minimum=1)]
 CountOrEach = Annotated[int | Mapping[str, int] | None, BeforeValidator(_each(_count))]
 PositiveOrEach = Annotated[float | Mapping[str, float] | None, BeforeValidator(_each(_positive))]
-Name = Annotated[str, BeforeValidator(_name)]
+Name = Annotated[str, BeforeValidator(_name), _schema(type=["string", "integer"])]
 Gain = Annotated[float | str, BeforeValidator(_gain)]
-Files = Annotated[Mapping[str, Path], BeforeValidator(_files)]
-Windows = Annotated[tuple[Interval, ...], BeforeValidator(_windows)]
+Files = Annotated[Mapping[str, Path], BeforeValidator(_files), _schema(anyOf=[{"type": "string"}, _TEXTS])]
+Windows = Annotated[
+    tuple[Interval, ...],
+    BeforeValidator(_windows),
+    _schema(anyOf=[{"type": "null"}, _PAIR, {"type": "array", "items": _PAIR}]),
+]
 
 
 class Section(BaseModel):

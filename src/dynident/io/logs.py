@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, require, rest, split_gaps
-from dynident.errors import ConfigError, InputError, Severity
+from dynident.errors import ConfigError, InputError, Severity, brief
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
 from dynident.io.signals import Signals, bad_values, controller, has_torques, signals
@@ -43,6 +43,8 @@ class Reading:
     logs: tuple[Log, ...]
     warnings: tuple[str, ...] = ()
     measured: bool = True
+
+    __repr__ = brief
 
 
 def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, run_checks
-from dynident.errors import Remark, Severity
-from dynident.identification import Identification, Recipe, identify
+from dynident.errors import Remark, Severity, brief
+from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.recipe import build_recipe
@@ -18,10 +19,7 @@ from dynident.io.settings import Config
 from dynident.log import Log
 from dynident.models import Model
 
-__all__ = ["FILE", "HASH", "HASH_OF", "ORIGIN", "Project", "log_hashes", "parse_project", "read_project", "run"]
-
-TEXT, FILE, HASH, ORIGIN = "configuration", "model file", "model file SHA-256", "configuration file"
-HASH_OF = "SHA-256 of "
+__all__ = ["Project", "log_files", "parse_project", "read_project", "run"]
 
 Progress = Callable[[str], None]
 
@@ -34,8 +32,8 @@ def _silent(_: str) -> None:
 class Project:
     """What a configuration names: ``config`` as written in the file ``path``, and the model and recipe made of it.
 
-    ``warnings`` are on the configuration itself; ``provenance`` holds its text and file, and the file and SHA-256 of
-    the model. Recordings are read by the methods, each time that one is called.
+    ``warnings`` are on the configuration itself; ``sources`` are its file and that of the model. Recordings are read
+    by the methods, each time that one is called.
     """
 
     path: Path
@@ -43,7 +41,9 @@ class Project:
     model: Model
     recipe: Recipe
     warnings: tuple[str, ...]
-    provenance: Mapping[str, str]
+    sources: Sources
+
+    __repr__ = brief
 
     def logs(self, progress: Progress = _silent) -> tuple[dict[str, dict[str, Log]], tuple[str, ...]]:
         """Read all recordings: their logs by role ("train", "validation") and name, and warnings.
@@ -58,9 +58,9 @@ class Project:
         Raises the errors of reading and of ``dynident.identification.identify``.
         """
         logs, remarks = self.logs(progress)
-        hashes = log_hashes(self.config)
+        files = log_files(self.config)
         found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
-        return self._signed(found, (*self.model.notes, *remarks), hashes)
+        return self._signed(found, (*self.model.notes, *remarks), files)
 
     def bound(
         self,
@@ -91,11 +91,12 @@ class Project:
         return run_checks(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
 
     def _signed(
-        self, found: Identification, remarks: Sequence[str], hashes: Mapping[str, str] | None = None
+        self, found: Identification, remarks: Sequence[str], files: tuple[SourceFile, ...] = ()
     ) -> Identification:
         """Return an identification that says what it was made from, and all that is to be warned of."""
         warnings = (*map(Remark, (*self.warnings, *remarks)), *found.warnings)
-        return replace(found, warnings=warnings, settings={**self.provenance, **(hashes or {}), **found.settings})
+        sources = replace(found.provenance, configuration=self.sources.configuration, model=self.sources.model)
+        return replace(found, warnings=warnings, provenance=replace(sources, logs=files))
 
 
 def read_project(path: str | Path, progress: Progress = _silent) -> Project:
@@ -119,23 +120,42 @@ def parse_project(text: str, path: Path, source: str | None = None) -> Project:
 def _built(config: Config, path: Path, text: str, progress: Progress) -> Project:
     progress("building the model")
     model = load_model(config.model, path.parent)
-    provenance = {TEXT: text, ORIGIN: str(path.resolve())}
     file = model_file(config.model, path.parent)
-    if file is not None:
-        provenance |= {FILE: str(file.resolve()), HASH: fingerprint(file)}
-    return Project(path, config, model, build_recipe(config), config_warnings(config), provenance)
+    robot = None if file is None else SourceFile(str(file.resolve()), fingerprint(file))
+    sources = Sources(SourceFile(str(path.resolve()), sha256(text.encode()).hexdigest(), text), robot)
+    return Project(path, config, model, build_recipe(config), config_warnings(config), sources)
 
 
 def run(path: str | Path, *, progress: Progress | None = None) -> Identification:
     """Identify what a configuration describes, as the command ``dynident identify`` does.
 
     ``progress`` is called with a few words before each step. Raises ConfigError, ModelError, InputError.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> table = np.column_stack([t, np.sin(3 * t), -45 * np.sin(3 * t) + 24 * np.cos(3 * t)])  # 5 kg, 8 N s/m
+    >>> text = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... train: [{ file: log.csv }]
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     np.savetxt(Path(folder, "log.csv"), table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(text)
+    ...     found = dy.run(Path(folder, "robot.yaml"))
+    >>> print(found.estimate.names[0], round(found.estimate.value[0], 2))
+    M 5.0
     """
     progress = progress or _silent
     return read_project(path, progress).identify(progress)
 
 
-def log_hashes(config: Config) -> dict[str, str]:
-    """Return the SHA-256 of every file of the recordings, by ``SHA-256 of FILE``; each file is read once more."""
+def log_files(config: Config) -> tuple[SourceFile, ...]:
+    """Return every file of the recordings with its SHA-256; each is read once more."""
     files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
-    return {f"{HASH_OF}{file}": fingerprint(file) for file in files}
+    return tuple(SourceFile(str(file), fingerprint(file)) for file in files)

@@ -14,7 +14,9 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.filter
     parallel_filter = None if given is None else ParallelFilter(given.decimate, given.cutoff, given.order)
-    tilt = isinstance(config.model, RobotSettings) and config.model.base_tilt == "estimate"
+    sought = isinstance(config.model, RobotSettings) and config.model.base_tilt == "estimate"
     restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = built(config.smoother), built(config.estimator)
-    return Recipe(smoother, estimator, parallel_filter, config.min_speed, config.delay, tilt, restart)
+    return Recipe(
+        smoother, estimator, parallel_filter, config.min_speed, config.delay, "estimate" if sought else None, restart
+    )

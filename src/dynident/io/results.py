@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["probe_folder", "read_table", "remove", "table_kind", "write_json", "write_table", "write_text"]
 
 _TABLES = (".parquet", ".csv")
+WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
 def probe_folder(folder: str | Path) -> None:
@@ -47,12 +48,11 @@ def write_text(path: str | Path, text: str) -> Path:
 
 
 def write_json(path: str | Path, data: Any) -> Path:
-    """Write JSON of mappings, sequences, NumPy values and paths; NaN and infinity become null.
+    """Write JSON of mappings, sequences, NumPy values and paths, a line for each row; NaN and infinity become null.
 
     Raises InputError where the file cannot be written, TypeError for values that JSON cannot hold.
     """
-    text = json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
-    return write_text(path, text + "\n")
+    return write_text(path, _text(_plain(data)) + "\n")
 
 
 def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
@@ -95,6 +95,21 @@ def table_kind(path: Path) -> str:
     if kind not in _TABLES:
         raise InputError(f"{path}: tables cannot have the extension {kind!r}; {choices(kind, _TABLES)}")
     return kind
+
+
+def _text(value: Any, indent: str = "") -> str:
+    """Return JSON with lists of plain values, and mappings of a few, in one line."""
+    inside = list(value.values()) if isinstance(value, dict) else value
+    if not isinstance(value, dict | list) or not any(isinstance(one, dict | list) for one in inside):
+        line = json.dumps(value, ensure_ascii=False, allow_nan=False)
+        if not isinstance(value, dict) or len(line) + len(indent) <= WIDTH:
+            return line
+    more = indent + "  "
+    rows = [_text(one, more) for one in inside]
+    if isinstance(value, dict):
+        rows = [f"{json.dumps(key, ensure_ascii=False)}: {row}" for key, row in zip(value, rows, strict=True)]
+    opening, closing = "{}" if isinstance(value, dict) else "[]"
+    return f"{opening}\n{more}" + f",\n{more}".join(rows) + f"\n{indent}{closing}"
 
 
 def _plain(value: Any) -> Any:

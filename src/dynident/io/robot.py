@@ -12,13 +12,13 @@ from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 
-__all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "read_robot"]
+__all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "robot_text"]
 
 SUFFIXES = (".urdf", ".xml", ".mjcf")
 MOST_BYTES = 50_000_000
 
 
-def read_robot(path: Path) -> str:
+def robot_text(path: Path) -> str:
     """Return the text of a robot file; ModelError where it cannot be read or is no text."""
     try:
         if path.stat().st_size > MOST_BYTES:
@@ -62,7 +62,7 @@ def load_robot(settings: RobotSettings) -> Model:
     if len(settings.file) != 1:
         raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
     (path,) = settings.file.values()
-    bodies = RigidBodies(read_robot(path), settings.joints, settings.lock, settings.gravity, path.name)
+    bodies = RigidBodies(robot_text(path), settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
     terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
     for name, coupling in settings.couplings.items():

@@ -1,139 +1,90 @@
-"""A result that was saved, read again: the model with the values found, and how its recordings are to be read."""
+"""Results to files, and read again: ``result.json``."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dynident.errors import ConfigError, InputError, ModelError, choices
-from dynident.identification import Recipe, mounted
+from dynident.errors import ConfigError, InputError
+from dynident.identification import Identification, Sources
+from dynident.io.config import parse_config
 from dynident.io.logs import Reading, read_logs
-from dynident.io.project import FILE, HASH, ORIGIN, TEXT, parse_project
-from dynident.io.robot import fingerprint
-from dynident.io.settings import Config, LogSpec
-from dynident.log import Log
+from dynident.io.named_log import log_spec
+from dynident.io.result_format import FORMAT, VERSION
+from dynident.io.result_read import identification_of
+from dynident.io.result_version_0 import is_version_0, upgraded
+from dynident.io.result_write import result_data
+from dynident.io.results import write_json
 from dynident.models import Model
-from dynident.smoothers import Smoother, TimeShifted
-from dynident.validation import LogValidation, validate
 
-__all__ = ["Saved", "check_targets", "log_spec", "read_result"]
-
-Array = NDArray[np.float64]
-SMOOTHER, OFFSET, TILT = "smoother used", "delay used", "lean used"
+__all__ = ["check_targets", "load", "read_log_like", "save"]
 
 
-@dataclass(frozen=True, eq=False)
-class Saved:
-    """A saved identification: its configuration, model, ``value`` (p) and ``std`` (p) of the parameters, their
-    ``verdict`` where it was known, and the smoother that was used.
+def save(found: Identification, path: str | Path, report: Mapping[str, Any] | None = None) -> Path:
+    """Write a result as JSON and return the path; ``report`` is what a report adds in words.
+
+    The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has settings
+    without a plain form.
     """
-
-    config: Config
-    model: Model
-    value: Array
-    std: Array
-    verdict: tuple[str, ...]
-    smoother: Smoother
-
-    def read(self, text: str) -> Reading:
-        """Read the recording named on a command line as ``log_spec`` says; its torques may be missing.
-
-        Raises the errors of ``log_spec`` and ``read_logs``.
-        """
-        return read_logs(log_spec(text, self.config), self.config, self.model.joints, torque=False)
-
-    def predict(self, log: Log) -> LogValidation:
-        """Return the torque of a log by the model, beside the measured one."""
-        return validate(self.model, self.value, self.smoother(log))
+    return write_json(path, result_data(found, report))
 
 
-def check_targets(folder: Path, names: Iterable[str], settings: Mapping[str, str]) -> None:
+def load(path: str | Path, model: Model | None = None) -> Identification:
+    """Read a result that was saved: all that ``save`` writes, to the last digit; signals of the logs are None.
+
+    The model is built again from the configuration in the result and the model's file, which must not have changed. A
+    result made from Python needs the ``model`` as it was given to ``identify``. What a result of an older version lacks
+    is said by a warning ``OldResult``. Raises InputError where the file is no result or of a newer version, ModelError
+    where the model is another than it was, ConfigError where its configuration cannot be read any more.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from dynident.models.gallery import pendulum
+    >>> arm = pendulum()
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], np.arange(1001) * 0.01)
+    >>> log = dy.record(motion, 1e-4, 0.01, np.random.default_rng(0)).log
+    >>> found = dy.identify(arm, log)
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = found.save(Path(folder, "result.json"))
+    ...     again = dy.load(Path(folder, "result.json"), model=arm)
+    >>> bool((again.estimate.value == found.estimate.value).all())
+    True
+    """
+    data, source = _load(Path(path)), str(path)
+    if is_version_0(data):
+        data = upgraded(data, source)
+    if data.get("format") != FORMAT:
+        raise InputError(f"{path}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")
+    if data.get("version") != VERSION:
+        raise InputError(
+            f"{path}: has version {data.get('version')!r}, and this dynident reads up to {VERSION}; take a newer one."
+        )
+    return identification_of(data, source, model)
+
+
+def read_log_like(found: Identification, text: str) -> Reading:
+    """Read the recording named on a command line, as ``log_spec`` says, with the channels of a result's configuration.
+
+    Its torques may be missing. Raises the errors of ``log_spec`` and ``read_logs``, and InputError for a result without
+    configuration.
+    """
+    given = found.provenance.configuration
+    if given is None:
+        raise InputError("the result was made from Python, without a configuration: predict a Log from Python, too.")
+    config = parse_config(given.text, Path(given.path).parent, given.path)
+    return read_logs(log_spec(text, config), config, found.model.joints, torque=False)
+
+
+def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
     """Raise ConfigError where one of the files to be written is the configuration or the model's file."""
-    read = {settings[key] for key in (ORIGIN, FILE) if key in settings}
+    read = {one.path for one in (sources.configuration, sources.model) if one is not None}
     for name in names:
         if str((folder / name).resolve()) in read:
             raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another folder for --out.")
-
-
-def read_result(path: Path) -> Saved:
-    """Read a ``result.json`` and build its model again.
-
-    Raises InputError where the file is no such result, ModelError where the model's file is another than it was or
-    its parameters have other names, and ConfigError where its configuration cannot be read any more.
-    """
-    data = _load(path)
-    settings = data["settings"]
-    _check_hash(settings, path)
-    project = parse_project(settings[TEXT], Path(settings[ORIGIN]), f"{path}, its configuration")
-    model = project.model
-    if TILT in settings:
-        model = mounted(model, *_numbers(settings, TILT, 2, path))
-    value, std, verdict = _values(data["parameters"], model, path)
-    smoother = _smoother(project.recipe, settings[SMOOTHER], path)
-    if OFFSET in settings:
-        smoother = TimeShifted(smoother, *_numbers(settings, OFFSET, 1, path))
-    return Saved(project.config, model, value, std, verdict, smoother)
-
-
-def _values(parameters: list[dict[str, Any]], model: Model, path: Path) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return values and standard deviations (p) of the model's parameters, and their verdicts where these are known."""
-    rows = {row["name"]: row for row in parameters}
-    if list(rows) != list(model.names):
-        odd = next(iter(set(rows) ^ set(model.names)), "")
-        raise ModelError(f"{path}: its parameters are not those of the model ({odd!r}); identify again.")
-    value, std = (np.array([_number(row[key]) for row in rows.values()]) for key in ("value", "std"))
-    if not np.isfinite(value).all():
-        raise InputError(f"{path}: a parameter has no value; identify again.")
-    return value, std, tuple(row["verdict"] for row in rows.values() if "verdict" in row)
-
-
-def log_spec(text: str, config: Config) -> LogSpec:
-    """Return the recording named on a command line: a file, or ``key=file,key=file`` as the configuration has keys.
-
-    Widths of text files are those of the training log. Raises ConfigError where keys are missing or unknown.
-    """
-    model = config.train[0]
-    keys = list(model.file)
-    if keys == [""]:
-        if not text.strip():
-            raise ConfigError("the name of a recording is empty; give a file.")
-        return LogSpec.model_validate({"file": text, "width": model.width})
-    pairs = _pairs(text, keys, _needed(config, keys))
-    width = model.width
-    if isinstance(width, Mapping):
-        width = {key: count for key, count in width.items() if key in pairs}
-    return LogSpec.model_validate({"file": pairs, "width": width})
-
-
-def _pairs(text: str, keys: list[str], needed: list[str]) -> dict[str, str]:
-    """Return the files by key of ``key=file,key=file``; ConfigError where one is unknown or missing."""
-    pairs = dict(part.partition("=")[::2] for part in text.split(","))
-    for key in pairs:
-        if key not in keys:
-            raise ConfigError(
-                f"{text}: no file is called {key!r}; {choices(key, keys)} Write such as {_example(keys)}."
-            )
-    missing = [key for key in {**dict.fromkeys(needed), **pairs} if not pairs.get(key, "").strip()]
-    if missing:
-        raise ConfigError(f"{text}: the file {missing[0]!r} is missing; write such as {_example(keys)}.")
-    return pairs
-
-
-def _needed(config: Config, keys: list[str]) -> list[str]:
-    """Return the keys of files that hold times or positions."""
-    names = [name for channel in config.position.values() for name in channel.terms]
-    names += [config.time.column] if config.time.column else []
-    return [key for key in keys if any(name.startswith(f"{key}.") for name in names)]
-
-
-def _example(keys: list[str]) -> str:
-    return ",".join(f"{key}=FILE" for key in keys)
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -143,51 +94,6 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
     except ValueError as error:
         raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
-    settings, rows = (data.get(key) if isinstance(data, dict) else None for key in ("settings", "parameters"))
-    wanted = (TEXT, ORIGIN, SMOOTHER)
-    sound = isinstance(settings, dict) and all(isinstance(settings.get(key), str) for key in wanted)
-    if not (sound and isinstance(rows, list) and all(map(_is_row, rows))):
-        raise InputError(
-            f"{path}: is no result of `dynident identify` that can be used again; it needs `parameters`, and in "
-            f"`settings` the {', '.join(wanted)}. Identify again."
-        )
-    return {"settings": settings, "parameters": rows}
-
-
-def _is_row(row: object) -> bool:
-    return isinstance(row, dict) and isinstance(row.get("name"), str) and {"value", "std"} <= row.keys()
-
-
-def _number(value: object) -> float:
-    """Return a number of the file, in which null stands for one that is not finite."""
-    return float(value) if isinstance(value, int | float) else float("inf")
-
-
-def _numbers(settings: Mapping[str, str], key: str, count: int, path: Path) -> list[float]:
-    """Return the finite numbers that a setting holds, separated by commas; InputError for anything else."""
-    try:
-        found = [float(word) for word in settings[key].strip("()").split(",")]
-    except (AttributeError, ValueError):
-        found = []
-    if len(found) != count or not np.isfinite(found).all():
-        raise InputError(f"{path}: settings: {key} is {settings[key]!r}, not {count} finite numbers; identify again.")
-    return found
-
-
-def _check_hash(settings: Mapping[str, str], path: Path) -> None:
-    if FILE in settings and HASH in settings:
-        file = Path(settings[FILE])
-        if fingerprint(file) != settings[HASH]:
-            raise ModelError(
-                f"{file}: has changed since {path} was identified with it, so that its parameters may mean something "
-                "else. Put the old file back, or identify again."
-            )
-
-
-def _smoother(recipe: Recipe, words: str, path: Path) -> Smoother:
-    """Return the smoother of that description among those of the configuration."""
-    smoother = recipe.smoother
-    for one in smoother if isinstance(smoother, tuple) else (smoother,):
-        if repr(one) == words:
-            return one
-    raise ConfigError(f"{path}: its smoother {words} is none that its configuration makes now; identify again.")
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: is not a result.json of `dynident identify`.")
+    return data

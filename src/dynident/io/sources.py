@@ -12,7 +12,7 @@ from dynident.io.column_mapping import widths
 from dynident.io.config import load_model
 from dynident.io.logs import read_recording
 from dynident.io.match import JointFacts
-from dynident.io.robot import SUFFIXES, read_robot
+from dynident.io.robot import SUFFIXES, robot_text
 from dynident.io.ros import BAGS
 from dynident.io.settings import LogSpec
 from dynident.io.tables import DataTable, read_columns
@@ -44,7 +44,7 @@ def read_joints(robot: str) -> list[JointFacts]:
     path = Path(robot)
     if path.suffix.lower() not in SUFFIXES:
         return [JointFacts(joint.name, joint.kind) for joint in load_model(robot).joints]
-    file = read_robot_file(read_robot(path), path.name)
+    file = read_robot_file(robot_text(path), path.name)
     bound = _bound(file)
     joints = [
         JointFacts(joint.name, joint.kind, joint.limits, bound.get(joint.name, ""))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, choices
+from dynident.errors import InputError, brief, choices
 from dynident.io.families import READERS
 from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
@@ -40,6 +40,8 @@ class DataTable:
     lines: Sequence[int] | None = None
     notes: tuple[str, ...] = ()
     rows: NDArray[np.intp] | None = None
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         for column in self.columns.values():

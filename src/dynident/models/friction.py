@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
@@ -32,7 +32,7 @@ class PerJoint(ABC):
     symbol: ClassVar[str]
     role: ClassVar[str] = ""
     of: ClassVar[Literal["dq", "ddq"]] = "dq"
-    joints: tuple[Joint, ...]
+    joints: tuple[Joint, ...] = field(repr=False)
     on: tuple[str, ...] | None = None
     names: tuple[str, ...] | None = None
     expressions: tuple[str, ...] | None = None
@@ -125,6 +125,11 @@ class Viscous(PerJoint):
     It acts on the joints named in ``on`` (default all of ``joints``). Per joint in ``on``, ``names`` replace
     Fv_<joint>, ``expressions`` the meaning in words, and ``values`` give the true values where they are known.
     Raises ModelError for an unknown joint, or where the numbers of entries differ.
+
+    >>> import dynident as dy
+    >>> friction = dy.Viscous((dy.Joint("shoulder"), dy.Joint("rail", "prismatic")))
+    >>> [(one.name, one.unit) for one in friction.parameters]
+    [('Fv_shoulder', 'N m s/rad'), ('Fv_rail', 'N s/m')]
     """
 
     symbol = "Fv"
@@ -155,6 +160,10 @@ class Coulomb(PerJoint):
     a simulation needs; ``dead_band`` > 0 makes it 0 within abs(dq) <= dead_band, which leaves uncertain signs out of
     a fit. With neither, sign(0) = 0. The hard sign has derivative 0 in ``partials``, at its jump too.
     Raises ModelError where both are given or one is negative or not finite, and as ``Viscous`` does.
+
+    >>> import dynident as dy
+    >>> dy.Coulomb((dy.Joint("shoulder"), dy.Joint("elbow")), on=("elbow",), width=0.01)
+    Coulomb(on=('elbow',), names=None, expressions=None, values=None, width=0.01, dead_band=0.0)
     """
 
     width: Annotated[float, Ge(0)] = 0.0
@@ -211,7 +220,12 @@ class Coulomb(PerJoint):
 
 @dataclass(frozen=True)
 class Offset(PerJoint):
-    """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``."""
+    """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``.
+
+    >>> import dynident as dy
+    >>> dy.Offset((dy.Joint("elbow"),)).parameters[0].name
+    'offset_elbow'
+    """
 
     symbol = "offset"
 

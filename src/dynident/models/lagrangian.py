@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, listed
 from dynident.models.lumping import Lump, Monomial, compiled, lump
 from dynident.models.term import Joint, Parameter, Partials
 
@@ -62,6 +62,16 @@ class Lagrangian:
     Raises ModelError where the numbers of symbols do not match, an energy holds an undeclared symbol or is not
     polynomial in the unknowns, the kinetic energy is not quadratic in dq, the potential energy depends on dq, or a
     part of the torque holds no unknown.
+
+    A mass on a rail that is inclined by 30 degrees:
+
+    >>> import dynident as dy
+    >>> import sympy as sp
+    >>> from dynident.models import Unknown
+    >>> q, dq, m = sp.symbols("q dq m")
+    >>> rail = dy.Joint("rail", "prismatic")
+    >>> dy.Lagrangian((rail,), (q,), (dq,), m * dq**2 / 2, 9.81 * m * q / 2, (Unknown(m, "kg", 3.0),), names=("m",))
+    <Lagrangian of rail: m>
     """
 
     joints: tuple[Joint, ...]
@@ -82,6 +92,10 @@ class Lagrangian:
         if self.names is not None and len(self.names) != len(lumps):
             formulas = "; ".join(str(each.expression) for each in lumps)
             raise ModelError(f"Lagrangian: {len(self.names)} names for {len(lumps)} lumped parameters: {formulas}.")
+
+    def __repr__(self) -> str:
+        joints = listed((joint.name for joint in self.joints), 6)
+        return f"<Lagrangian of {joints}: {listed((one.name for one in self.parameters), 6)}>"
 
     @cached_property
     def _ddq(self) -> tuple[Any, ...]:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import DynidentError, ModelError
+from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
 from dynident.models.term import HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
 
@@ -31,6 +31,8 @@ class MassMatrixCheck:
     q: Array
     positive: bool
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True)
 class Model:
@@ -39,6 +41,12 @@ class Model:
     In all methods q (rad or m), dq, ddq and tau (N m or N) are (N, n), and theta is (p) or, but for ``partials``,
     one row per sample (N, p). Raises ModelError where the terms differ in their joints or share a parameter name;
     its methods do where a shape does not fit, or a term fails or returns a wrong shape or a number that is not finite.
+
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> (links,) = pendulum().terms
+    >>> dy.Model((links, dy.Viscous(links.joints), dy.Coulomb(links.joints)), name="rusty")
+    <Model 'rusty': 1 joint (pivot), 4 parameters (Lagrangian 2, Viscous 1, Coulomb 1)>
     """
 
     terms: tuple[Term, ...]
@@ -59,6 +67,12 @@ class Model:
                 raise ModelError(
                     f"{self.name}: two parameters are called {name!r}; rename one with the field 'names' of its term."
                 )
+
+    def __repr__(self) -> str:
+        joints = listed((joint.name for joint in self.joints), 6)
+        terms = listed((f"{_name(term)} {len(term.parameters)}" for term in self.terms), 6)
+        count = f"{len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
+        return f"<Model {self.name!r}: {count} ({joints}), {len(self.names)} parameters ({terms})>"
 
     @property
     def joints(self) -> tuple[Joint, ...]:

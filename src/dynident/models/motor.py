@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,10 @@ class RotorInertia(PerJoint):
 
     The gyroscopic torques of the rotor are left out: they are small where the gear ratio is large (Siciliano et al.
     2009, "Robotics", sec. 7.3).
+
+    >>> import dynident as dy
+    >>> dy.RotorInertia((dy.Joint("elbow"),)).parameters[0].unit
+    'kg m^2'
     """
 
     symbol = "Ia"
@@ -59,9 +63,15 @@ class CoupledMotor:
 
     Parameters are Ia_<name>, Fv_<name>, Fc_<name> and offset_<name>. Raises ModelError for an unknown joint, a
     coefficient that is zero or not finite, no part, a wrong number of values, and as ``Coulomb`` does.
+
+    >>> import dynident as dy
+    >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
+    >>> motor = dy.CoupledMotor(wrist, {"joint_5": 1, "joint_6": 1}, name="m6", coulomb=False)
+    >>> [one.name for one in motor.parameters]
+    ['Ia_m6', 'Fv_m6']
     """
 
-    joints: tuple[Joint, ...]
+    joints: tuple[Joint, ...] = field(repr=False)
     coefficients: Mapping[str, float] | tuple[tuple[str, float], ...]
     name: str
     inertia: bool = True

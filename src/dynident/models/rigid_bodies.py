@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
 from dynident.models.robot_file import Arm, ArmBody, Limits, RobotFile, assemble, parse, read_mjcf, read_urdf
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
@@ -49,6 +49,17 @@ class RigidBodies:
     Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
     is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
     missing. Implausible inertias are no error, because they are only nominal values: see ``notes``.
+
+    >>> import dynident as dy
+    >>> text = '''<robot name="door"><link name="wall"/><link name="leaf"><inertial><origin xyz="0.4 0 0"/>
+    ... <mass value="20"/><inertia ixx="3" iyy="1" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    ... <joint name="hinge" type="continuous"><parent link="wall"/><child link="leaf"/><axis xyz="0 1 0"/></joint>
+    ... </robot>'''
+    >>> leaf = dy.RigidBodies(text, source="door.urdf")
+    >>> leaf
+    <RigidBodies of 'door.urdf' (urdf): hinge; 10 parameters>
+    >>> {one.name: one.value for one in leaf.parameters[:2]}
+    {'leaf.mass': 20.0, 'leaf.mx': 8.0}
     """
 
     xml: str
@@ -66,6 +77,10 @@ class RigidBodies:
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
             raise ModelError(f"{self.source}: gravity is {self.gravity}; give three numbers in m/s^2: x, y, z.")
         _ = self._arm, self._model
+
+    def __repr__(self) -> str:
+        names = listed((joint.name for joint in self.joints), 6)
+        return f"<RigidBodies of {self.source!r} ({self.format}): {names}; {len(self.parameters)} parameters>"
 
     def __getstate__(self) -> dict[str, Any]:
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.errors import ConfigError, InputError, ModelError, brief
 from dynident.log import Log, Motion
 from dynident.models.model import Model
 
@@ -26,6 +26,8 @@ class Recording:
     truth: Motion
     sigma_q: Array
     sigma_tau: Array
+
+    __repr__ = brief
 
 
 def simulate(

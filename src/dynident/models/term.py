@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from dynident.models.robot_file import Limits, RobotFile
 
+from dynident.errors import brief
+
 __all__ = [
     "INERTIAL",
     "HasGravity",
@@ -32,7 +34,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joint:
-    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N)."""
+    """A generalised coordinate: its name, and whether it turns (rad, N m) or slides (m, N).
+
+    >>> import dynident as dy
+    >>> dy.Joint("rail", "prismatic").effort
+    'N'
+    """
 
     name: str
     kind: Literal["revolute", "prismatic"] = "revolute"
@@ -76,6 +83,8 @@ class Partials:
     q: Array
     dq: Array
     ddq: Array
+
+    __repr__ = brief
 
 
 class Term(Protocol):

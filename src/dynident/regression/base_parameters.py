@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError, Note
+from dynident.errors import ModelError, Note, listed
 from dynident.log import Motion
 from dynident.models import INERTIAL, Model, Parameter
 from dynident.regression.linear_problem import RegressorBlock, TriangularFactors, triangularise
@@ -49,6 +49,10 @@ class BaseParameters:
     independent: tuple[int, ...]
     combination: Array
     scale: Array
+
+    def __repr__(self) -> str:
+        led = listed((self.names[k] for k in self.independent), 6)
+        return f"<BaseParameters: {self.rank} of {len(self.names)} parameters, led by {led}>"
 
     @property
     def gap(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, brief
 from dynident.log import Motion
 from dynident.models import Model
 
@@ -38,6 +38,10 @@ class ParallelFilter:
     The relation tau = Y theta survives it exactly, because it is linear. ``decimate`` keeps every k-th sample;
     ``cutoff`` (Hz) of the Butterworth filter of ``order``, forward and backward; None takes 0.8 of half the rate that
     remains. Reference: Gautier and Poignet (2000), cited by the article.
+
+    >>> import dynident as dy
+    >>> dy.ParallelFilter(decimate=10, cutoff=20.0)
+    ParallelFilter(decimate=10, cutoff=20.0, order=4)
     """
 
     decimate: int = 1
@@ -88,6 +92,8 @@ class RegressorBlock:
     tau: Array
     keep: NDArray[np.bool_] | None = None
 
+    __repr__ = brief
+
     def times(self, weight: Array) -> RegressorBlock:
         """Return the block with each row multiplied by its weight (B, n)."""
         return RegressorBlock(self.Y * weight[:, :, None], self.tau * weight, self.keep)
@@ -102,6 +108,8 @@ class TriangularFactors:
 
     factors: Array
     rows: NDArray[np.int_]
+
+    __repr__ = brief
 
     @property
     def samples(self) -> int:
@@ -141,6 +149,8 @@ class Regression:
     filter: ParallelFilter | None = None
     min_speed: tuple[float, ...] | None = None
     weights: tuple[Array, ...] = ()
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         names = tuple(joint.name for joint in self.model.joints)

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError
+from dynident.errors import ConfigError, brief
 from dynident.models import INERTIAL, Parameter
 
 __all__ = ["Rank", "precision", "rank_of", "rank_of_information"]
@@ -45,6 +45,8 @@ class Rank:
     left: Array
     vectors: Array
     tolerance: float
+
+    __repr__ = brief
 
     @property
     def determined(self) -> Array:

@@ -6,7 +6,7 @@ from dynident.report.identification import (
     identification_notes,
     identification_page,
     identification_tables,
-    result_dict,
+    result_words,
 )
 from dynident.report.study import findings, study_page, study_tables, study_text
 
@@ -15,7 +15,7 @@ __all__ = [
     "identification_notes",
     "identification_page",
     "identification_tables",
-    "result_dict",
+    "result_words",
     "study_page",
     "study_tables",
     "study_text",

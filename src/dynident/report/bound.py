@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -174,7 +175,7 @@ def _colour(found: AccuracyBound) -> float:
     """Return by how much the residuals' correlation would raise the bound of slow effects, the median over joints."""
     factors = [
         np.sqrt(max(test.decorrelation / float(np.diff(log.motion.t).mean()), 1.0))
-        for log in found.identification.logs
+        for log in found.identification.validations
         for test in log.residuals.values()
     ]
     return float(np.median(factors)) if factors else 1.0
@@ -216,7 +217,7 @@ def bound_page(found: AccuracyBound) -> str:
         PageSection("Warnings", (tuple(map(words, fact.warnings)) or "None.",)),
         PageSection("Settings and versions", tuple(_settings(found))),
     ]
-    logs = ", ".join(log.name for log in fact.logs)
+    logs = ", ".join(log.name for log in fact.validations)
     return render(f"What could be reached with {fact.model.name}", f"Least standard deviations from {logs}.", sections)
 
 
@@ -231,12 +232,12 @@ def _formulas(found: AccuracyBound) -> Iterator[PageBlock]:
 
 
 def _settings(found: AccuracyBound) -> Iterator[PageBlock]:
-    settings = settings_of(found.identification)
-    configuration = settings.pop("configuration", None)
-    yield pairs("setting", list(settings.items()))
-    if configuration:
-        yield pairs("configuration", [("text", configuration)])
-    yield pairs("program", list(found.identification.versions.items()))
+    sources = found.identification.provenance
+    files = [("model file", sources.model.path)] if sources.model else []
+    yield pairs("setting", [*files, *settings_of(found.identification).items()])
+    if sources.configuration:
+        yield pairs("configuration", [("text", sources.configuration.text)])
+    yield pairs("program", list(sources.versions.items()))
 
 
 def bound_dict(found: AccuracyBound) -> dict[str, Any]:
@@ -267,6 +268,5 @@ def bound_dict(found: AccuracyBound) -> dict[str, Any]:
         "samples": found.samples,
         "findings": bound_findings(found),
         "warnings": [words(note) for note in found.identification.warnings],
-        "versions": dict(found.identification.versions),
-        "settings": settings_of(found.identification),
+        "provenance": asdict(found.identification.provenance),
     }

@@ -47,8 +47,8 @@ def data_section(identification: Identification) -> PageSection:
 
 def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
     settings, model = settings_of(identification), identification.model
-    if file := settings.get("model file"):
-        yield "file", file.replace("\\", "/").rpartition("/")[2]
+    if file := identification.provenance.model:
+        yield "file", file.path.replace("\\", "/").rpartition("/")[2]
     kinds = [joint.kind for joint in model.joints]
     yield "joints", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
     yield "parameters", str(len(identification.estimate.names))
@@ -91,7 +91,7 @@ def _log_table(identification: Identification) -> PageTable:
     heads = ("rate, Hz", "jitter, %", "length, s", "samples", "used", "used, %", "start left out, s", "end left out, s")
     columns = (Column("log", numeric=False), Column("role", numeric=False), *map(Column, heads))
     rows = []
-    for log in identification.logs:
+    for log in identification.validations:
         t, mask = log.motion.t, log.motion.mask
         steps, used = np.diff(t), t[mask]
         cells = [
@@ -159,10 +159,10 @@ def smoothing_section(identification: Identification) -> PageSection:
     """Return the section of the smoothing: a table, and the motion of one log and joint at a time."""
     fine, views = points(identification), []
     for label, k in labelled(identification):
-        log, recorded = identification.logs[k], identification.recorded[k] if identification.recorded else None
+        log = identification.validations[k]
         for joint in identification.model.joints:
             figure = figures.motion_figure(
-                log.motion, joint.name, joint.unit, fine, recorded, identification.time_offset
+                log.motion, joint.name, joint.unit, fine, log.recorded, log.motion.time_offset
             )
             caption = f"{joint.name}: position and its derivatives, samples that were used."
             views.append(((label, joint.name), (Figure(figure, caption),)))
@@ -172,7 +172,7 @@ def smoothing_section(identification: Identification) -> PageSection:
 
 def _smoothing(identification: Identification) -> Iterator[PageBlock]:
     """Yield one table of what the smoothers say in one number per joint, and their words below it."""
-    motions = [(log.name, log.motion) for log in identification.logs]
+    motions = [(log.name, log.motion) for log in identification.validations]
     yield from _smoothing_table(motions)
     said = {
         name: ", ".join(f"{key} {value}" for key, value in motion.smoothing.items() if isinstance(value, str))

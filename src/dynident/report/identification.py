@@ -1,20 +1,19 @@
-"""The report of an identification: HTML page, terminal tables, and the plain dictionary for a result file."""
+"""The report of an identification: HTML page, terminal tables, and the words of a result file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, render, terminal
-from dynident.report.parameters import LONGEST, brief, parameter_results, parameter_section, terminal_parameters
+from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
 from dynident.report.verdict import verdict_results, verdict_section
-from dynident.report.wording import Line, causes_words, note_lines, settings_of, status_words, words
+from dynident.report.wording import Line, causes_words, note_lines, status_words, words
 from dynident.report.words import ROLES, count, listed, logs_of
 
 if TYPE_CHECKING:
@@ -22,9 +21,8 @@ if TYPE_CHECKING:
 
     from dynident.export import Export
     from dynident.identification import Identification
-    from dynident.validation import LogValidation
 
-__all__ = ["identification_notes", "identification_page", "identification_tables", "result_dict"]
+__all__ = ["identification_notes", "identification_page", "identification_tables", "result_words"]
 
 
 def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
@@ -56,7 +54,7 @@ def _lead(identification: Identification) -> str:
     )
     return (
         f"{count(len(model.parameters), 'parameter')} of {count(len(model.joints), 'joint')} from "
-        f"{count(len(identification.logs), 'log')}. {logs[:1].upper()}{logs[1:]}."
+        f"{count(len(identification.validations), 'log')}. {logs[:1].upper()}{logs[1:]}."
     )
 
 
@@ -80,40 +78,15 @@ def identification_notes(identification: Identification) -> list[Line]:
     return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in lines)]
 
 
-def result_dict(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
-    """Return the result as plain dictionaries, texts and floats (which may be infinite or NaN).
-
-    Keys: verdict, mass_matrix, simulation (by log), parameters (list of name, value, std and std_hac, unit and, where
-    known, verdict), where known base_parameters, eigenvalues and costs, rank, condition, train and validation (by log:
-    relative_error and relative_error_filtered in %, by joint rmse, per_joint and per_joint_filtered (%), effort_share
-    (%), explained, and the tests of the residuals), exports (the model's files), status, warnings, versions, settings.
-    ``std`` assumes independent residuals, ``std_hac`` allows for correlated ones.
-    """
-    estimate = identification.estimate
+def result_words(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
+    """Return what a report adds to a result file: verdict, status and warnings in words, and the model's files."""
     return {
         **verdict_results(identification),
-        **parameter_results(identification),
-        "rank": int(estimate.rank),
-        "condition": float(estimate.condition),
-        "train": {log.name: _errors(log) for log in logs_of(identification, "train")},
-        "validation": {log.name: _errors(log) for log in logs_of(identification, "validation")},
-        "exports": export_results(exports),
-        "status": status_words(estimate),
+        "status": status_words(identification.estimate),
         "warnings": [words(note) for note in identification.warnings],
-        "versions": dict(identification.versions),
-        "settings": settings_of(identification),
-    }
-
-
-def _errors(log: LogValidation) -> dict[str, Any]:
-    filtered = log.relative_error_filtered
-    return {
-        "relative_error": float(log.relative_error),
-        "relative_error_filtered": None if filtered is None else float(filtered),
-        "rmse": {joint: float(value) for joint, value in log.rmse.items()},
-        "per_joint": {joint: float(value) for joint, value in log.per_joint.items()},
-        "per_joint_filtered": dict(log.per_joint_filtered),
-        "effort_share": dict(log.effort_share),
-        "explained": dict(log.r2),
-        "residuals": {joint: {**asdict(test), "words": causes_words(test)} for joint, test in log.residuals.items()},
+        "residuals": {
+            log.name: {joint: said for joint, test in log.residuals.items() if (said := causes_words(test))}
+            for log in identification.validations
+        },
+        "exports": export_results(exports),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "brief",
-    "parameter_results",
     "parameter_section",
     "parameter_table",
     "rank_sentence",
-    "standard_errors",
     "terminal_parameters",
 ]
 
@@ -57,10 +55,8 @@ def parameter_section(identification: Identification) -> PageSection:
     """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
     parameters = identification.model.parameters
     blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification)))]
-    blocks += [_ROBUST] if identification.std_hac is not None else []
-    blocks += (
-        [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base_parameters else []
-    )
+    blocks += [_ROBUST] if identification.errors.std_hac is not None else []
+    blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     table = parameter_table(identification)
     if len(parameters) <= FULL_LIST:
         blocks.append(table)
@@ -75,19 +71,13 @@ def parameter_section(identification: Identification) -> PageSection:
     return PageSection("Parameters", (*blocks, *((Gallery(("group",), views),) if views else ())))
 
 
-def standard_errors(identification: Identification) -> figures.Array:
-    """Return the standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
-    plain, robust = np.asarray(identification.estimate.std), identification.std_hac
-    return plain if robust is None else np.where(np.isfinite(robust), robust, plain)
-
-
 def parameter_table(identification: Identification, chosen: tuple[int, ...] | None = None) -> PageTable:
     """Return the table of the ``chosen`` parameters, by default all; columns without content are left out."""
     estimate, parameters = identification.estimate, identification.model.parameters
     shown = range(len(parameters)) if chosen is None else chosen
-    errors = standard_errors(identification)
+    errors = identification.errors.best
     relative = figures.relative_std(estimate.value, errors)
-    robust = identification.std_hac is not None
+    robust = identification.errors.std_hac is not None
     known = any(parameters[k].value is not None for k in shown)
     meant = any(parameters[k].expression for k in shown) and not any(parameter.body for parameter in parameters)
     verdict = _verdicts(identification)
@@ -110,7 +100,7 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
 
 def _verdicts(identification: Identification) -> tuple[str, ...]:
     """Return what determined each parameter; for an estimator that does not tell, as the base parameters show it."""
-    estimate, basis = identification.estimate, identification.base_parameters
+    estimate, basis = identification.estimate, identification.base.on_data
     if estimate.provenance or basis is None:
         return tuple(PROVENANCES[one] for one in estimate.provenance)
     alone, none = set(basis.determined), set(basis.without_effect)
@@ -121,10 +111,10 @@ def _verdicts(identification: Identification) -> tuple[str, ...]:
 
 def _certain(identification: Identification) -> str:
     estimate = identification.estimate
-    relative = figures.relative_std(estimate.value, standard_errors(identification))
+    relative = figures.relative_std(estimate.value, identification.errors.best)
     well = int((relative <= WELL).sum())
     unsure = [name for name, value in zip(estimate.names, relative, strict=True) if not value <= WELL]
-    rest = f"; less certain: {listed(unsure)}" if unsure and not identification.base_parameters else ""
+    rest = f"; less certain: {listed(unsure)}" if unsure and not identification.base.on_data else ""
     return f"{well} of {len(relative)} parameters have a standard error of at most {WELL:g} %{rest}."
 
 
@@ -149,7 +139,7 @@ def _interval(identification: Identification, rows: list[int]) -> Figure:
         [estimate.names[k] for k in rows],
         [estimate.units[k] for k in rows],
         np.asarray(estimate.value)[rows],
-        standard_errors(identification)[rows],
+        identification.errors.best[rows],
         [model.parameters[k].value for k in rows] if not figures.only_nominal(model) else (),
     )
     return Figure(figure, f"{_CAPTION} {motion_known(identification)}")
@@ -172,8 +162,8 @@ def _not_inertial(parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
 
 def rank_sentence(identification: Identification) -> tuple[str, ...]:
     """Say how many combinations the data show of a robot's standard parameters, which is never all; else nothing."""
-    estimate, basis = identification.estimate, identification.base_parameters
-    rank, count = basis.rank if basis else estimate.rank, len(estimate.names)
+    estimate, basis = identification.estimate, identification.base.on_data
+    rank, count = basis.rank if basis else estimate.determined.rank, len(estimate.names)
     standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
     if rank == count or not standard:
         return ()
@@ -186,32 +176,3 @@ def brief(warning: str) -> str:
     if len(warning) <= LONGEST:
         return warning
     return f"{warning[:LONGEST].rsplit(' ', 1)[0]} ... (in full in the report)"
-
-
-def parameter_results(identification: Identification) -> dict[str, Any]:
-    """Return the parameters, and what is known of base parameters and consistency, as plain values."""
-    estimate, basis = identification.estimate, identification.base_parameters
-    columns = zip(estimate.names, estimate.value, estimate.std, estimate.units, strict=True)
-    rows: list[dict[str, Any]] = [
-        {"name": name, "value": float(value), "std": float(std), "unit": unit} for name, value, std, unit in columns
-    ]
-    for row, provenance in zip(rows, estimate.provenance, strict=False):
-        row["verdict"] = provenance.value
-    if identification.std_hac is not None:
-        for row, std in zip(rows, identification.std_hac, strict=True):
-            row["std_hac"] = float(std)
-    found: dict[str, Any] = {"parameters": rows}
-    if basis:
-        values = np.asarray(basis.to_base(estimate.value)).tolist()
-        plain = np.full(basis.rank, np.nan) if identification.base_std is None else identification.base_std
-        found["base_parameters"] = [
-            {"name": name, "value": value, "std": float(std)}
-            for name, value, std in zip(basis.groupings, values, plain, strict=True)
-        ]
-        if identification.base_std_hac is not None:
-            for row, std in zip(found["base_parameters"], identification.base_std_hac, strict=True):
-                row["std_hac"] = float(std)
-    for name in ("eigenvalues", "costs"):
-        if given := getattr(estimate, name):
-            found[name] = {key: float(value) for key, value in given.items()}
-    return found

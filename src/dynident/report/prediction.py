@@ -22,9 +22,15 @@ def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) ->
     """Return the errors per log and joint, for logs with measured torques."""
     rows: list[tuple[str, ...]] = []
     for log in found:
-        rows.append((log.name, "all", number(log.relative_error, 3), "-", "-"))
+        rows.append((log.name, "all", number(log.errors.relative_error, 3), "-", "-"))
         rows += [
-            (log.name, one.name, number(log.per_joint[one.name], 3), number(log.rmse[one.name], 3), one.effort)
+            (
+                log.name,
+                one.name,
+                number(log.errors.per_joint[one.name], 3),
+                number(log.errors.rmse[one.name], 3),
+                one.effort,
+            )
             for one in joints
         ]
     words = (Column("log", numeric=False), Column("joint", numeric=False))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.io.project import FILE, HASH, HASH_OF, ORIGIN
 from dynident.report.page import Code, Fold, PageBlock, PageSection, pairs
 from dynident.report.wording import settings_of
 
@@ -18,17 +17,12 @@ _LEAD = "The same files, configuration and versions give the same result: apart 
 
 def repeat_section(identification: Identification) -> PageSection:
     """Return the section with everything needed to repeat the run."""
-    settings = settings_of(identification)
-    text, origin = settings.pop("configuration", ""), settings.pop(ORIGIN, "")
-    hashes = []
-    if FILE in settings and HASH in settings:
-        hashes.append((settings.pop(FILE), settings.pop(HASH)))
-    hashes += [(key.removeprefix(HASH_OF), settings.pop(key)) for key in list(settings) if key.startswith(HASH_OF)]
-    blocks: list[PageBlock] = [_LEAD]
-    if text:
-        blocks.append(Fold(f"Configuration: {origin}" if origin else "Configuration", (Code(text),)))
-    if hashes:
-        blocks.append(pairs("file", hashes, "SHA-256 of the files that were read"))
-    blocks.append(pairs("package", list(identification.versions.items()), "Versions"))
-    blocks.append(Fold("All settings", (pairs("setting", list(settings.items())),)))
+    sources, blocks = identification.provenance, list[PageBlock]([_LEAD])
+    if sources.configuration is not None:
+        blocks.append(Fold(f"Configuration: {sources.configuration.path}", (Code(sources.configuration.text),)))
+    files = [(one.path, one.sha256) for one in (sources.model, *sources.logs) if one is not None]
+    if files:
+        blocks.append(pairs("file", files, "SHA-256 of the files that were read"))
+    blocks.append(pairs("package", list(sources.versions.items()), "Versions"))
+    blocks.append(Fold("All settings", (pairs("setting", list(settings_of(identification).items())),)))
     return PageSection("To repeat the run", tuple(blocks))

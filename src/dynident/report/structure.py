@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynident.estimators import Consistency
 from dynident.report import figures
 from dynident.report.data import excitation_table
 from dynident.report.page import Column, Facts, Figure, Fold, PageBlock, PageSection, PageTable, number
@@ -37,7 +38,7 @@ _EIGENVALUES = (
 
 def base_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the base parameters where the identification has found them."""
-    basis = identification.base_parameters
+    basis = identification.base.on_data
     if basis is None:
         return
     units = [identification.estimate.units[k] for k in basis.independent]
@@ -55,14 +56,12 @@ def base_section(identification: Identification) -> Iterator[PageSection]:
 
 def base_errors(identification: Identification) -> figures.Array:
     """Return the standard errors (r) of the base parameters to believe; nan where there are none."""
-    robust, plain, basis = identification.base_std_hac, identification.base_std, identification.base_parameters
-    if robust is not None:
-        return robust
-    return np.full(0 if basis is None else basis.rank, np.nan) if plain is None else plain
+    best, basis = identification.errors.best_base, identification.base.on_data
+    return np.full(0 if basis is None else basis.rank, np.nan) if best is None else best
 
 
 def _base_table(identification: Identification, basis: BaseParameters) -> PageTable:
-    robust, plain = identification.base_std_hac is not None, identification.base_std
+    robust, plain = identification.errors.base_std_hac is not None, identification.errors.base_std
     values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
     heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
     heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
@@ -77,21 +76,21 @@ def _base_table(identification: Identification, basis: BaseParameters) -> PageTa
 
 def condition_section(identification: Identification) -> PageSection:
     """Return the section of excitation and condition: how the joints moved, and what that shows of the model."""
-    basis, estimate = identification.base_parameters, identification.estimate
+    basis, estimate = identification.base.on_data, identification.estimate
     meaning, table = excitation_table(identification)
     facts, blocks = [], list[PageBlock]()
     if basis is None:
-        facts += [(f"{estimate.rank} of {len(estimate.names)}", "rank on the data")]
-        facts += [(number(float(estimate.condition), 3), "condition of the regressor, columns scaled")]
+        facts += [(f"{estimate.determined.rank} of {len(estimate.names)}", "rank on the data")]
+        facts += [(number(float(estimate.determined.condition), 3), "condition of the regressor, columns scaled")]
     else:
-        values, structural = basis.singular_values, identification.structural
+        values, structural = basis.singular_values, identification.base.structural
         condition = float(values[0] / values[basis.rank - 1]) if basis.rank else float("inf")
         facts += [(f"{basis.rank} of {len(basis.names)}", "rank on the data")]
         facts += [(str(structural.rank), "rank that any motion could show")] if structural else []
         facts += [(number(condition, 3), "condition of the base parameters, columns scaled")]
         facts += [(number(basis.gap, 2), "gap in the singular values at the rank")]
         blocks.append(Figure(figures.singular_figure(basis), _SINGULAR))
-    missing = tuple(words(one) for one in identification.unexcited)
+    missing = tuple(words(one) for one in identification.base.unexcited)
     if missing:
         blocks.append(PageSection("What these data do not show", (missing,)))
     return PageSection("Excitation and condition", (Facts(tuple(facts)), meaning, table, *blocks))
@@ -99,7 +98,8 @@ def condition_section(identification: Identification) -> PageSection:
 
 def consistency_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section on what physics demands: the mass matrix, the bodies, and what the demands cost."""
-    eigenvalues, costs = identification.estimate.eigenvalues, identification.estimate.costs
+    consistency = identification.estimate.consistency or Consistency()
+    eigenvalues, costs = consistency.eigenvalues, consistency.costs
     blocks: list[PageBlock] = [words(identification.mass)] if identification.mass else []
     if eigenvalues:
         columns = (Column("body", numeric=False), Column("smallest eigenvalue, scaled"))

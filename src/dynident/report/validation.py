@@ -39,10 +39,10 @@ _TORQUES = (
 def error_section(identification: Identification) -> PageSection:
     """Return the section of the errors: per log, per joint, and what is left of the torque."""
     joints = [joint.name for joint in identification.model.joints]
-    figure = Figure(figures.error_figure(identification.logs, joints), "Torque error by joint, unfiltered.")
+    figure = Figure(figures.error_figure(identification.validations, joints), "Torque error by joint, unfiltered.")
     bars = (figure,) if len(joints) > 1 else ()
     blocks: list[PageBlock] = [_ERRORS, error_table(identification), *bars, _matrix(identification)]
-    if any(log.residuals for log in identification.logs):
+    if any(log.residuals for log in identification.validations):
         blocks.append(Fold("What is left of the torque: tests of the residuals", (_RESIDUALS, _left(identification))))
     return PageSection("Errors", tuple(blocks))
 
@@ -55,11 +55,11 @@ def error_table(identification: Identification) -> PageTable:
         (
             log.name,
             ROLES.get(log.role, log.role),
-            str(int(log.motion.mask.sum())),
-            number(log.relative_error, 3),
-            number(log.relative_error_filtered, 3),
+            str(log.errors.samples),
+            number(log.errors.relative_error, 3),
+            number(log.errors.relative_error_filtered, 3),
         )
-        for log in identification.logs
+        for log in identification.validations
     ]
     return PageTable(columns, tuple(rows), "Relative torque error per log")
 
@@ -69,7 +69,7 @@ def joint_table(identification: Identification) -> PageTable:
     columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
-        for log in identification.logs
+        for log in identification.validations
         for joint in identification.model.joints
     ]
     return PageTable(
@@ -80,22 +80,22 @@ def joint_table(identification: Identification) -> PageTable:
 def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
     heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
-    for log in identification.logs:
+    for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
         heads += [Column("error, %", name), Column("rmse", name)]
-        heads += [Column("of limit, %", name)] * bool(log.effort_share)
+        heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:
         row = [joint.name, joint.effort]
-        for log in identification.logs:
+        for log in identification.validations:
             row += _joint_errors(log, joint.name)
-            row += [number(log.effort_share.get(joint.name), 2)] * bool(log.effort_share)
+            row += [number(log.errors.effort_share.get(joint.name), 2)] * bool(log.errors.effort_share)
         rows.append(tuple(row))
     return PageTable(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
 
 
 def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str]:
-    return number(log.per_joint.get(joint), 3), number(log.rmse.get(joint), 3)
+    return number(log.errors.per_joint.get(joint), 3), number(log.errors.rmse.get(joint), 3)
 
 
 def _left(identification: Identification) -> PageTable:
@@ -105,8 +105,8 @@ def _left(identification: Identification) -> PageTable:
         (
             log.name,
             joint,
-            number(log.r2.get(joint), 4),
-            number(log.effort_share.get(joint), 2),
+            number(log.errors.r2.get(joint), 4),
+            number(log.errors.effort_share.get(joint), 2),
             number(test.decorrelation, 2),
             number(test.p_value, 2),
             number(100 * test.low_share, 2),
@@ -114,7 +114,7 @@ def _left(identification: Identification) -> PageTable:
             number(100 * test.reversal_share, 2),
             causes_words(test) or "-",
         )
-        for log in identification.logs
+        for log in identification.validations
         for joint, test in log.residuals.items()
     ]
     more = (Column("at reversals, %"), Column("points to", numeric=False))
@@ -126,11 +126,11 @@ def torque_section(identification: Identification) -> PageSection:
     fine = points(identification)
     views = []
     for label, k in labelled(identification):
-        log = identification.logs[k]
+        log = identification.validations[k]
         for joint in identification.model.joints:
             caption = (
-                f"{joint.name}: relative error {number(log.per_joint.get(joint.name), 3)} %, "
-                f"rmse {number(log.rmse.get(joint.name), 3)} {joint.effort}."
+                f"{joint.name}: relative error {number(log.errors.per_joint.get(joint.name), 3)} %, "
+                f"rmse {number(log.errors.rmse.get(joint.name), 3)} {joint.effort}."
             )
             figure = Figure(figures.torque_figure(log, joint.name, joint.effort, fine), caption)
             views.append(((label, joint.name), (figure,)))
@@ -171,7 +171,7 @@ def _runs(identification: Identification) -> Iterator[Gallery]:
             (Figure(figures.run_figure(run, joint, units[joint], fine), f"{joint}: measured and simulated position."),),
         )
         for label, k in labelled(identification)
-        if (run := runs.get(identification.logs[k].name))
+        if (run := runs.get(identification.validations[k].name))
         for joint in run.joints
     )
     if views:

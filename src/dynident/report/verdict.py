@@ -43,9 +43,9 @@ def verdict_section(identification: Identification) -> PageSection:
 
 
 def verdict_results(identification: Identification) -> dict[str, Any]:
-    """Return the verdict, the mass matrix and the free simulations as plain values."""
+    """Return the verdict in words."""
     verdict = judge(identification)
-    found: dict[str, Any] = {
+    return {
         "verdict": {
             "word": verdict.use.value,
             "sentences": list(sentences(verdict)),
@@ -53,18 +53,6 @@ def verdict_results(identification: Identification) -> dict[str, Any]:
             "next_steps": [words(step) for step in verdict.next],
         }
     }
-    if mass := identification.mass:
-        found["mass_matrix"] = {"positive": bool(mass.positive), "smallest": mass.smallest, "q": mass.q.tolist()}
-    keys = ("restart", "relative_error", "motion_error", "rms", "torque_error")
-    found["simulation"] = {
-        run.name: {
-            "driver": run.driver.value,
-            **{key: getattr(run, key) for key in keys},
-            "failure": words(run.failure) if run.failure else "",
-        }
-        for run in identification.runs
-    }
-    return found
 
 
 def _numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
@@ -81,7 +69,7 @@ def _numbers(identification: Identification) -> Iterator[tuple[str, ...]]:
     (log, joint), size = worst
     weight = _weight(identification, logs, said)
     if len(identification.model.joints) > 1:
-        rms = f"{joint}, rms {_rms(identification, log, joint)}{' as measured' * bool(log.per_joint_filtered)}"
+        rms = f"{joint}, rms {_rms(identification, log, joint)}{' as measured' * bool(log.errors.per_joint_filtered)}"
         yield f"{number(size, 3)} %", f"worst joint, {said}", rms
         yield _run(identification) if identification.runs else weight
     else:
@@ -96,8 +84,8 @@ def _whole(held: list[LogValidation], train: list[LogValidation]) -> tuple[str, 
         return "-", "torque error, held out", f"no log was held out; training {number(trained, 3)} %"
     log = max(held, key=_error)
     note = f"training {number(trained, 3)} %"
-    if log.relative_error_filtered is not None:
-        note = f"after the low-pass of the fit; {note}; as measured {number(log.relative_error, 3)} %"
+    if log.errors.relative_error_filtered is not None:
+        note = f"after the low-pass of the fit; {note}; as measured {number(log.errors.relative_error, 3)} %"
     return f"{number(_error(log), 3)} %", "torque error, held out", note
 
 
@@ -116,7 +104,7 @@ def _run(identification: Identification) -> tuple[str, ...]:
 
 def _weight(identification: Identification, logs: list[LogValidation], said: str) -> tuple[str, ...]:
     """Return the largest rms error in % of what a joint may exert, or, where no limit is known, in its unit."""
-    worst = _worst([((log, joint), size) for log in logs for joint, size in log.effort_share.items()])
+    worst = _worst([((log, joint), size) for log in logs for joint, size in log.errors.effort_share.items()])
     if worst is not None:
         (log, joint), size = worst
         limit = number(identification.model.limits[joint].effort, 3)
@@ -125,7 +113,7 @@ def _weight(identification: Identification, logs: list[LogValidation], said: str
             f"rms error against effort limit, {said}",
             f"{joint}: {_rms(identification, log, joint)} of {limit}",
         )
-    worst = _worst([((log, joint), size) for log in logs for joint, size in log.rmse.items()])
+    worst = _worst([((log, joint), size) for log in logs for joint, size in log.errors.rmse.items()])
     if worst is None:
         return "-", f"largest rms error, {said}"
     (log, joint), _ = worst
@@ -140,13 +128,15 @@ def _worst(sizes: list[tuple[Any, float]]) -> tuple[Any, float] | None:
 
 def _rms(identification: Identification, log: LogValidation, joint: str) -> str:
     unit = next(one.effort for one in identification.model.joints if one.name == joint)
-    return f"{number(log.rmse[joint], 3)} {unit}"
+    return f"{number(log.errors.rmse[joint], 3)} {unit}"
 
 
 def _error(log: LogValidation) -> float:
     """Return the error that the verdict judges: after the low-pass of the fit, where one is used."""
-    return log.relative_error if log.relative_error_filtered is None else log.relative_error_filtered
+    return (
+        log.errors.relative_error if log.errors.relative_error_filtered is None else log.errors.relative_error_filtered
+    )
 
 
 def _joints(log: LogValidation) -> dict[str, float]:
-    return dict(log.per_joint_filtered or log.per_joint)
+    return dict(log.errors.per_joint_filtered or log.errors.per_joint)

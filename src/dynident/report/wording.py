@@ -11,9 +11,10 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import BaseTilt, Choice, TimeOffset
+from dynident.identification import BaseTilt, Choice, OldResult, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
+from dynident.smoothers import unshifted
 from dynident.validation import residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from dynident.estimators import Estimate
     from dynident.identification import Identification
 
-__all__ = ["Line", "causes_words", "note_lines", "settings_of", "status_words", "words"]
+__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "settings_of", "status_words", "words"]
 
 PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INFO: "Note: "}
 
@@ -52,6 +53,11 @@ def note_lines(given: Iterable[Note]) -> list[Line]:
     return [Line(f"{PREFIX[note.severity]}{words(note)}", note.severity) for note in given]
 
 
+def old_result_lines(identification: Identification) -> list[Line]:
+    """Return for a terminal what a result lacks that was read from a file of an older version."""
+    return note_lines(note for note in identification.warnings if isinstance(note, OldResult))
+
+
 def status_words(estimate: Estimate) -> str:
     """Return how an estimate went, "ok" where there is nothing to note."""
     return "; ".join(map(words, estimate.notes)) or "ok"
@@ -63,14 +69,25 @@ def causes_words(test: residuals.ResidualTest) -> str:
 
 
 def settings_of(identification: Identification) -> dict[str, str]:
-    """Return the settings of a run, with what was chosen and calibrated in words."""
-    pairing = identification.pairing
-    found = {
-        "smoother": pairing and pairing.choice,
-        "delay": pairing and pairing.time_offset,
-        "lean": identification.base_tilt,
+    """Return the settings of a run in words: the recipe as used, and what was chosen and calibrated."""
+    recipe, calibration = identification.recipe, identification.calibration
+    found = {"estimator": repr(recipe.estimator), "low-pass": repr(recipe.filter)}
+    found["seed of the random poses"] = str(identification.provenance.seed)
+    found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
+    numbers = {
+        "low speeds left out": recipe.min_speed,
+        "delay used": recipe.time_offset or None,
+        "lean used": recipe.base_tilt,
+        "restart": recipe.restart,
     }
-    return {**identification.settings, **{key: words(noun) for key, noun in found.items() if noun is not None}}
+    chosen = {"smoother": calibration.smoother, "delay": calibration.time_offset, "lean": calibration.base_tilt}
+    found |= {key: str(value) for key, value in numbers.items() if value is not None}
+    return found | {key: words(noun) for key, noun in chosen.items() if noun is not None}
+
+
+@words.register
+def _(note: OldResult) -> str:
+    return f"the result has version {note.version} of the format and lacks {', '.join(note.lacks)}; identify again"
 
 
 @words.register

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from dynident.errors import listed
 from dynident.report import figures
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ CURVES = 11  # of a log and joint: torques, motion, free simulation
 
 def logs_of(identification: Identification, role: str) -> list[LogValidation]:
     """Return the logs of a role, "train" or "validation"."""
-    return [log for log in identification.logs if log.role == role]
+    return [log for log in identification.validations if log.role == role]
 
 
 def motion_known(identification: Identification) -> str:
@@ -34,8 +34,8 @@ def motion_known(identification: Identification) -> str:
 
 def labelled(identification: Identification) -> list[tuple[str, int]]:
     """Return the logs as a reader chooses among them: a label, and the index in ``logs``; those held out come first."""
-    order = sorted(range(len(identification.logs)), key=lambda k: identification.logs[k].role == "train")
-    logs = identification.logs
+    order = sorted(range(len(identification.validations)), key=lambda k: identification.validations[k].role == "train")
+    logs = identification.validations
     return [(f"{logs[k].name} ({ROLES.get(logs[k].role, logs[k].role)})", k) for k in order]
 
 
@@ -44,12 +44,6 @@ def count(number_of: int, noun: str) -> str:
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Return names in a row, no more than ``most`` of them, and how many more there are."""
-    every = list(names)
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
-
-
 def points(identification: Identification) -> int:
     """Return the points of each curve such that the page stays small."""
-    return figures.share(CURVES * len(identification.logs) * len(identification.model.joints))
+    return figures.share(CURVES * len(identification.validations) * len(identification.model.joints))

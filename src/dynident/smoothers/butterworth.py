@@ -30,6 +30,14 @@ class Butterworth:
     ``settle`` (s at the start, s at the end) is not vouched for; None takes the time in which the slowest of the
     filters forgets to 0.01 % (second differences are noisy enough for that to matter). Filters work on sample numbers:
     the sampling must be uniform within 5 %.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> t = np.arange(1001) * 0.01
+    >>> log = dy.Log(t, q=np.sin(t)[:, None], tau=np.cos(t)[:, None], joints=("hinge",))
+    >>> motion = dy.Butterworth(cutoffs=(10, 8, 8))(log)
+    >>> print(f"{motion.mask.sum()} of {len(motion)} samples")
+    901 of 1001 samples
     """
 
     orders: tuple[Order, Order, Order] = (3, 3, 4)

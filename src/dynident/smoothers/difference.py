@@ -29,6 +29,13 @@ class Difference:
     """Forward differences, eqs. (47)-(49), or central ones of second order; on the actual times of the samples.
 
     Not vouched for: the last two samples (forward), or the first and the last (central).
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> t = np.arange(1001) * 0.01
+    >>> log = dy.Log(t, q=np.sin(t)[:, None], tau=np.cos(t)[:, None], joints=("hinge",))
+    >>> dy.Difference("central")(log)
+    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 999 usable; central differences>
     """
 
     scheme: Literal["forward", "central"] = "forward"

@@ -86,6 +86,17 @@ class Spline:
     number, or one per joint name; None is estimated from the data. Not vouched for at both ends: ``ends`` times the
     widest kernel's bandwidth plus one step. There the natural spline's vanishing acceleration reaches in; what is left
     of it after k bandwidths is exp(-k / sqrt 2), 1.4 % at 6.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> t = np.arange(1001) * 0.01
+    >>> q = np.sin(t) + 1e-3 * np.random.default_rng(0).standard_normal(1001)
+    >>> log = dy.Log(t, q[:, None], tau=np.cos(t)[:, None], joints=("hinge",))
+    >>> motion = dy.Spline(sigma=1e-3)(log)
+    >>> motion
+    <Motion 'log': 1001 samples of hinge; 0 to 10 s, 100 Hz; 869 usable; natural cubic smoothing spline, Constraint>
+    >>> print(f"error of the velocity {np.abs(motion.dq[:, 0] - np.cos(t))[motion.mask].max():.3f} rad/s")
+    error of the velocity 0.003 rad/s
     """
 
     rule: Rule = field(default_factory=Constraint)

@@ -41,6 +41,12 @@ class SmoothingSpline:
     accuracy: Array | float
     weights: Array | None = None
 
+    def __repr__(self) -> str:
+        cutoffs = np.atleast_1d(self.cutoff)
+        shown = ", ".join(f"{value:.3g}" for value in cutoffs[:6]) + ", ..." * (len(cutoffs) > 6)
+        span = f"{len(self.t)} samples, {self.t[0]:.6g} to {self.t[-1]:.6g}"
+        return f"<SmoothingSpline of {len(cutoffs)} series: {span}; cut-off {shown} Hz>"
+
     @cached_property
     def edf(self) -> Array:
         """Effective degrees of freedom per series: 2 for a straight line, N for interpolation."""

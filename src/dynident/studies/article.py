@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.bounds import cramer_rao_bound
-from dynident.errors import ConfigError, choices
+from dynident.errors import ConfigError, brief, choices
 from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, Problem
 from dynident.log import Motion
 from dynident.models import Recording, record, simulate
@@ -190,6 +190,8 @@ class Case:
     coverage: Array = field(default_factory=lambda: np.full(7, np.nan))
     unsettled: int = 0
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
@@ -210,6 +212,8 @@ class Reproduction:
     traces: Mapping[str, Motion]
     settings: Mapping[str, str]
     bounds: Mapping[float, Array] = field(default_factory=dict)
+
+    __repr__ = brief
 
     def summary(self) -> dict[str, object]:
         """Return the numbers as plain data, for JSON; ``bound`` are least variances."""

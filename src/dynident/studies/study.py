@@ -90,7 +90,7 @@ class _Unit:
         try:
             estimate = method.estimate(record)
             value, std = estimate.value.tolist(), estimate.std.tolist()
-            ends = estimate.interval.ravel().tolist()
+            ends = [] if estimate.interval is None else estimate.interval.ravel().tolist()
             outcome = _outcome(estimate)
             reason = ", ".join(type(note).__name__ for note in estimate.notes)
         except Exception as error:  # a failed fit is a row, whatever broke it

@@ -96,7 +96,7 @@ def recovers_the_truth_from_noisy_data(estimator: Estimator, make: Callable[[], 
     assert (np.abs(found.value - truth(model)) < 4 * found.std).all(), (found.value - truth(model)) / found.std
     assert (found.std > 0).all()
     assert (found.std < 0.2 * np.abs(truth(model))).all(), found.std
-    np.testing.assert_allclose(found.sigma, 0.01, rtol=0.1)
+    np.testing.assert_allclose(found.residual.sigma, 0.01, rtol=0.1)
 
 
 def describes_what_it_estimates(estimator: Estimator, make: Callable[[], Model]) -> None:
@@ -104,12 +104,11 @@ def describes_what_it_estimates(estimator: Estimator, make: Callable[[], Model])
     model = make()
     n, p, made = len(model.joints), len(model.parameters), known_motion(model, noise=0.01)
     found = estimator(posed(model, made))
-    assert found.names == model.names
-    assert found.units == tuple(parameter.unit for parameter in model.parameters)
+    assert found.parameters == model.parameters
     assert (found.value.shape, found.covariance.shape, found.std.shape) == ((p,), (p, p), (p,))
-    assert found.sigma.shape == (n,)
-    assert (found.rank, found.samples) == (p, len(made))
-    assert 1 <= found.condition < 1e4, found.condition
+    assert found.residual.sigma.shape == (n,)
+    assert (found.determined.rank, found.residual.samples) == (p, len(made))
+    assert 1 <= found.determined.condition < 1e4, found.determined.condition
 
 
 def has_a_covariance(estimator: Estimator, make: Callable[[], Model]) -> None:
@@ -141,7 +140,7 @@ def ignores_the_order_of_logs(estimator: Estimator, make: Callable[[], Model]) -
     found, turned = estimator(posed(model, *logs)), estimator(posed(model, *reversed(logs)))
     np.testing.assert_allclose(turned.value, found.value, rtol=1e-9)
     np.testing.assert_allclose(turned.std, found.std, rtol=1e-9)
-    assert turned.samples == found.samples == sum(map(len, logs))
+    assert turned.residual.samples == found.residual.samples == sum(map(len, logs))
 
 
 def halves_the_variance_of_a_log_twice(estimator: Estimator, make: Callable[[], Model]) -> None:
@@ -151,7 +150,7 @@ def halves_the_variance_of_a_log_twice(estimator: Estimator, make: Callable[[], 
     once, twice = estimator(posed(model, log)), estimator(posed(model, log, log))
     np.testing.assert_allclose(twice.value, once.value, rtol=1e-6)
     np.testing.assert_allclose(twice.std**2, once.std**2 / 2, rtol=0.02)
-    np.testing.assert_allclose(twice.sigma, once.sigma, rtol=0.02)
+    np.testing.assert_allclose(twice.residual.sigma, once.residual.sigma, rtol=0.02)
 
 
 def uses_only_the_mask(estimator: Estimator, make: Callable[[], Model]) -> None:
@@ -164,7 +163,7 @@ def uses_only_the_mask(estimator: Estimator, make: Callable[[], Model]) -> None:
     spoilt = Motion(clean.t, clean.q, clean.dq, clean.ddq, tau, joints, half.mask, "spoilt", how)
     found, expected = estimator(posed(model, spoilt)), estimator(posed(model, half))
     np.testing.assert_array_equal(found.value, expected.value)
-    assert found.samples == int(half.mask.sum()) < len(clean)
+    assert found.residual.samples == int(half.mask.sum()) < len(clean)
 
 
 def has_a_quick_stand_in(estimator: Estimator, make: Callable[[], Model]) -> None:

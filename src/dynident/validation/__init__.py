@@ -1,8 +1,26 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
-from dynident.validation.free_run import Broken, CascadePD, Driver, Failure, FreeRun, RunsAway, Singular, free_run
+from dynident.validation.free_run import (
+    Broken,
+    CascadePD,
+    Driver,
+    Failure,
+    FreeRun,
+    RunsAway,
+    RunSignals,
+    Singular,
+    free_run,
+)
 from dynident.validation.hac import bandwidth, robust_covariance
-from dynident.validation.prediction import SEED, LogValidation, check_mass, relative_error, validate
+from dynident.validation.prediction import (
+    SEED,
+    LogValidation,
+    Signals,
+    TorqueErrors,
+    check_mass,
+    relative_error,
+    validate,
+)
 from dynident.validation.residuals import (
     LOW,
     Cause,
@@ -34,8 +52,11 @@ __all__ = [
     "ResidualTest",
     "Reversals",
     "Ripple",
+    "RunSignals",
     "RunsAway",
+    "Signals",
     "Singular",
+    "TorqueErrors",
     "autocorrelation",
     "bandwidth",
     "check_mass",

@@ -9,12 +9,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ConfigError, DynidentError, InputError
+from dynident.errors import ConfigError, DynidentError, InputError, brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
 from dynident.regression import stretches
 
-__all__ = ["Broken", "CascadePD", "Driver", "Failure", "FreeRun", "RunsAway", "Singular", "free_run"]
+__all__ = ["Broken", "CascadePD", "Driver", "Failure", "FreeRun", "RunSignals", "RunsAway", "Singular", "free_run"]
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
@@ -38,6 +38,8 @@ class CascadePD:
     gain: Array
     saturation: Array
     feedforward: Array
+
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         n, rows = len(self.joints), len(self.t)
@@ -85,30 +87,69 @@ class Broken(Failure):
 
 
 @dataclass(frozen=True, eq=False)
-class FreeRun:
-    """A simulated recording beside the measured one.
+class RunSignals:
+    """``t`` (N) s, ``q`` (N, n) simulated and ``measured`` (N, n), rad or m, and ``tau`` (N, n) that drove the
+    model.
+    """
 
-    ``t`` (N) s, ``q`` (N, n) simulated, ``measured`` (N, n), ``tau`` (N, n) the torque that drove the model. ``driver``
-    is "controller" (from one start) or "torque" (as measured, with a fresh start each ``restart`` s). By joint name:
-    ``relative_error`` = 100 |measured - q| / |measured| in %, ``motion_error`` the same in % of the way from the latest
-    start, ``rms`` in rad or m; with a controller ``torque_error`` (%), how far its torque is from the measured one,
-    which tests the model harder: the loop keeps any model on its way. Where the simulation ends early, ``failure`` says
-    why, and the errors are infinite.
+    t: Array
+    q: Array
+    measured: Array
+    tau: Array
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """How a simulated recording compares with the measured one.
+
+    ``driver`` is "controller" (from one start) or "torque" (as measured, with a fresh start each ``restart`` s). By
+    joint name: ``relative_error`` = 100 |measured - q| / |measured| in %, ``motion_error`` the same in % of the way
+    from the latest start, ``rms`` in rad or m; with a controller ``torque_error`` (%), how far its torque is from the
+    measured one, which tests the model harder: the loop keeps any model on its way. Where the simulation ends early,
+    ``failure`` says why, and the errors are infinite. ``signals`` are None in a result that was loaded from a file.
     """
 
     name: str
     joints: tuple[str, ...]
     driver: Driver
     restart: float | None
-    t: Array
-    q: Array
-    measured: Array
-    tau: Array
     relative_error: Mapping[str, float]
     motion_error: Mapping[str, float]
     rms: Mapping[str, float]
     torque_error: Mapping[str, float]
     failure: Failure | None = None
+    signals: RunSignals | None = None
+
+    __repr__ = brief
+
+    @property
+    def t(self) -> Array:
+        """Time (N) in s; InputError, as of the other signals, in a result that was loaded from a file."""
+        return self._signals().t
+
+    @property
+    def q(self) -> Array:
+        """The simulated positions (N, n)."""
+        return self._signals().q
+
+    @property
+    def measured(self) -> Array:
+        """The measured positions (N, n)."""
+        return self._signals().measured
+
+    @property
+    def tau(self) -> Array:
+        """The torque (N, n) that drove the model."""
+        return self._signals().tau
+
+    def _signals(self) -> RunSignals:
+        if self.signals is None:
+            raise InputError(
+                f"{self.name}: a saved result holds the errors of this simulation but not its signals; identify again."
+            )
+        return self.signals
 
 
 def free_run(
@@ -138,15 +179,17 @@ def free_run(
         joints=motion.joints,
         driver=Driver.TORQUE if controller is None else Driver.CONTROLLER,
         restart=None if controller is not None else restart,
-        t=motion.t[shown],
-        q=q[:, :-1].reshape(-1, q.shape[2]),
-        measured=motion.q[shown],
-        tau=tau[:, :-1].reshape(-1, q.shape[2]),
         relative_error=_shares(motion.joints, error, measured),
         motion_error=_shares(motion.joints, error, measured - measured[:, :1]),
         rms=dict(zip(motion.joints, np.sqrt(np.mean(error**2, axis=(0, 1))).tolist(), strict=True)),
         torque_error=asked,
         failure=failure,
+        signals=RunSignals(
+            motion.t[shown],
+            q[:, :-1].reshape(-1, q.shape[2]),
+            motion.q[shown],
+            tau[:, :-1].reshape(-1, q.shape[2]),
+        ),
     )
 
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import InputError
-from dynident.log import Motion, subsample
+from dynident.errors import InputError, brief, listed
+from dynident.log import Log, Motion, subsample
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BLOCK, ParallelFilter, fast_enough, stretches
+from dynident.validation.free_run import FreeRun
 from dynident.validation.residuals import ResidualTest, residual_test
 
-__all__ = ["SEED", "LogValidation", "check_mass", "relative_error", "validate"]
+if TYPE_CHECKING:
+    import polars as pl
+
+__all__ = ["SEED", "LogValidation", "Signals", "TorqueErrors", "check_mass", "relative_error", "validate"]
 
 Array = NDArray[np.float64]
 Role = Literal["train", "validation"]
@@ -23,23 +27,20 @@ SEED = 0  # of the random poses, where the caller brings no generator
 
 
 @dataclass(frozen=True, eq=False)
-class LogValidation:
-    """Errors of a model on one log, over the samples that its motion vouches for.
+class TorqueErrors:
+    """Errors of predicted torques over ``samples``, those that the motion's mask keeps.
 
-    ``predicted`` (N, n) torque; ``relative_error`` (%) = 100 |tau - predicted| / |tau| over all joints, against the
-    unfiltered measured torque at the log's own rate; ``relative_error_filtered`` the same after the parallel filter and
-    decimation, over the rows that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and
-    ``per_joint`` (%) by joint name, unfiltered.
+    ``relative_error`` (%) = 100 |tau - predicted| / |tau| over all joints, against the unfiltered measured torque at
+    the log's own rate; ``relative_error_filtered`` the same after the parallel filter and decimation, over the rows
+    that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and ``per_joint`` (%) by joint name,
+    unfiltered.
 
     By joint name too: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the effort
-    limit of the robot file (of joints that have one); ``r2`` = 1 - variance of the residual / variance of the
-    torque, which counts no constant part; ``residuals``, what the unfiltered residual looks like.
+    limit of the robot file (of joints that have one); ``r2`` = 1 - variance of the residual / variance of the torque,
+    which counts no constant part.
     """
 
-    name: str
-    role: Role
-    motion: Motion
-    predicted: Array
+    samples: int
     relative_error: float
     relative_error_filtered: float | None
     rmse: Mapping[str, float]
@@ -47,7 +48,84 @@ class LogValidation:
     per_joint_filtered: Mapping[str, float] = field(default_factory=dict)
     effort_share: Mapping[str, float] = field(default_factory=dict)
     r2: Mapping[str, float] = field(default_factory=dict)
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """What a validation rests on: the smoothed ``motion``, the ``predicted`` torque (N, n), and the ``recorded`` log
+    before smoothing where it is known.
+    """
+
+    motion: Motion
+    predicted: Array
+    recorded: Log | None = None
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class LogValidation:
+    """How well a model does on one log: torque ``errors``, and by joint name what the unfiltered residual looks like.
+
+    ``free_run`` is the free simulation, where there is one. ``signals`` are None in a result that was loaded from a
+    file, which holds numbers only; ``motion``, ``predicted`` and ``recorded`` then raise InputError.
+    """
+
+    name: str
+    role: Role
+    errors: TorqueErrors
     residuals: Mapping[str, ResidualTest] = field(default_factory=dict)
+    free_run: FreeRun | None = None
+    signals: Signals | None = None
+
+    def __repr__(self) -> str:
+        joints = listed((f"{joint} {error:.3g} %" for joint, error in self.errors.per_joint.items()), 6)
+        return f"<LogValidation {self.name!r} ({self.role}): torque error {self.errors.relative_error:.3g} %; {joints}>"
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table of the errors, one row per joint: joint, rmse (N m, N), relative_error (%),
+        relative_error_filtered (%), effort_share (%), r2; null where there is no such figure.
+        """
+        import polars as pl
+
+        errors = self.errors
+        columns = {
+            "rmse": errors.rmse,
+            "relative_error": errors.per_joint,
+            "relative_error_filtered": errors.per_joint_filtered,
+            "effort_share": errors.effort_share,
+            "r2": errors.r2,
+        }
+        joints = list(errors.rmse)
+        floats = {
+            name: pl.Series([one.get(joint) for joint in joints], dtype=pl.Float64) for name, one in columns.items()
+        }
+        return pl.DataFrame({"joint": joints, **floats})
+
+    @property
+    def motion(self) -> Motion:
+        """The smoothed motion."""
+        return self._signals().motion
+
+    @property
+    def predicted(self) -> Array:
+        """The predicted torque (N, n), N m or N."""
+        return self._signals().predicted
+
+    @property
+    def recorded(self) -> Log | None:
+        """The log before smoothing, where it is known."""
+        return self._signals().recorded
+
+    def _signals(self) -> Signals:
+        if self.signals is None:
+            raise InputError(
+                f"{self.name}: a saved result holds the errors on this log but not its signals; predict the log again, "
+                "or identify again."
+            )
+        return self.signals
 
 
 def relative_error(measured: Array, predicted: Array) -> float:
@@ -70,6 +148,15 @@ def validate(
 
     ``filter`` and ``min_speed`` are those of the fit: they make ``relative_error_filtered`` and touch nothing else.
     Raises InputError where the motion's mask leaves no sample, and ModelError where a shape does not fit.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> print(f"{dy.validate(arm, arm.values, dy.Spline(sigma=1e-4)(log)).relative_error:.1f} %")
+    2.6 %
     """
     if not motion.mask.any():
         raise InputError(f"{motion.source}: no sample is left to judge the model on; widen the window, or smooth less.")
@@ -83,16 +170,18 @@ def validate(
     return LogValidation(
         name=name or motion.source,
         role=role,
-        motion=motion,
-        predicted=predicted,
-        relative_error=relative_error(measured, guess),
-        relative_error_filtered=None if filtered is None else relative_error(*filtered),
-        rmse=rmse,
-        per_joint=_by_joint(motion, measured, guess),
-        per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
-        effort_share=_of_limits(model, rmse),
-        r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
+        errors=TorqueErrors(
+            samples=len(measured),
+            relative_error=relative_error(measured, guess),
+            relative_error_filtered=None if filtered is None else relative_error(*filtered),
+            rmse=rmse,
+            per_joint=_by_joint(motion, measured, guess),
+            per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
+            effort_share=_of_limits(model, rmse),
+            r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
+        ),
         residuals=_residuals(motion, predicted),
+        signals=Signals(motion, predicted),
     )
 
 

@@ -45,11 +45,11 @@ def test_equals_least_squares_where_that_is_possible(noise: float) -> None:
     plain, found = LeastSquares()(posed), PhysicallyConsistent(weights="equal")(posed)
     np.testing.assert_allclose(found.value, plain.value, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-6, atol=1e-15)
-    np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found.residual.sigma, plain.residual.sigma, rtol=1e-6, atol=1e-12)
     assert found.notes == ()
     assert set(found.provenance) == {"data"}
-    assert set(found.costs.values()) == {0.0}
-    assert found.eigenvalues["b1"] > 1e-3
+    assert set(found.consistency.costs.values()) == {0.0}
+    assert found.consistency.eigenvalues["b1"] > 1e-3
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.5])
@@ -58,12 +58,12 @@ def test_body_on_the_boundary(noise: float) -> None:
     posed = problem(single(), ROD, noise)
     found = PhysicallyConsistent()(posed)
     assert smallest(found.value) > 0
-    assert found.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
+    assert found.consistency.eigenvalues["b1"] == pytest.approx(1e-5, rel=1e-2)
     assert set(found.provenance) == {"bound"}
     np.testing.assert_allclose(found.value, ROD, atol=max(1e-6, 4 * found.std.max()))
     if noise:
         assert smallest(LeastSquares()(posed).value) < 0
-        assert 0 < found.costs["pseudo-inertia"] == found.costs["all"] < 0.1
+        assert 0 < found.consistency.costs["pseudo-inertia"] == found.consistency.costs["all"] < 0.1
 
 
 def test_mends_an_impossible_body_and_predicts_better() -> None:
@@ -103,7 +103,7 @@ def test_no_possible_body_fits_better(seed: int, noise: float, rod: bool) -> Non
     posed = problem(single(), truth, noise, seed, 40)
     found = PhysicallyConsistent(weights="equal")(posed)
     assert smallest(found.value) > 0
-    assert min(found.costs.values()) >= 0
+    assert min(found.consistency.costs.values()) >= 0
     best = error(posed, found.value)
     floor = from_pseudo(np.diag([1e-7, 1e-7, 1e-7, 1e-5]))
     for other in (truth, truth + 0.01 * random_body(rng), random_body(rng)):
@@ -127,9 +127,9 @@ def test_prior_decides_only_what_the_data_leave_free(distance: Any, truth: Array
     for x in found:
         assert set(x.provenance) == {"prior"}
         assert np.isinf(x.std).all()
-        assert x.rank == 10
+        assert x.determined.rank == 10
         assert x.notes == (RankDeficient(10, 20), DecidedByPrior(20))
-        assert min(x.eigenvalues.values()) > 1e-6
+        assert min(x.consistency.eigenvalues.values()) > 1e-6
 
 
 @pytest.mark.parametrize("distance", ["euclidean", "entropic"])
@@ -204,7 +204,7 @@ def test_threshold_leaves_weak_directions_to_the_prior() -> None:
         PhysicallyConsistent(threshold=1e-2, inertia=False)(posed),
         PhysicallyConsistent(inertia=False, rotor=False)(posed),
     )
-    assert (strict.rank, loose.rank) == (7, 11)
+    assert (strict.determined.rank, loose.determined.rank) == (7, 11)
     assert [name for name, word in zip(model.names, strict.provenance, strict=True) if word == "prior"] == [
         "b1.Ixx",
         "b1.Ixy",
@@ -231,11 +231,15 @@ def test_log_that_says_nothing_leaves_all_to_the_prior() -> None:
     for distance in ("entropic", "euclidean"):
         found = PhysicallyConsistent(distance=distance)(posed)
         np.testing.assert_allclose(found.value, BODY, atol=1e-6)
-        assert (found.rank, set(found.provenance), set(found.costs.values())) == (0, {"prior"}, {0.0})
+        assert (found.determined.rank, set(found.provenance), set(found.consistency.costs.values())) == (
+            0,
+            {"prior"},
+            {0.0},
+        )
 
 
 def test_costs_can_be_saved() -> None:
-    assert PhysicallyConsistent(costs=False)(problem(single(), ROD, 0.5)).costs == {}
+    assert PhysicallyConsistent(costs=False)(problem(single(), ROD, 0.5)).consistency.costs == {}
 
 
 def test_noise_of_each_joint_sets_its_weight() -> None:
@@ -251,7 +255,7 @@ def test_noise_of_each_joint_sets_its_weight() -> None:
         for weights in off:
             found: Estimate = LeastSquares(weights=weights)(again)  # type: ignore[arg-type]
             off[weights] += np.sum((found.value - BODY)[1:4] ** 2)
-        np.testing.assert_allclose(found.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
+        np.testing.assert_allclose(found.residual.sigma, np.repeat([0.05, 2.0], 3), rtol=0.25)
     assert off["per_joint"] < 0.05 * off["equal"]
 
 
@@ -272,9 +276,12 @@ def test_friction_and_rotor_inertia_are_not_negative_unless_switched_off(role: s
     found, freed = PhysicallyConsistent()(posed), PhysicallyConsistent(**off)(posed)
     assert found.value[10] == 0.0
     assert found.provenance[10] == "bound"
-    assert found.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")] > 0
+    assert (
+        found.consistency.costs[{"rotor": "rotor inertia", "viscous": "viscous friction"}.get(role, "Coulomb friction")]
+        > 0
+    )
     assert freed.value[10] == pytest.approx(-0.2, abs=4 * freed.std[10])
-    assert set(freed.costs) == {"pseudo-inertia", "all"}
+    assert set(freed.consistency.costs) == {"pseudo-inertia", "all"}
 
 
 LIMITS: list[tuple[dict[str, Any], Any]] = [
@@ -297,7 +304,7 @@ def test_limits_are_met(setting: dict[str, Any], met: Any) -> None:
     found = PhysicallyConsistent(**setting)(posed)
     assert met(found.value), found.value
     assert smallest(found.value) > 0
-    assert found.costs["all"] > 0
+    assert found.consistency.costs["all"] > 0
     assert "bounds" not in setting or found.provenance[0] == "bound"
 
 
@@ -309,7 +316,7 @@ def test_total_mass_settles_what_the_data_leave_free() -> None:
     found = PhysicallyConsistent(bounds=bounds, prior="none")(posed)
     assert 4.5 <= found.value[10] <= 4.6
     assert found.value[0] + found.value[10] == pytest.approx(7.0, abs=0.01)
-    assert found.costs["all"] < 1e-4
+    assert found.consistency.costs["all"] < 1e-4
 
 
 CONFLICTS: list[tuple[dict[str, Any], list[str]]] = [

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, choices
 from dynident.estimators.constraints import Barrier, bodies_of
-from dynident.estimators.estimator import Estimate, Problem, Provenance
+from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import LeastSquares
 from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined
 from dynident.estimators.maximum_likelihood.friction import has_sign
@@ -54,6 +54,18 @@ class MaximumLikelihood:
     iteration fails it is returned, and the status says so. Sharp signs of Coulomb friction are made as smooth as the
     velocities are known. The barrier ``weight`` that keeps inertia and friction physical is in units of half a squared
     standard deviation.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
+    >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
+    >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.MaximumLikelihood(start="rest"))
+    >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
+    ...     print(f"{name} = {value:.4f} +- {std:.5f}")
+    J = 0.0824 +- 0.00005
+    h = 0.2497 +- 0.00014
     """
 
     start: Start = "free"
@@ -200,22 +212,22 @@ class _Run:
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
         nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
+        smallest = {body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies}
         return Estimate(
+            parameters=model.parameters,
             value=np.where(nothing, 0.0, fitted.theta),
             covariance=covariance,
-            names=model.names,
-            units=tuple(parameter.unit for parameter in model.parameters),
-            sigma=np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
-            rank=rank,
-            condition=directions.condition,
-            samples=sum(map(len, search.given.logs)),
+            determined=Determined(rank, directions.condition, directions),
+            residual=Residual(
+                np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
+                sum(map(len, search.given.logs)),
+                1.0 / search.sigma.tau,
+            ),
             notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
             provenance=provenance,
-            eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
-            interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
-            weights=1.0 / search.sigma.tau,
+            consistency=Consistency(smallest) if smallest else None,
+            interval=self.intervals(fitted, covariance) if fitted.converged else None,
             information=fitted.information,
-            directions=directions,
         )
 
     def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, brief
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.arrow import Arrow
 from dynident.estimators.maximum_likelihood.equations import Equations, equations
@@ -61,6 +61,8 @@ class LikelihoodFit:
     decrement: float
     iterations: int
     converged: bool
+
+    __repr__ = brief
 
     def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states that belong to another theta nearby, to first order."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from dynident.errors import brief
 from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
 from dynident.estimators.maximum_likelihood.torques import Torques, condensed
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, TrajectoryBlock
@@ -56,6 +57,8 @@ class Segment:
     torque_knots: tuple[Array, ...] = ()
     rest: bool = False
     time_offset: float = 0.0
+
+    __repr__ = brief
 
     @cached_property
     def points(self) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from dynident.errors import brief
 from dynident.estimators.maximum_likelihood.arrow import overlap
 from dynident.splines.bspline import local_basis
 
@@ -79,6 +80,8 @@ class Trajectory:
 
     breaks: Array
     steps: tuple[float, ...] = ()
+
+    __repr__ = brief
 
     @cached_property
     def knots(self) -> Array:

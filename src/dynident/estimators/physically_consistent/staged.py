@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, ModelError
+from dynident.errors import ConfigError, ModelError, brief
 from dynident.estimators.constraints import Constraints
 from dynident.estimators.constraints.cone import Optimum, minimise
 from dynident.regression import Rank
@@ -39,6 +39,8 @@ class Information:
     rss: float
     torque: float
     variance: float
+
+    __repr__ = brief
 
     @property
     def rank(self) -> int:

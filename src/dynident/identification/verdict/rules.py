@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.identification.identify import Identification
+from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
@@ -77,8 +77,8 @@ def _wrong(log: LogValidation, trained: float) -> Iterator[Reason]:
     error = _error(log)
     if not error <= TORQUE:
         yield why.TorqueErrorTooLarge(log.name, error, TORQUE)
-    if error != log.relative_error and not log.relative_error <= UNFILTERED:
-        yield why.UnfilteredErrorTooLarge(log.name, log.relative_error, UNFILTERED)
+    if error != log.errors.relative_error and not log.errors.relative_error <= UNFILTERED:
+        yield why.UnfilteredErrorTooLarge(log.name, log.errors.relative_error, UNFILTERED)
     if bad := tuple((joint, size) for joint, size in _joints(log).items() if _harmful(log, joint, size)):
         yield why.JointErrorsTooLarge(log.name, bad, JOINT)
     if error > GAP * trained and error > TORQUE / 2:
@@ -96,7 +96,8 @@ def _against_simulation(found: Identification) -> Iterator[Reason]:
     if negative:
         yield why.NegativeValues(tuple(negative))
     bodies = any(parameter.role in INERTIAL for parameter in parameters)
-    if bodies and not (estimate.eigenvalues and min(estimate.eigenvalues.values()) >= -1e-9):
+    smallest = estimate.consistency.eigenvalues.values() if estimate.consistency else ()
+    if bodies and not (smallest and min(smallest) >= -1e-9):
         yield why.InertiasFree()
     failed = [(run.name, run.failure) for run in found.runs if run.failure]
     if not found.runs:
@@ -130,15 +131,19 @@ def _held_out(found: Identification) -> HeldOut | None:
     if not held:
         return None
     worst, trained = max(held, key=_error), max(_logs(found, "train"), key=_error)
-    filtered = worst.relative_error_filtered is not None
-    return HeldOut(_error(worst), _error(trained), (worst.relative_error, trained.relative_error) if filtered else None)
+    filtered = worst.errors.relative_error_filtered is not None
+    return HeldOut(
+        _error(worst),
+        _error(trained),
+        (worst.errors.relative_error, trained.errors.relative_error) if filtered else None,
+    )
 
 
 def _largest_residual(found: Identification) -> LargestResidual | None:
     """Return where most of the torque is left; a residual that is not white is advice, not a reason."""
     logs = _logs(found, "validation") or _logs(found, "train")
     sizes = {
-        (log.name, joint): (log.rmse[joint] * _joints(log)[joint], test)
+        (log.name, joint): (log.errors.rmse[joint] * _joints(log)[joint], test)
         for log in logs
         for joint, test in log.residuals.items()
         if np.isfinite(_joints(log)[joint]) and np.isfinite(test.lag1)
@@ -152,7 +157,7 @@ def _largest_residual(found: Identification) -> LargestResidual | None:
 def _next_steps(found: Identification) -> Iterator[UnexcitedParameters | Step]:
     """Yield what to record next, beyond the remedies of the reasons."""
     held = _logs(found, "validation") or _logs(found, "train")
-    yield from found.unexcited
+    yield from found.base.unexcited
     yield from _unsure(found)
     causes = {joint: test.causes for log in held for joint, test in log.residuals.items()}
     if reversing := _joints_with(causes, Reversals):
@@ -167,13 +172,13 @@ def _joints_with(causes: dict[str, tuple[Cause, ...]], kind: type[Cause]) -> tup
 
 def _unsure(found: Identification) -> Iterator[Sharpen]:
     """Yield which motion would sharpen the parameters that are known least, of those that move the torque."""
-    basis = found.base_parameters
+    basis = found.base.on_data
     if basis is None:
-        value, names, std = found.estimate.value, found.estimate.names, found.std_hac
+        value, names, std = found.estimate.value, found.estimate.names, found.errors.std_hac
         leads: tuple[int, ...] = tuple(range(len(value)))
     else:
         value, names, leads = basis.to_base(found.estimate.value), basis.groupings, basis.independent
-        std = found.base_std if found.base_std_hac is None else found.base_std_hac
+        std = found.errors.best_base
     if std is None:
         return
     share = 100.0 * std * _effects(found)[list(leads)]
@@ -215,27 +220,29 @@ def _motion_for(found: Identification, column: int) -> tuple[Excitation, str | N
 
 
 def _logs(found: Identification, role: str) -> list[LogValidation]:
-    return [log for log in found.logs if log.role == role]
+    return [log for log in found.validations if log.role == role]
 
 
 def _error(log: LogValidation) -> float:
     """Return the error that the model is asked to keep small: after the low-pass of the fit, where one is used."""
-    return log.relative_error if log.relative_error_filtered is None else log.relative_error_filtered
+    return (
+        log.errors.relative_error if log.errors.relative_error_filtered is None else log.errors.relative_error_filtered
+    )
 
 
 def _joints(log: LogValidation) -> dict[str, float]:
-    return dict(log.per_joint_filtered or log.per_joint)
+    return dict(log.errors.per_joint_filtered or log.errors.per_joint)
 
 
 def _harmful(log: LogValidation, joint: str, error: float) -> bool:
-    return error > JOINT and not log.effort_share.get(joint, np.inf) < SMALL
+    return error > JOINT and not log.errors.effort_share.get(joint, np.inf) < SMALL
 
 
 def _unexcited(found: Identification) -> tuple[int, int]:
     """Return how many base parameters the data leave out, and how many there are."""
-    if found.base_parameters is None or found.structural is None:
-        return max(len(found.estimate.names) - found.estimate.rank, 0), len(found.estimate.names)
-    return max(found.structural.rank - found.base_parameters.rank, 0), found.structural.rank
+    if found.base.on_data is None or found.base.structural is None:
+        return max(len(found.estimate.names) - found.estimate.determined.rank, 0), len(found.estimate.names)
+    return max(found.base.structural.rank - found.base.on_data.rank, 0), found.base.structural.rank
 
 
 def _repeat(one: Motion, other: Motion) -> bool:

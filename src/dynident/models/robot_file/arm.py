@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, brief
 from dynident.models.inertia import moved
 from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion
 
@@ -31,6 +31,8 @@ class ArmBody:
     links: tuple[str, ...]
     frames: tuple[Array, ...]
 
+    __repr__ = brief
+
 
 @dataclass(frozen=True, eq=False)
 class Arm:
@@ -43,6 +45,8 @@ class Arm:
     order: NDArray[np.intp]
     still: tuple[str, ...]
     standing: Mapping[str, float]
+
+    __repr__ = brief
 
     @property
     def chosen(self) -> list[ArmBody]:

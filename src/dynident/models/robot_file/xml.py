@@ -12,7 +12,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError, choices
+from dynident.errors import ModelError, brief, choices
 
 __all__ = [
     "HUGE",
@@ -105,6 +105,8 @@ class RobotFile:
     gravity: tuple[float, ...] | None = None
     notes: tuple[str, ...] = ()
     origins: Mapping[str, Array] = field(default_factory=dict)
+
+    __repr__ = brief
 
 
 def parse(xml: str, source: str) -> Element:

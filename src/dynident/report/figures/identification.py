@@ -126,7 +126,7 @@ def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> go.Fig
         figure.add_trace(
             go.Bar(
                 y=[plain(joint) for joint in joints],
-                x=[log.per_joint.get(joint) for joint in joints],
+                x=[log.errors.per_joint.get(joint) for joint in joints],
                 orientation="h",
                 name=f"{plain(log.name)} ({'training' if train else 'held out'})",
                 marker={"color": PALE if train else HELD_OUT[held.index(log.name) % len(HELD_OUT)]},

@@ -1,0 +1,31 @@
+"""``dynident schema``: the JSON schemas of the configuration and of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from dynident.cli.terminal import FILE, console, tell
+
+__all__ = ["schema"]
+
+
+@click.command(short_help="Print a JSON schema, by which editors complete a configuration.")
+@click.argument("kind", type=click.Choice(["config", "result"]), default="config")
+@click.option("--out", type=FILE, help="File to write it to.")
+def schema(kind: str, out: Path | None) -> None:
+    """Print the JSON schema (draft 2020-12) of the configuration (config), or of result.json (result).
+
+    That of the configuration has the settings of all kinds of parts, those of installed packages too.
+    """
+    import json
+
+    from dynident.io.results import write_json
+    from dynident.io.schema import SCHEMAS
+
+    found = SCHEMAS[kind]()
+    if out:
+        tell(console(), "Schema", write_json(out, found))
+    else:
+        click.echo(json.dumps(found, indent=2, ensure_ascii=False))

@@ -1,0 +1,41 @@
+"""Long things in few words: names in a row, and the text that stands for a noun with large fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
+
+__all__ = ["brief", "listed"]
+
+FEW = 3  # items and numbers that are shown
+LONGEST, WHOLE = 60, 400  # letters of a field, and of all
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Return names in a row, no more than ``most`` of them, and how many more there are."""
+    every = list(names)
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+
+
+def brief(noun: Any) -> str:
+    """Return the line that stands for a dataclass where it is displayed, as its ``__repr__``: large fields by size."""
+    shown = (f"{one.name}={_short(getattr(noun, one.name))}" for one in fields(noun) if one.repr)
+    return _cut(f"{type(noun).__name__}({', '.join(shown)})", WHOLE)
+
+
+def _short(value: Any) -> str:
+    if hasattr(value, "shape"):  # an array
+        few = value.ndim == 1 and value.size <= FEW
+        return f"[{', '.join(f'{x:.4g}' for x in value)}]" if few else f"array{value.shape}"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return "{" + listed((f"{key}: {_short(one)}" for key, one in value.items()), FEW) + "}"
+    if isinstance(value, tuple | list):
+        return "(" + listed(map(_short, value), FEW) + ")"
+    return _cut(repr(value), LONGEST)
+
+
+def _cut(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[:longest]}..."

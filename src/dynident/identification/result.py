@@ -1,0 +1,218 @@
+"""What one identification found, in groups: parameters, standard errors, base parameters, validations, origins."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident import __version__
+from dynident.errors import Note, brief
+from dynident.estimators import Estimate
+from dynident.identification.calibration import BaseTilt, TimeOffset
+from dynident.identification.recipe import Recipe
+from dynident.identification.smoother_choice import Choice
+from dynident.log import Log
+from dynident.models import MassMatrixCheck, Model
+from dynident.regression import BaseParameters, UnexcitedParameters
+from dynident.validation import SEED, FreeRun, LogValidation, validate
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from dynident.report.display import Plot
+
+__all__ = [
+    "Calibration",
+    "Identifiability",
+    "Identification",
+    "OldResult",
+    "SourceFile",
+    "Sources",
+    "StandardErrors",
+    "versions",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StandardErrors:
+    """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
+
+    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, infinite
+    for what the data do not determine. None where they cannot be had, or where there are no base parameters.
+    """
+
+    std: Array
+    std_hac: Array | None = None
+    base_std: Array | None = None
+    base_std_hac: Array | None = None
+
+    __repr__ = brief
+
+    @property
+    def best(self) -> Array:
+        """The standard errors (p) to believe: those that allow for correlated residuals, where they are known."""
+        return self.std if self.std_hac is None else np.where(np.isfinite(self.std_hac), self.std_hac, self.std)
+
+    @property
+    def best_base(self) -> Array | None:
+        """The same (r) of the base parameters, None where there are none."""
+        return self.base_std if self.base_std_hac is None else self.base_std_hac
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Which base parameters there are, all empty where the data determine every parameter.
+
+    ``on_data`` are those that the training data show, ``structural`` those that any motion could show, ``unexcited``
+    the rest, with the motion that would show them.
+    """
+
+    on_data: BaseParameters | None = None
+    structural: BaseParameters | None = None
+    unexcited: tuple[UnexcitedParameters, ...] = ()
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How smoother, time offset and tilt of the base were found, each None where it was not sought."""
+
+    smoother: Choice | None = None
+    time_offset: TimeOffset | None = None
+    base_tilt: BaseTilt | None = None
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class OldResult(Note):
+    """The result was read from a file of an older ``version`` of the format, which ``lacks`` these groups."""
+
+    version: int
+    lacks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, and of a configuration its ``text``."""
+
+    path: str
+    sha256: str = ""
+    text: str = ""
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What a result was made from: the files, those of a run from Python without the first two, and versions.
+
+    ``seed`` is that of the random poses in which the mass matrix is looked at.
+    """
+
+    configuration: SourceFile | None = None
+    model: SourceFile | None = None
+    logs: tuple[SourceFile, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seed: int = SEED
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Everything that one run found: what reports and exports read.
+
+    ``model`` and ``recipe`` are as used: the model on its base as it is tilted, one smoother, numbers where something
+    was sought, so that ``recipe.motion`` makes of a new log what the fit has seen. ``mass`` is the mass matrix over all
+    logs and random poses.
+    """
+
+    model: Model
+    recipe: Recipe
+    estimate: Estimate
+    errors: StandardErrors
+    base: Identifiability
+    validations: tuple[LogValidation, ...]
+    mass: MassMatrixCheck | None = None
+    calibration: Calibration = Calibration()
+    provenance: Sources = Sources()
+    warnings: tuple[Note, ...] = ()
+
+    def __repr__(self) -> str:
+        from dynident.report.display import summary
+
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from dynident.report.display import summary_html
+
+        return summary_html(self)
+
+    @property
+    def plot(self) -> Plot:
+        """The figures of the report, one by one: ``plot.torque("tuesday", "elbow")``, ``plot.parameters()``, ..."""
+        from dynident.report.display import Plot
+
+        return Plot(self)
+
+    def frame(self) -> pl.DataFrame:
+        """Return a table, one row per parameter: parameter, value, std (the one to believe), std_independent, unit,
+        determined_by, and the value that the model knows, true or nominal; null where nothing is known.
+        """
+        import polars as pl
+
+        parameters = self.model.parameters
+        return pl.DataFrame(
+            {
+                "parameter": self.estimate.names,
+                "value": self.estimate.value,
+                "std": self.errors.best,
+                "std_independent": self.errors.std,
+                "unit": self.estimate.units,
+                "determined_by": [one.value for one in self.estimate.provenance] or [None] * len(parameters),
+                "known": [parameter.value for parameter in parameters],
+            },
+            schema_overrides={"determined_by": pl.String, "known": pl.Float64},
+        )
+
+    @property
+    def runs(self) -> tuple[FreeRun, ...]:
+        """The free simulations."""
+        return tuple(one.free_run for one in self.validations if one.free_run is not None)
+
+    def predict(self, log: Log) -> LogValidation:
+        """Return the torque of a log by the model, beside the measured one; raises the errors of the smoother."""
+        joints = tuple(joint.name for joint in self.model.joints)
+        return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write all but the signals as JSON, which ``dynident.load`` reads again; return the path.
+
+        The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has
+        settings without a plain form.
+        """
+        from dynident.io.saved import save
+
+        return save(self, path)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes the numbers, and the platform."""
+    found = {"dynident": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # pin, where there is no wheel for it, may come from elsewhere
+            found[name] = "not installed as a package"
+    return {**found, "platform": platform.platform()}

@@ -1,0 +1,198 @@
+"""The format of ``result.json``, version 1: what validates a file that is read, and gives its JSON schema.
+
+Nouns whose fields are plain values stand for themselves; the others have a section here. Numbers that are not finite
+are the texts "Infinity", "-Infinity" and "NaN".
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from dynident.estimators import Consistency, Provenance
+from dynident.identification import BaseTilt, Sources, TimeOffset
+from dynident.models import Joint
+from dynident.validation import Driver, ResidualTest, TorqueErrors
+
+__all__ = ["FORMAT", "VERSION", "ResultFile"]
+
+FORMAT, VERSION = "dynident result", 1
+
+
+class Part(BaseModel):
+    """Part of a result; keys that are not known are left alone."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class Kind(BaseModel):
+    """A noun of several kinds, such as a note or the settings of a part, by the name of its ``kind``."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    kind: str
+
+
+class ModelPart(Part):
+    """The model as it was used, which is built from ``provenance``: its name and joints."""
+
+    name: str
+    joints: tuple[Joint, ...]
+
+
+class FilterPart(Part):
+    """The parallel filter of the fit: decimation, and the cut-off (Hz) and order of the low-pass."""
+
+    decimate: int
+    cutoff: float | None
+    order: int
+
+
+class RecipePart(Part):
+    """The recipe as used: ``time_offset`` and ``restart`` in s, ``base_tilt`` in rad, speeds in rad/s or m/s."""
+
+    smoother: Kind
+    estimator: Kind
+    filter: FilterPart | None
+    min_speed: dict[str, float] | float | None
+    time_offset: float
+    base_tilt: tuple[float, float] | None
+    restart: float | None
+
+
+class ParameterPart(Part):
+    """A parameter: its value, standard error for independent residuals (``std``) and for correlated ones (``std_hac``),
+    unit, and what it was determined by."""
+
+    name: str
+    value: float
+    std: float
+    std_hac: float | None
+    unit: str
+    provenance: Provenance | None
+
+
+class ResidualPart(Part):
+    """The torque that the fit leaves: standard deviation and weight of each joint, number of samples."""
+
+    sigma: list[float]
+    samples: int
+    weights: list[float] | None
+
+
+class EstimatePart(Part):
+    """What is known of all parameters together; rows and columns of matrices in the order of ``parameters``."""
+
+    rank: int
+    condition: float
+    residual: ResidualPart
+    consistency: Consistency | None
+    notes: list[Kind]
+    covariance: list[list[float]]
+    interval: list[tuple[float, float]] | None
+    information: list[list[float]] | None
+
+
+class BaseRow(Part):
+    """A base parameter: the standard parameter that leads it, the coefficients of all in it, and what was found."""
+
+    name: str
+    lead: str
+    combination: dict[str, float]
+    value: float | None = None
+    std: float | None = None
+    std_hac: float | None = None
+    unit: str
+
+
+class BasePart(Part):
+    """Base parameters; singular values, and the scales of the columns, in the order of ``parameters``."""
+
+    parameters: list[BaseRow]
+    singular_values: list[float]
+    scale: list[float]
+
+
+class IdentifiabilityPart(Part):
+    """Base parameters that the data show, those that any motion could show, and what the data leave out."""
+
+    on_data: BasePart | None
+    structural: BasePart | None
+    unexcited: list[Kind]
+
+
+class RunPart(Part):
+    """Errors of a free simulation; see ``FreeRun``."""
+
+    driver: Driver
+    restart: float | None
+    joints: tuple[str, ...]
+    relative_error: dict[str, float]
+    motion_error: dict[str, float]
+    rms: dict[str, float]
+    torque_error: dict[str, float]
+    failure: Kind | None
+
+
+class ValidationPart(Part):
+    """How well the model does on one log."""
+
+    name: str
+    role: Literal["train", "validation"]
+    errors: TorqueErrors
+    residuals: dict[str, ResidualTest]
+    free_run: RunPart | None
+
+
+class CandidatePart(Part):
+    """A smoother that was tried, and its cross-validated torque error (%)."""
+
+    smoother: Kind
+    error: float
+
+
+class ChoicePart(Part):
+    """The smoothers that were tried, and the place of the one that was chosen, from 0."""
+
+    chosen: int
+    candidates: list[CandidatePart]
+
+
+class CalibrationPart(Part):
+    """How smoother, time offset and tilt of the base were found, null where they were not sought."""
+
+    smoother: ChoicePart | None
+    time_offset: TimeOffset | None
+    base_tilt: BaseTilt | None
+
+
+class MassPart(Part):
+    """The smallest eigenvalue of the mass matrix, and the pose of it."""
+
+    smallest: float
+    q: list[float]
+    positive: bool
+
+
+class ResultFile(Part):
+    """A result of ``dynident identify``, or of ``Identification.save``.
+
+    ``report`` holds, where the command wrote it, the verdict, notes and warnings in words, and the files of the model;
+    it is not read again.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", title="dynident result, version 1")
+
+    format: Literal["dynident result"]
+    version: Literal[1]
+    parameters: list[ParameterPart]
+    report: dict[str, Any] | None = None
+    validations: list[ValidationPart]
+    recipe: RecipePart
+    calibration: CalibrationPart
+    base_parameters: IdentifiabilityPart
+    estimate: EstimatePart
+    mass_matrix: MassPart | None
+    warnings: list[Kind]
+    model: ModelPart
+    provenance: Sources

@@ -1,0 +1,233 @@
+"""An identification from the plain values of ``result.json``, and the model that it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from dynident.errors import InputError, ModelError, Note
+from dynident.estimators import Determined, Estimate, Residual
+from dynident.identification import (
+    Calibration,
+    Choice,
+    Identifiability,
+    Identification,
+    Recipe,
+    Sources,
+    StandardErrors,
+    mounted,
+)
+from dynident.io.config import load_model, parse_config
+from dynident.io.families import ESTIMATORS, SMOOTHERS, Family
+from dynident.io.parts import build
+from dynident.io.result_format import BasePart, ChoicePart, Kind, RecipePart, ResultFile, ValidationPart
+from dynident.io.robot import fingerprint
+from dynident.models import MassMatrixCheck, Model
+from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
+from dynident.validation import Failure, FreeRun, LogValidation
+
+__all__ = ["check_parameters", "identification_of", "model_of"]
+
+Array = NDArray[np.float64]
+Noun = TypeVar("Noun")
+
+
+def identification_of(data: dict[str, Any], source: str, model: Model | None = None) -> Identification:
+    """Return the identification in the plain values of a file; ``model`` is needed where it was made from Python.
+
+    Raises InputError, led by ``source``, where the values do not fit, ModelError where the model is another than it
+    was, and ConfigError where a part cannot be built.
+    """
+    try:
+        file = ResultFile.model_validate(data)
+    except ValidationError as error:
+        raise InputError(_wrong(error, source)) from None
+    recipe = _recipe(file.recipe, file.provenance, source)
+    model = model_of(file.provenance, source) if model is None else model
+    if isinstance(recipe.base_tilt, tuple):
+        model = mounted(model, *recipe.base_tilt)
+    check_parameters(model, [row.name for row in file.parameters], source)
+    estimate, base, mass = _estimate(file, model, source), file.base_parameters, file.mass_matrix
+    return Identification(
+        model,
+        recipe,
+        estimate,
+        _errors(file),
+        Identifiability(
+            _base(base.on_data, model.names, source),
+            _base(base.structural, model.names, source),
+            tuple(_noun(UnexcitedParameters, one, source) for one in base.unexcited),
+        ),
+        tuple(_validation(one, source) for one in file.validations),
+        None if mass is None else MassMatrixCheck(mass.smallest, np.array(mass.q), mass.positive),
+        Calibration(
+            _choice(file.calibration.smoother, file.provenance, source),
+            file.calibration.time_offset,
+            file.calibration.base_tilt,
+        ),
+        file.provenance,
+        tuple(_noun(Note, one, source) for one in file.warnings),
+    )
+
+
+def model_of(sources: Sources, source: str) -> Model:
+    """Return the model of a configuration, or of a robot file alone; the file must be as it was.
+
+    Raises InputError where there is neither, ModelError where the model's file has changed.
+    """
+    given, robot = sources.configuration, sources.model
+    if given is None and robot is None:
+        raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
+    if robot is not None and fingerprint(Path(robot.path)) != robot.sha256:
+        raise ModelError(
+            f"{robot.path}: has changed since {source} was identified with it, so that its parameters may mean "
+            "something else. Put the old file back, or identify again."
+        )
+    if given is None:
+        return load_model(robot.path)
+    folder = Path(given.path).parent
+    return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder)
+
+
+def check_parameters(model: Model, names: Sequence[str], source: str) -> None:
+    """Raise ModelError unless the parameters of a result are those of the model."""
+    if tuple(names) != model.names:
+        odd = next(iter(set(names) ^ set(model.names)), "")
+        raise ModelError(f"{source}: its parameters are not those of the model ({odd!r}); identify again.")
+
+
+def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
+    given, value = file.estimate, np.array([row.value for row in file.parameters])
+    if not np.isfinite(value).all():
+        raise InputError(f"{source}: a parameter has no value; identify again.")
+    p, residual = len(value), given.residual
+    weights = None if residual.weights is None else np.array(residual.weights)
+    known = tuple(row.provenance for row in file.parameters if row.provenance is not None)
+    return Estimate(
+        model.parameters,
+        value,
+        _matrix(given.covariance, (p, p), "estimate.covariance", source),
+        Determined(given.rank, given.condition),
+        Residual(np.array(residual.sigma), residual.samples, weights),
+        tuple(_noun(Note, one, source) for one in given.notes),
+        known if len(known) == p else (),
+        given.consistency,
+        None if given.interval is None else _matrix(given.interval, (p, 2), "estimate.interval", source),
+        None if given.information is None else _matrix(given.information, (p, p), "estimate.information", source),
+    )
+
+
+def _errors(file: ResultFile) -> StandardErrors:
+    rows, base = file.parameters, file.base_parameters.on_data
+    own = [] if base is None else base.parameters
+    return StandardErrors(
+        np.array([row.std for row in rows]),
+        _column([row.std_hac for row in rows]),
+        None if base is None else _column([row.std for row in own]),
+        None if base is None else _column([row.std_hac for row in own]),
+    )
+
+
+def _column(values: list[float | None]) -> Array | None:
+    known = [value for value in values if value is not None]
+    return np.array(known, dtype=float) if len(known) == len(values) else None
+
+
+def _recipe(given: RecipePart, sources: Sources, source: str) -> Recipe:
+    one = given.filter
+    return Recipe(
+        _part(SMOOTHERS, given.smoother, sources, f"{source}: recipe.smoother"),
+        _part(ESTIMATORS, given.estimator, sources, f"{source}: recipe.estimator"),
+        None if one is None else ParallelFilter(one.decimate, one.cutoff, one.order),
+        given.min_speed,
+        given.time_offset,
+        given.base_tilt,
+        given.restart,
+    )
+
+
+def _part(family: Family, given: Kind, sources: Sources, where: str) -> Any:
+    """Return the part with the settings given; one of the user's file only where a configuration names files."""
+    folder = None if sources.configuration is None else Path(sources.configuration.path).parent
+    return build(family, given.model_dump(), where, folder)
+
+
+def _choice(given: ChoicePart | None, sources: Sources, source: str) -> Choice | None:
+    if given is None:
+        return None
+    where = f"{source}: calibration.smoother"
+    candidates = tuple(_part(SMOOTHERS, one.smoother, sources, where) for one in given.candidates)
+    if not 0 <= given.chosen < len(candidates):
+        raise InputError(f"{where}.chosen is {given.chosen}, but there are {len(candidates)} candidates.")
+    return Choice(candidates[given.chosen], candidates, tuple(one.error for one in given.candidates))
+
+
+def _base(given: BasePart | None, names: tuple[str, ...], source: str) -> BaseParameters | None:
+    if given is None:
+        return None
+    index, rows = {name: k for k, name in enumerate(names)}, given.parameters
+    combination = np.zeros((len(rows), len(names)))
+    try:
+        for k, row in enumerate(rows):
+            for name, coefficient in row.combination.items():
+                combination[k, index[name]] = coefficient
+        leads = tuple(index[row.lead] for row in rows)
+    except KeyError as error:
+        raise InputError(f"{source}: base_parameters: the model has no parameter {error}.") from None
+    scale = np.array(given.scale)
+    return BaseParameters(names, len(rows), np.array(given.singular_values), leads, combination, scale)
+
+
+def _validation(given: ValidationPart, source: str) -> LogValidation:
+    run = given.free_run
+    made = (
+        None
+        if run is None
+        else FreeRun(
+            given.name,
+            run.joints,
+            run.driver,
+            run.restart,
+            run.relative_error,
+            run.motion_error,
+            run.rms,
+            run.torque_error,
+            None if run.failure is None else _noun(Failure, run.failure, source),
+        )
+    )
+    return LogValidation(given.name, given.role, given.errors, given.residuals, made)
+
+
+def _noun(base: type[Noun], given: Kind, source: str) -> Noun:
+    """Return the noun of a kind among ``base`` and the classes made of it."""
+    known = {one.__name__: one for one in (base, *_below(base))}
+    if given.kind not in known:
+        raise InputError(f"{source}: {given.kind!r} is no kind of {base.__name__} that is known; identify again.")
+    values = {key: value for key, value in given.model_dump().items() if key != "kind"}
+    try:
+        made: Noun = TypeAdapter(known[given.kind]).validate_python(values)
+    except ValidationError as error:
+        raise InputError(_wrong(error, f"{source}: {given.kind}")) from None
+    return made
+
+
+def _below(base: type[Noun]) -> list[type[Noun]]:
+    return [one for below in base.__subclasses__() for one in (below, *_below(below))]
+
+
+def _matrix(rows: Sequence[Sequence[float]], shape: tuple[int, int], where: str, source: str) -> Array:
+    if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
+        raise InputError(f"{source}: {where} has not the shape {shape}; identify again.")
+    return np.array(rows, dtype=float).reshape(shape)
+
+
+def _wrong(error: ValidationError, source: str) -> str:
+    """Return the first thing that is wrong in a file, and where it is."""
+    first = error.errors()[0]
+    place = "".join(f"[{one}]" if isinstance(one, int) else f".{one}" for one in first["loc"]).lstrip(".")
+    return f"{source}: {place or 'it'}: {first['msg'][:1].lower()}{first['msg'][1:]}; identify again."

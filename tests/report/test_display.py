@@ -1,0 +1,110 @@
+"""How an identification shows itself: in a terminal, in a notebook, figure by figure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import dynident as dy
+from dynident.errors import InputError
+from dynident.models.gallery import slider
+
+T = np.arange(1501) * 0.01
+EVIL = "<script>alert('x')</script>"
+
+
+def swinging(rate: float, name: str) -> dy.Log:
+    q = 0.1 * np.sin(rate * T)[:, None]
+    noise = 0.02 * np.random.default_rng(0).standard_normal((1501, 1))
+    tau = -5.0 * rate**2 * q + 8.0 * 0.1 * rate * np.cos(rate * T)[:, None] + noise
+    return dy.Log(T, q, tau, ("slider",), name)
+
+
+@pytest.fixture(scope="module")
+def found() -> dy.Identification:
+    method = dy.Recipe(dy.Difference("central"), restart=1.0)
+    return dy.identify("gallery:slider", swinging(3, "monday"), swinging(4, "tuesday"), method)
+
+
+@pytest.fixture(scope="module")
+def saved(found: dy.Identification) -> dy.Identification:
+    """As a result is loaded: without signals."""
+    return replace(found, validations=tuple(replace(one, signals=None) for one in found.validations))
+
+
+def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification) -> None:
+    first, training, held_out, parameters = repr(found).splitlines()
+    assert first.startswith("<Identification of 'slider': good for ")
+    assert training.startswith("  torque error, training: monday 0.")
+    assert held_out.startswith("  torque error, held out: tuesday 0.")
+    assert parameters.startswith("  M = 4.999 +- 0.0008")
+    assert parameters.endswith(" and 1 more>")
+
+
+def test_what_forbids_its_use_is_said_first() -> None:
+    alone = dy.identify("gallery:slider", swinging(3, "monday"), recipe=dy.Recipe(dy.Difference("central")))
+    assert repr(alone).splitlines()[:2] == [
+        "<Identification of 'slider': do not use",
+        "  no log was held out, so nothing shows how the model does on unseen motion",
+    ]
+
+
+def test_parameters_that_the_data_determine_come_first(found: dy.Identification) -> None:
+    std = np.array([np.inf, *found.errors.best[1:]])
+    unsure = replace(found, errors=replace(found.errors, std=std, std_hac=None))
+    assert repr(unsure).splitlines()[-1].startswith("  Fv = 7.999 ")
+
+
+def test_a_notebook_shows_tables_and_no_markup_of_names(found: dy.Identification) -> None:
+    model = replace(found.model, name=EVIL)
+    evil = replace(found, model=model, validations=tuple(replace(one, name=EVIL) for one in found.validations))
+    html = evil._repr_html_()
+    assert "<script" not in html
+    assert "&lt;script&gt;" in html
+    assert html.count("<table>") == html.count("</table>") == 2
+    for words in ("Verdict: ", "Fv", "N s/m", "held out"):
+        assert words in html
+
+
+def test_frames_hold_the_numbers(found: dy.Identification) -> None:
+    table = found.frame()
+    assert table["parameter"].to_list() == list(slider().names)
+    np.testing.assert_array_equal(table["value"], found.estimate.value)
+    np.testing.assert_array_equal(table["std"], found.errors.best)
+    errors = found.validations[1].frame()
+    assert errors["joint"].to_list() == ["slider"]
+    assert errors["relative_error"][0] == found.validations[1].errors.per_joint["slider"]
+    assert errors["relative_error_filtered"].to_list() == [None]
+
+
+def test_figures_are_those_of_the_report(found: dy.Identification) -> None:
+    predicted = found.plot.torque("tuesday", "slider").data[1]
+    assert predicted.name == "predicted"
+    assert found.plot.torque().data[1].y[100] == predicted.y[100]  # held out by default
+    assert found.plot.torque("monday").data[1].y[100] != predicted.y[100]
+    assert [trace.name for trace in found.plot.smoothing().data][:2] == ["measured", "smoothed"]
+    assert [trace.name for trace in found.plot.free_run().data][:2] == ["measured", "simulated"]
+    assert len(found.plot.errors().data) == 2
+    assert len(found.plot.parameters().data[0].x) == 4
+
+
+def test_wrong_names_are_answered_with_the_choices(found: dy.Identification) -> None:
+    with pytest.raises(InputError, match="no log 'teusday'; did you mean 'tuesday'"):
+        found.plot.torque("teusday")
+    with pytest.raises(InputError, match="no joint 'sldr'; did you mean 'slider'"):
+        found.plot.smoothing("tuesday", "sldr")
+    still = replace(found, validations=tuple(replace(one, free_run=None) for one in found.validations))
+    with pytest.raises(InputError, match="no free simulation; ask for one"):
+        still.plot.free_run()
+
+
+def test_a_saved_result_shows_what_it_holds(found: dy.Identification, saved: dy.Identification) -> None:
+    assert repr(saved).splitlines()[0] == "<Identification of 'slider'"
+    assert repr(saved).splitlines()[1:] == repr(found).splitlines()[1:]
+    assert "its verdict is in its report" in saved._repr_html_()
+    assert saved.frame().equals(found.frame())
+    assert len(saved.plot.errors().data) == 2
+    with pytest.raises(InputError, match="not its signals"):
+        saved.plot.torque()

@@ -217,6 +217,7 @@ def robot(bodies=5, basis=True):
         provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
         eigenvalues={"link0": 0.0123, "link1": 0.0},
         costs={"inertia": 0.25, "all": 0.5},
+        unconstrained=None,
     )
     if basis:
         independent = tuple(range(42))
@@ -250,6 +251,15 @@ def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
     assert result["parameters"][-1]["verdict"] == "bound"
     assert result["eigenvalues"]["link1"] == 0.0
     assert json.loads(json.dumps(result)) == result
+
+
+def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
+    found = robot()
+    assert "without constraints" not in body(found)
+    found.estimate.unconstrained = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
+    page = body(found)
+    assert page.count("without constraints</th>") == 1
+    assert page.count(">0.7500</td>") == 1
 
 
 def test_a_model_without_base_parameters_has_no_such_section(identification):

@@ -62,7 +62,8 @@ class Estimate:
     its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
     of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
     where the errors of the motion count, too; ``directions`` are those that the data determine, of which the rank is
-    the number.
+    the number; ``unconstrained`` (p) is a solution of the same fit without constraints, None where it has none. What
+    constraints moved a value by may be its error, and counts as such in the covariance.
     """
 
     value: Array
@@ -83,6 +84,7 @@ class Estimate:
     slopes: tuple[Array, ...] = ()
     information: Array | None = None
     directions: Rank | None = None
+    unconstrained: Array | None = None
 
     @property
     def std(self) -> Array:

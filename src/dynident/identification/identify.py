@@ -261,7 +261,8 @@ def _runs(
 
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
     if estimate.information is None:
-        return base_std(basis, regression.triangular_factors, estimate.sigma, estimate.weights)
+        std = base_std(basis, regression.triangular_factors, estimate.sigma, estimate.weights)
+        return np.hypot(std, _moved(estimate, basis))
     return informed_std(basis, estimate.information)
 
 
@@ -272,10 +273,16 @@ def _robust_std(
     columns = None if basis is None else basis.independent
     try:
         covariance = robust_covariance(regression, estimate.value, estimate.weights, columns, estimate.slopes)
-        robust = np.sqrt(np.diag(covariance))
+        robust = np.hypot(np.sqrt(np.diag(covariance)), _moved(estimate, basis))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     return robust if estimate.information is None else np.maximum(robust, own)
+
+
+def _moved(estimate: Estimate, basis: BaseParameters | None) -> Array:
+    """Return what constraints moved the parameters by, or the base parameters; it may be an error of theirs."""
+    moved = np.zeros_like(estimate.value) if estimate.unconstrained is None else estimate.value - estimate.unconstrained
+    return moved if basis is None else basis.to_base(moved)
 
 
 def _of_determined(basis: BaseParameters, std: Array) -> Array:

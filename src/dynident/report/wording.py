@@ -124,7 +124,8 @@ def _(note: notes.HeldByConstraints) -> str:
     listed = ", ".join(f"{name} ({size:.1f})" for name, size in note.moved)
     return (
         "constraints hold these base parameters more than 3 standard errors (in brackets) from least squares: "
-        f"{listed}; the model lacks an effect, a sensor or a gain is off, or a limit is wrong. Their standard errors count this"
+        f"{listed}; the model lacks an effect, a sensor or a gain is off, or a limit is wrong. "
+        "Their standard errors count this"
     )
 
 

@@ -1,6 +1,7 @@
 """One rank: for files with rounded angles that of the exact file, everywhere; and intervals that hold with it."""
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from scipy.stats import binom
 
 from dynident.bounds import accuracy_bound
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
-from dynident.estimators.notes import RankDeficient
+from dynident.estimators.notes import HeldByConstraints, RankDeficient
 from dynident.export import Identified, Mjcf, Urdf, export, random_states
 from dynident.identification import Identification, Recipe, identify
 from dynident.log import Log, Motion
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 DIGITS = (3, 4, 5, 6, 7)
 RIGHT, HALF = np.pi / 2, np.pi
+Moments = tuple[float, float, float]
+MOMENTS: Moments = (1.0, 0.8, 0.5)
 Frame = tuple[tuple[float, float, float], tuple[float, float, float]]
 ARMS: dict[str, tuple[Frame, ...]] = {
     "2R": (((0.0, 0.0, 0.1), (RIGHT, 0.0, 0.0)), ((0.4, 0.0, 0.0), (HALF, 0.0, 0.0))),
@@ -47,7 +50,7 @@ ARMS: dict[str, tuple[Frame, ...]] = {
 SIZES = ((0.75, 0.05), (0.99, 0.12), (0.68, 0.07), (0.43, 0.04), (0.43, 0.04), (0.73, 0.05))  # kg, m
 
 
-def arm(kind: str, digits: int | None = None, off: float = 0.0, seed: int = 7) -> str:
+def arm(kind: str, digits: int | None = None, off: float = 0.0, seed: int = 7, moments: Moments = MOMENTS) -> str:
     """The text of a URDF, its angles printed with so many digits, or none of them quite exact; bodies at random."""
     rng = np.random.default_rng(seed)
     frames = ARMS[kind]
@@ -55,7 +58,7 @@ def arm(kind: str, digits: int | None = None, off: float = 0.0, seed: int = 7) -
     parts = [link("base", 1.0)]
     for name, (mass, length) in zip(names[1:], SIZES, strict=False):
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        tensor = mass * length**2 * turn @ np.diag([1.0, 0.8, 0.5]) @ turn.T
+        tensor = mass * length**2 * turn @ np.diag(moments) @ turn.T
         parts.append(link(name, mass * rng.uniform(0.8, 1.2), tuple(length * rng.uniform(-1, 1, 3)), tensor=tensor))
     for k, (xyz, rpy) in enumerate(frames):
         turned = [x + off if x else 0.0 for x in rpy]
@@ -250,3 +253,44 @@ def test_intervals_of_the_consistent_fit_hold_on_an_arm_without_a_spherical_wris
     assert worst < 4.5
     # the errors of one recording are correlated, so that they count as a third of their number
     assert inside / total > binom.ppf(0.005, total // 3, 0.95) / (total // 3)
+
+
+def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what_is_held() -> None:
+    """Principal moments such as vendors print, of which one exceeds the sum of the others: no consistent fit is right.
+
+    Without counting what the constraints move, base parameters are off by many standard errors of least squares.
+    """
+    true = driven(arm("bent", moments=(1.0, 0.2, 0.1)))
+    model = driven(arm("bent", seed=8), nominal=False)
+    motion = moved(true, np.arange(4000) * 0.005)
+
+    def smoother(log: Log) -> Motion:  # the motion is known exactly, so that nothing else can bias the fit
+        return replace(motion, tau=log.tau)
+
+    recipe = Recipe(smoother, PhysicallyConsistent(costs=False))
+    for seed in range(3):
+        found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
+        basis, estimate = found.base_parameters, found.estimate
+        assert basis is not None
+        assert found.base_std is not None
+        assert found.base_std_hac is not None
+        assert estimate.unconstrained is not None
+        error = np.abs(basis.to_base(estimate.value) - basis.to_base(true.values))
+        held = np.abs(basis.to_base(estimate.value - estimate.unconstrained))
+        least_squares = np.sqrt(found.base_std**2 - held**2)
+        assert (error / least_squares).max() > 8
+        for std in (found.base_std, found.base_std_hac):
+            assert (error / std).max() < 4
+            assert (error < 1.96 * std).mean() > 0.85
+        (note,) = (note for note in found.warnings if isinstance(note, HeldByConstraints))
+        place = {name: k for k, name in enumerate(basis.groupings)}
+        assert place[note.moved[0][0]] == np.argmax(held / least_squares)
+        assert all(held[place[name]] > 2.5 * least_squares[place[name]] for name, _ in note.moved)
+
+
+def test_nothing_is_held_where_the_true_bodies_are_physical() -> None:
+    true = driven(arm("2R"))
+    found = identify(
+        true, [recorded(moved(true, np.arange(2000) * 0.005), 0)], recipe=Recipe(estimator=PhysicallyConsistent())
+    )
+    assert not [note for note in found.estimate.notes if isinstance(note, HeldByConstraints)]

@@ -90,6 +90,14 @@ def test_a_noun_without_words_is_an_error() -> None:
         (notes.NotIdentifiable(1), "1 parameter is decided by neither data nor prior where the data leave them free"),
         (notes.NotByData(4), "4 parameters are not decided by the data alone"),
         (notes.NotAlone(("a", "b")), "not determined alone: a, b"),
+        (
+            notes.HeldByConstraints((("Ia_elbow", 8.04), ("forearm.mx", 3.5))),
+            (
+                "constraints hold these base parameters more than 3 standard errors (in brackets) from least squares: "
+                "Ia_elbow (8.0), forearm.mx (3.5); the model lacks an effect, a sensor or a gain is off, or a limit is "
+                "wrong. Their standard errors count this"
+            ),
+        ),
         (notes.PriorApproached(2e-3), "the prior is only approached: the barrier method stopped 2.0e-03 from it"),
         (
             notes.NotConverged(60, 3.21),

@@ -11,6 +11,7 @@ __all__ = [
     "Averaged",
     "DecidedByPrior",
     "Failed",
+    "HeldByConstraints",
     "MovingStart",
     "NotAlone",
     "NotByData",
@@ -76,6 +77,14 @@ class NotIdentifiable(Undetermined):
     """So many parameters are decided by neither data nor prior where the data leave them free."""
 
     count: int
+
+
+@dataclass(frozen=True)
+class HeldByConstraints(Note):
+    """Constraints keep base parameters far from where the data alone would have them: formula, standard errors."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    moved: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)

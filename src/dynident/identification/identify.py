@@ -208,7 +208,8 @@ def _run(
 
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
     if estimate.information is None:
-        return base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+        std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+        return np.hypot(std, _moved(estimate, basis))
     return informed_std(basis, estimate.information)
 
 
@@ -221,10 +222,17 @@ def _robust_std(
         covariance = robust_covariance(
             regression, estimate.value, estimate.residual.weights, columns, estimate.residual.slopes
         )
-        robust = np.sqrt(np.diag(covariance))
+        robust = np.hypot(np.sqrt(np.diag(covariance)), _moved(estimate, basis))
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     return robust if estimate.information is None else np.maximum(robust, own)
+
+
+def _moved(estimate: Estimate, basis: BaseParameters | None) -> Array:
+    """Return what constraints moved the parameters by, or the base parameters; it may be an error of theirs."""
+    free = estimate.consistency.unconstrained if estimate.consistency else None
+    moved = np.zeros_like(estimate.value) if free is None else estimate.value - free
+    return moved if basis is None else basis.to_base(moved)
 
 
 def _of_determined(basis: BaseParameters, std: Array) -> Array:

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["base_errors", "base_section", "condition_section", "consistency_section"]
 
+NOTABLE = 0.1  # standard errors that constraints must move a base parameter by to be shown
 MANY = 24  # base parameters from which on they are folded
 _BASE = (
     "Base parameters are the combinations of parameters that act on the torque each in its own way; unlike the single "
     "parameters in them, their values follow from the data alone. The standard errors allow for correlated residuals, "
-    "those to their right assume independent ones."
+    "those to their right assume independent ones. Where constraints moved a value, what it would be without them is "
+    "shown, and the standard errors count the difference as a possible error."
 )
 _SINGULAR = (
     "Singular values of the regressor with its columns scaled to equal length. A clear step where they become hollow "
@@ -64,13 +66,19 @@ def _base_table(identification: Identification, basis: BaseParameters) -> PageTa
     robust, plain = identification.errors.base_std_hac is not None, identification.errors.base_std
     values, errors = basis.to_base(identification.estimate.value), base_errors(identification)
     heads = [Column("base parameter", numeric=False), Column("value"), Column("std. error"), Column("%")]
+    physics = identification.estimate.consistency
+    free = physics.unconstrained if physics else None
+    unheld = values if free is None else basis.to_base(free)
+    held = np.abs(values - unheld) > NOTABLE * errors
     heads += [Column("if independent", muted=True)] * robust + [Column("unit", numeric=False)]
+    heads += [Column("without constraints", muted=True)] * bool(held.any())
     rows = []
     for k, lead in enumerate(basis.independent):
         relative = float(figures.relative_std(values[k : k + 1], errors[k : k + 1])[0])
         cells = [basis.groupings[k], number(float(values[k])), number(float(errors[k]), 2), number(relative, 2)]
         cells += [number(None if plain is None else float(plain[k]), 2)] * robust
-        rows.append((*cells, identification.estimate.units[lead]))
+        cells += [identification.estimate.units[lead]]
+        rows.append((*cells, *[number(float(unheld[k])) if held[k] else ""] * bool(held.any())))
     return PageTable(tuple(heads), tuple(rows), "Base parameters and their values")
 
 

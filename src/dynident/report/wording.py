@@ -137,6 +137,16 @@ def _(note: notes.NotIdentifiable) -> str:
 
 
 @words.register
+def _(note: notes.HeldByConstraints) -> str:
+    listed = ", ".join(f"{name} ({size:.1f})" for name, size in note.moved)
+    return (
+        "constraints hold these base parameters more than 3 standard errors (in brackets) from least squares: "
+        f"{listed}; the model lacks an effect, a sensor or a gain is off, or a limit is wrong. "
+        "Their standard errors count this"
+    )
+
+
+@words.register
 def _(note: notes.PriorApproached) -> str:
     return f"the prior is only approached: the barrier method stopped {note.gap:.1e} from it"
 

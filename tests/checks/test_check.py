@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from dynident.checks import Finding, run_checks
 from dynident.errors import Severity
 from dynident.identification import Recipe
 from dynident.log import Log
-from dynident.models import Model, RigidBodies
+from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.smoothers import Butterworth
 from tests.robots import ARM_MJCF
@@ -80,3 +82,31 @@ def test_joints_are_matched_by_name() -> None:
     two = Log(T, np.hstack([np.zeros_like(one.q), one.q]), np.hstack([one.tau * 0, one.tau]), ("other", NAME))
     found = run_checks(slider(), {"train": {"one": two}})
     assert found.excitations == run_checks(slider(), {"train": {"one": one}}).excitations
+
+
+@dataclass(frozen=True)
+class Mine:
+    """A term of another class that was made from a robot file."""
+
+    bodies: RigidBodies
+    source = "mine.xml"
+
+    joints = property(lambda self: self.bodies.joints)
+    parameters = property(lambda self: self.bodies.parameters)
+    file = property(lambda self: self.bodies.file)
+    gravity = property(lambda self: self.bodies.gravity)
+
+    def regressor(self, q, dq, ddq):
+        return self.bodies.regressor(q, dq, ddq)
+
+    def partials(self, q, dq, ddq, theta):
+        return self.bodies.partials(q, dq, ddq, theta)
+
+
+def test_any_term_with_a_robot_file_is_checked() -> None:
+    moon = ARM_MJCF.replace("<worldbody>", '<option gravity="0 0 -1.62"/><worldbody>')
+    found, expected = (run_checks(Model((one(RigidBodies(moon)),)), {}) for one in (Mine, lambda bodies: bodies))
+    assert isinstance(Mine(RigidBodies(moon)), HasRobotFile)
+    assert topics(found) == topics(expected)
+    assert "gravity" in topics(found)
+    assert len(found.links) == len(expected.links) > 0

@@ -30,6 +30,7 @@ __all__ = [
     "PositiveOrEach",
     "Section",
     "Windows",
+    "as_number",
     "by_kind",
     "interval_words",
     "unit_factor",
@@ -83,15 +84,19 @@ def interval_words(interval: Interval) -> str:
     return f"{start or 0:.12g}-{'end' if stop is None else f'{stop:.12g} s'}"
 
 
-def _number(value: object) -> float:
-    """Read a number; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
+def as_number(value: object) -> float:
+    """Return a value as a number, nan where it is none; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
     if isinstance(value, int | float | str) and not isinstance(value, bool):
         try:
-            number = float(value)
+            return float(value)
         except (ValueError, OverflowError):
-            number = math.nan
-        if math.isfinite(number):
-            return number
+            pass
+    return math.nan
+
+
+def _number(value: object) -> float:
+    if math.isfinite(number := as_number(value)):
+        return number
     raise ValueError("a finite number is expected")
 
 

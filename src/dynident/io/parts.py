@@ -28,7 +28,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.families import Family, Settings, family_of, settings_hints, settings_type
-from dynident.io.fields import Name, Section
+from dynident.io.fields import Name, Section, as_number
 from dynident.io.python_file import from_file
 from dynident.io.wording import worded
 from dynident.smoothers import BY_JOINT
@@ -229,14 +229,9 @@ def _is_enum(hint: Any) -> bool:
 
 
 def _number(value: object) -> float:
-    """Read a number, which may be infinite; YAML gives ``1e-3`` as a text, and ``yes`` as a truth value."""
-    if isinstance(value, int | float | str) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except (ValueError, OverflowError):
-            number = math.nan
-        if not math.isnan(number):
-            return number
+    """Read a number, which may be infinite."""
+    if not math.isnan(number := as_number(value)):
+        return number
     raise ValueError("a number is expected")
 
 
@@ -282,12 +277,4 @@ def _fits(hint: Any, value: object) -> bool:
         return get_origin(hint) in (Mapping, dict) or family_of(hint) is not None
     if isinstance(value, list | tuple):
         return get_origin(hint) in (tuple, list, Sequence)
-    return (hint in (int, float) and _reads(value)) or (isinstance(value, str) and _is_text(hint))
-
-
-def _reads(value: object) -> bool:
-    try:
-        _number(value)
-    except ValueError:
-        return False
-    return True
+    return (hint in (int, float) and not math.isnan(as_number(value))) or (isinstance(value, str) and _is_text(hint))

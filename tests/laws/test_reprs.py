@@ -53,7 +53,7 @@ def nouns() -> Iterator[Any]:
     logs = [recorded(model, theta, name) for name in ("monday", "tuesday")]
     several = tuple(dy.Spline(factor=factor) for factor in (1.0, 2.0, 4.0))
     consistent = dy.PhysicallyConsistent(costs=False)
-    recipe = dy.Recipe(several, consistent, ParallelFilter(2), {name: 0.01 for name in NAMES}, restart=1.0)
+    recipe = dy.Recipe(several, consistent, ParallelFilter(2), dict.fromkeys(NAMES, 0.01), restart=1.0)
     found = dy.identify(model, logs[0], logs[1], recipe)
     motions = tuple(one.motion for one in found.validations)
     regression = Regression(model, motions)

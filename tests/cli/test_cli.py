@@ -19,6 +19,7 @@ import yaml
 from click.testing import CliRunner, Result
 
 from dynident.cli import main
+from tests.saved_results import errors_by_log
 
 EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps"
 needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS logs are not beside the checkout")
@@ -66,14 +67,16 @@ class TestIdentify:
         found = {one["name"]: one for one in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
             assert abs(found[name]["value"] - true) < max(6 * found[name]["std"], 0.02), name
-        assert result["rank"] == 4
-        assert len(result["train"]) == len(result["validation"]) == 1
-        for errors in (*result["train"].values(), *result["validation"].values()):
+        assert result["estimate"]["rank"] == 4
+        train, held = errors_by_log(result, "train"), errors_by_log(result, "validation")
+        assert len(train) == len(held) == 1
+        for errors in (*train.values(), *held.values()):
             assert errors["relative_error"] < 2.0
             assert errors["relative_error_filtered"] is None
             assert errors["per_joint"].keys() == errors["rmse"].keys() == {"slider"}
         digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
-        assert result["settings"][f"SHA-256 of {tmp_path / 'log.csv'}"] == digest
+        (file,) = result["provenance"]["logs"]
+        assert (file["path"], file["sha256"]) == (str(tmp_path / "log.csv"), digest)
         report = (tmp_path / "out" / "report.html").read_text()
         assert digest in report
         assert "http://" not in report.split("<script>")[0]
@@ -87,7 +90,7 @@ class TestIdentify:
         path = configure(tmp_path, smoother=smoother, filter={"decimate": 5}, train=[{"file": "log.csv"}])
         done = run("identify", path, "--out", tmp_path / "out")
         assert done.exit_code == 0, done.output
-        (errors,) = json.loads((tmp_path / "out" / "result.json").read_text())["train"].values()
+        (errors,) = errors_by_log(json.loads((tmp_path / "out" / "result.json").read_text()), "train").values()
         assert errors["relative_error_filtered"] < errors["relative_error"]
 
     def test_a_model_from_a_file(self, tmp_path: Path) -> None:
@@ -241,7 +244,7 @@ class TestEmps:
         assert found["M"] == pytest.approx(95.11, rel=0.005)
         assert found["Fv"] == pytest.approx(203.5, rel=0.015)
         assert found["Fc"] == pytest.approx(20.39, rel=0.015)
-        train, pulses = result["train"]["DATA_EMPS"], result["validation"]["pulses"]
+        train, pulses = errors_by_log(result, "train")["DATA_EMPS"], errors_by_log(result, "validation")["pulses"]
         assert train["relative_error_filtered"] <= 4.15
         assert pulses["relative_error_filtered"] <= 6.0
         assert train["relative_error"] == pytest.approx(4.4, abs=0.1)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import dynident as dy
+from tests.robots import joint, link, urdf
 
 SOURCE = Path(dy.__file__)
 MADE = {"Estimate", "Identification", "Motion", "errors"}  # by other calls: they have no example of their own
@@ -62,3 +66,41 @@ def test_the_import_loads_nothing_heavy_and_is_fast() -> None:
     spent, *heavy = done.stdout.split()
     assert float(spent) < 0.1
     assert heavy == []
+
+
+def readme_block() -> str:
+    """The code of the README that is not run there, for it needs files."""
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"<!-- not run -->\n```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return str(block)
+
+
+def test_the_block_of_the_readme_runs_on_such_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot file, and recordings in ms, degrees and mA."""
+    tensor = np.diag([0.003, 0.02, 0.02])
+    file = tmp_path / "arm.urdf"
+    file.write_text(
+        urdf(
+            link("base"),
+            link("upper", 2.0, (0.15, 0, 0), tensor=tensor),
+            link("fore", 1.0, (0.1, 0, 0), tensor=tensor),
+            joint("shoulder", "revolute", "base", "upper", axis=(0, 1, 0)),
+            joint("elbow", "revolute", "upper", "fore", (0.3, 0, 0), axis=(0, 1, 0)),
+        )
+    )
+    robot, t, rng = dy.read_robot(file), np.arange(3001) * 0.004, np.random.default_rng(0)
+    truth = [0.2 if one.value is None else one.value for one in robot.parameters]
+    for name, rate in (("monday", 1.0), ("tuesday", 1.2), ("wednesday", 0.9)):
+        w = rate * np.array([1.3, 2.1])
+        phase = np.multiply.outer(t, w)
+        tau = robot.torque(np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase), truth)
+        current = tau / [0.0105, 0.0062] + rng.standard_normal(tau.shape)
+        table = np.column_stack([1e3 * t, np.rad2deg(np.sin(phase)), current])
+        np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header="time_ms,pos1,pos2,cur1,cur2", comments="")
+    monkeypatch.chdir(tmp_path)
+    seen: dict[str, Any] = {}
+    exec(compile(readme_block(), "README", "exec"), seen)
+    assert seen["found"].validations[1].errors.relative_error < 2
+    again = dy.load("result.json")
+    np.testing.assert_array_equal(again.estimate.value, seen["found"].estimate.value)
+    assert again.predict(seen["logs"]["wednesday"]).errors.relative_error < 2

@@ -1,4 +1,4 @@
-"""Parts of a motion: samples evenly spread over the usable ones, and pieces whose samples stay neighbours."""
+"""Logs and motions: their tables, samples evenly spread over the usable ones, pieces whose samples stay neighbours."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from dynident.log import Motion, pieces, subsample
+from dynident.log import Log, Motion, pieces, subsample
 
 
 def motion(count: int, first: int = 0) -> Motion:
@@ -36,3 +36,23 @@ def test_pieces_cover_their_share_of_a_stretch(count: int, share: float) -> None
     assert found[-1].stop <= 1000
     assert sum(one.stop - one.start for one in found) == pytest.approx(900 * share, abs=count)
     assert all(left.stop <= right.start for left, right in itertools.pairwise(found))
+
+
+def test_frames_name_each_column_by_signal_and_joint() -> None:
+    t, q = np.arange(5) * 0.1, np.arange(10.0).reshape(5, 2)
+    log = Log(t, q, -q, ("shoulder", "elbow"), dq=2 * q)
+    table = log.frame()
+    assert table.columns == ["t", "q.shoulder", "q.elbow", "tau.shoulder", "tau.elbow", "dq.shoulder", "dq.elbow"]
+    np.testing.assert_array_equal(table["q.elbow"], q[:, 1])
+    motion = Motion(t, q, 2 * q, 3 * q, -q, log.joints, np.arange(5) > 1)
+    table = motion.frame()
+    np.testing.assert_array_equal(table["ddq.shoulder"], 3 * q[:, 0])
+    assert table["usable"].to_list() == [False, False, True, True, True]
+
+
+def test_recordings_are_displayed_in_a_line() -> None:
+    t, q = np.arange(5) * 0.1, np.zeros((5, 9))
+    log = Log(t, q, q, tuple(f"j{k}" for k in range(9)), "monday")
+    assert repr(log) == "<Log 'monday': 5 samples of j0, j1, j2, j3, j4, j5 and 3 more; 0 to 0.4 s, 10 Hz>"
+    motion = Motion(t, q, q, q, q, log.joints, np.arange(5) > 1, smoothing={"method": "exact"})
+    assert repr(motion).endswith("0 to 0.4 s, 10 Hz; 3 usable; exact>")

@@ -19,20 +19,23 @@ needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS logs are not
 class TestIdentify:
     def test_recovers_a_simulated_slider(self, tmp_path: Path) -> None:
         write_log(tmp_path)
+from tests.saved_results import errors_by_log
         done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
         assert done.exit_code == 0, done.output
         result = json.loads((tmp_path / "out" / "result.json").read_text())
         found = {one["name"]: one for one in result["parameters"]}
         for name, true in {"M": 5.0, "Fv": 8.0, "Fc": 3.0, "offset": 0.5}.items():
             assert abs(found[name]["value"] - true) < max(6 * found[name]["std"], 0.02), name
-        assert result["rank"] == 4
-        assert len(result["train"]) == len(result["validation"]) == 1
-        for errors in (*result["train"].values(), *result["validation"].values()):
+        assert result["estimate"]["rank"] == 4
+        train, held = errors_by_log(result, "train"), errors_by_log(result, "validation")
+        assert len(train) == len(held) == 1
+        for errors in (*train.values(), *held.values()):
             assert errors["relative_error"] < 2.0
             assert errors["relative_error_filtered"] is None
             assert errors["per_joint"].keys() == errors["rmse"].keys() == {"slider"}
         digest = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
-        assert result["settings"][f"SHA-256 of {tmp_path / 'log.csv'}"] == digest
+        (file,) = result["provenance"]["logs"]
+        assert (file["path"], file["sha256"]) == (str(tmp_path / "log.csv"), digest)
         report = (tmp_path / "out" / "report.html").read_text()
         assert digest in report
         assert "http://" not in report.split("<script>")[0]
@@ -46,7 +49,7 @@ class TestIdentify:
         path = configure(tmp_path, smoother=smoother, filter={"decimate": 5}, train=[{"file": "log.csv"}])
         done = run("identify", path, "--out", tmp_path / "out")
         assert done.exit_code == 0, done.output
-        (errors,) = json.loads((tmp_path / "out" / "result.json").read_text())["train"].values()
+        (errors,) = errors_by_log(json.loads((tmp_path / "out" / "result.json").read_text()), "train").values()
         assert errors["relative_error_filtered"] < errors["relative_error"]
 
     def test_a_model_from_a_file(self, tmp_path: Path) -> None:
@@ -200,7 +203,7 @@ class TestEmps:
         assert found["M"] == pytest.approx(95.11, rel=0.005)
         assert found["Fv"] == pytest.approx(203.5, rel=0.015)
         assert found["Fc"] == pytest.approx(20.39, rel=0.015)
-        train, pulses = result["train"]["DATA_EMPS"], result["validation"]["pulses"]
+        train, pulses = errors_by_log(result, "train")["DATA_EMPS"], errors_by_log(result, "validation")["pulses"]
         assert train["relative_error_filtered"] <= 4.15
         assert pulses["relative_error_filtered"] <= 6.0
         assert train["relative_error"] == pytest.approx(4.4, abs=0.1)

@@ -16,6 +16,7 @@ from dynident.export.formats import Yaml
 from dynident.models import RigidBodies
 from tests.cli.commands import configure, run, write_log
 from tests.laws.test_new_user import CONSTANT, RATIO, folder, identify
+from tests.saved_results import errors_by_log
 
 __all__ = ["folder"]
 
@@ -36,16 +37,10 @@ def arm(folder: Path) -> Path:
     return folder / "out"
 
 
-def change(path: Path, **settings: str) -> None:
-    data = json.loads(path.read_text())
-    data["settings"] |= settings
-    path.write_text(json.dumps(data))
-
-
 class TestIdentify:
     def test_the_robot_file_is_proven_and_written(self, arm: Path) -> None:
         result = json.loads((arm / "result.json").read_text())
-        files = {one["file"]: one for one in result["exports"]}
+        files = {one["file"]: one for one in result["report"]["exports"]}
         assert files.keys() == {"arm.identified.urdf", "parameters.yaml", "model.py"}
         for name, one in files.items():
             assert (arm / name).exists()
@@ -63,7 +58,7 @@ class TestIdentify:
 
     def test_impossible_values_are_refused_and_an_old_file_goes(self, arm: Path) -> None:
         result = identify(arm.parent, estimator={"kind": "least_squares"})
-        (robot,) = (one for one in result["exports"] if one["format"] == "urdf")
+        (robot,) = (one for one in result["report"]["exports"] if one["format"] == "urdf")
         assert not robot["proven"]
         assert "kind: consistent" in robot["refusal"]
         assert not (arm / "arm.identified.urdf").exists()
@@ -74,7 +69,7 @@ class TestIdentify:
         monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
         (folder / "out" / "parameters.yaml").unlink(missing_ok=True)
         result = identify(folder)
-        (failed,) = (one for one in result["exports"] if one["format"] == "yaml")
+        (failed,) = (one for one in result["report"]["exports"] if one["format"] == "yaml")
         assert not failed["proven"]
         assert "cannot read it" in failed["refusal"]
         assert not (folder / "out" / "parameters.yaml").exists()
@@ -103,7 +98,7 @@ class TestPredict:
         assert done.exit_code == 0, done.output
         frame = pl.read_csv(table)
         result = json.loads((arm / "result.json").read_text())
-        (errors,) = result["validation"].values()
+        (errors,) = errors_by_log(result, "validation").values()
         used = frame.filter(pl.col("used"))
         for joint, expected in errors["rmse"].items():
             difference = used[f"measured_{joint}"] - used[f"predicted_{joint}"]
@@ -175,13 +170,15 @@ class TestPredict:
         assert "has changed since" in done.output
         assert run("predict", arm / "result.json", arm.parent / "tuesday.csv").exit_code == 0
 
-    def test_the_chosen_smoother_is_used_again(self, slider: Path) -> None:
-        words = json.loads(slider.read_text())["settings"]["smoother used"]
-        assert words.startswith("Spline(")
-        change(slider, **{"smoother used": words.replace("factor=", "factor=9")})
-        done = run("predict", slider, slider.parents[1] / "log.csv")
-        assert done.exit_code == 1
-        assert "smoother" in done.output
+    def test_the_smoother_of_the_result_is_used_again(self, slider: Path) -> None:
+        data = json.loads(slider.read_text())
+        assert data["recipe"]["smoother"]["kind"] == "spline"
+        for factor, words in ((2.0, "slider"), (-1, "recipe.smoother: factor: should be greater than 0; got -1")):
+            data["recipe"]["smoother"]["factor"] = factor
+            slider.write_text(json.dumps(data))
+            done = run("predict", slider, slider.parents[1] / "log.csv")
+            assert done.exit_code == int(factor < 0)
+            assert words in done.output
 
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:
@@ -208,9 +205,8 @@ class TestPredict:
 class TestExport:
     @pytest.mark.parametrize("kind", ["urdf", "numpy", "yaml"])
     def test_it_writes_what_identify_does(self, arm: Path, kind: str) -> None:
-        (name,) = (
-            one["file"] for one in json.loads((arm / "result.json").read_text())["exports"] if one["format"] == kind
-        )
+        files = json.loads((arm / "result.json").read_text())["report"]["exports"]
+        (name,) = (one["file"] for one in files if one["format"] == kind)
         done = run("export", arm / "result.json", "--format", kind, "--out", arm / "again")
         assert done.exit_code == 0, done.output
         if kind == "yaml":

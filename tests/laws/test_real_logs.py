@@ -15,6 +15,7 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
+from tests.saved_results import errors_by_log, runs_by_log
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -51,7 +52,7 @@ def level(*more: str) -> str:
 
 
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:
-    return [one[kind] for one in result[role].values()]
+    return [one[kind] for one in errors_by_log(result, role).values()]
 
 
 def test_lwr4(folder: Path) -> None:
@@ -75,9 +76,9 @@ def test_lwr4_consistent(folder: Path) -> None:
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
     result = identify(folder, example, CONSISTENT if example == "lwr4" else f"{CONSISTENT}\n{UNCHOSEN}")
-    assert [one["format"] for one in result["exports"]] == ["urdf", "yaml", "numpy"]
-    assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["exports"])
-    assert "Pinocchio" in result["exports"][0]["readers"]
+    assert [one["format"] for one in result["report"]["exports"]] == ["urdf", "yaml", "numpy"]
+    assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["report"]["exports"])
+    assert "Pinocchio" in result["report"]["exports"][0]["readers"]
 
 
 def test_panda(folder: Path) -> None:
@@ -87,7 +88,7 @@ def test_panda(folder: Path) -> None:
 
 def test_double_pendulum(folder: Path) -> None:
     result = identify(folder, "double_pendulum")
-    (joints,) = (one["per_joint"] for one in result["validation"].values())
+    (joints,) = (one["per_joint"] for one in errors_by_log(result, "validation").values())
     assert joints["Joint1"] <= 8.0
     assert joints["Joint2"] <= 20.0
     assert max(errors(result, "validation", "relative_error_filtered")) <= 7.5
@@ -116,7 +117,7 @@ def test_emps_by_maximum_likelihood(folder: Path) -> None:
     for name, usual, near in (("M", 95.0, 0.2), ("Fv", 204.1, 1.0), ("Fc", 20.34, 0.1), ("offset", -3.18, 0.05)):
         assert found[name] == pytest.approx(usual, abs=near), name
     assert errors(result, "validation", "relative_error_filtered")[0] <= 5.99
-    assert any("residuals are not white" in text for text in result["warnings"])
+    assert any("residuals are not white" in text for text in result["report"]["warnings"])
 
 
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
@@ -134,10 +135,10 @@ def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
 def test_emps_simulated_in_its_loop(folder: Path) -> None:
     """The published position errors of the forward simulation are 0.0138 and 0.0080 %."""
     result = identify(folder, "emps")
-    assert result["verdict"]["word"] == "good for simulation"
+    assert result["report"]["verdict"]["word"] == "good for simulation"
     for name, published in (("DATA_EMPS", 0.0138), ("pulses", 0.0080)):
-        assert result["simulation"][name]["relative_error"]["slider"] < published / 2
-        assert result["simulation"][name]["torque_error"]["slider"] < 10
+        assert runs_by_log(result)[name]["relative_error"]["slider"] < published / 2
+        assert runs_by_log(result)[name]["torque_error"]["slider"] < 10
 
 
 def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_correlate(folder: Path) -> None:

@@ -17,7 +17,7 @@ from dynident.export import Identified, Numpy, export, random_states
 from dynident.identification import Recipe, find_time_offset, identify
 from dynident.io.config import load_model, parse_config
 from dynident.io.recipe import build_recipe
-from dynident.io.saved import read_result
+from dynident.io.saved import load
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models.gallery import slider
@@ -70,11 +70,13 @@ def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     done = CliRunner().invoke(main, ["identify", str(path), "--out", str(out)])
     assert done.exit_code == 0, done.output
     result = json.loads((out / "result.json").read_text())
-    assert "SavitzkyGolay(width=0.08, order=4)" in result["settings"]["recipe"]
+    assert result["recipe"]["smoother"] == {
+        "kind": f"{folder / 'sg.py'}:SavitzkyGolay", "width": 0.08, "order": 4,
+    }  # fmt: skip
     found = {row["name"]: row["value"] for row in result["parameters"]}
     np.testing.assert_allclose(list(found.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
-    saved = read_result(out / "result.json")
-    assert repr(unshifted(saved.smoother)) == "SavitzkyGolay(width=0.08, order=4)"
+    saved = load(out / "result.json")
+    assert repr(unshifted(saved.recipe.smoothers[0])) == "SavitzkyGolay(width=0.08, order=4)"
 
 
 def test_a_mistake_in_it_is_an_error_with_its_place(folder: Path) -> None:

@@ -1,6 +1,6 @@
 """Errors that a user can cause, and notes: what a stage has to say about its result, as data."""
 
-from dynident.errors.brief import brief, listed
+from dynident.errors.brief import brief, changed, listed
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.note import Note, Remark, Severity
 
@@ -13,6 +13,7 @@ __all__ = [
     "Remark",
     "Severity",
     "brief",
+    "changed",
     "choices",
     "listed",
 ]

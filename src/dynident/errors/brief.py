@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from typing import Any
 
-__all__ = ["brief", "listed"]
+__all__ = ["brief", "changed", "listed"]
 
 FEW = 3  # items and numbers that are shown
-LONGEST, WHOLE = 60, 400  # letters of a field, and of all
+LONGEST, WHOLE = 80, 400  # letters of a field, and of all
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:
@@ -22,6 +22,17 @@ def brief(noun: Any) -> str:
     """Return the line that stands for a dataclass where it is displayed, as its ``__repr__``: large fields by size."""
     shown = (f"{one.name}={_short(getattr(noun, one.name))}" for one in fields(noun) if one.repr)
     return _cut(f"{type(noun).__name__}({', '.join(shown)})", WHOLE)
+
+
+def changed(noun: Any) -> str:
+    """Return the line that stands for settings where they are displayed: the fields that differ from their defaults."""
+    shown = (f"{one.name}={_short(getattr(noun, one.name))}" for one in fields(noun) if _differs(noun, one))
+    return _cut(f"{type(noun).__name__}({', '.join(shown)})", WHOLE)
+
+
+def _differs(noun: Any, one: Field[Any]) -> bool:
+    usual = one.default if one.default_factory is MISSING else one.default_factory()
+    return bool(getattr(noun, one.name) != usual)
 
 
 def _short(value: Any) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, brief, choices
+from dynident.errors import ConfigError, Note, brief, changed, choices
 from dynident.estimators.estimator import Determined, Estimate, Problem, Residual
 from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
@@ -132,6 +132,8 @@ class LeastSquares:
     tolerance: Annotated[float, Gt(0), Lt(1)] | None = None
     weights: Weights = "equal"
     iterations: Annotated[int, Ge(1)] = 3
+
+    __repr__ = changed
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Literal
 
-from dynident.errors import ConfigError, choices, listed
+from dynident.errors import ConfigError, changed, choices
 from dynident.estimators import Estimator, LeastSquares
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
@@ -41,15 +41,7 @@ class Recipe:
     base_tilt: tuple[float, float] | Literal["estimate"] | None = None
     restart: float | None = None
 
-    def __repr__(self) -> str:
-        """Show the fields that differ from the article's method."""
-        shown = []
-        for name in (one.name for one in fields(self)):
-            value = getattr(self, name)
-            if value != getattr(_ARTICLE, name):
-                several = name == "smoother" and isinstance(value, tuple)
-                shown.append(f"{name}=({listed(map(repr, value), 1)})" if several else f"{name}={value!r}")
-        return f"Recipe({', '.join(shown)})"
+    __repr__ = changed
 
     @property
     def smoothers(self) -> tuple[Smoother, ...]:
@@ -73,6 +65,3 @@ class Recipe:
             if name not in joints:
                 raise ConfigError(f"min_speed: there is no joint {name!r}. {choices(name, joints)}")
         return tuple(float(self.min_speed.get(name, 0.0)) for name in joints)
-
-
-_ARTICLE = Recipe()

@@ -81,17 +81,17 @@ def model_of(sources: Sources, source: str) -> Model:
     Raises InputError where there is neither, ModelError where the model's file has changed.
     """
     given, robot = sources.configuration, sources.model
-    if given is None and robot is None:
-        raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
     if robot is not None and fingerprint(Path(robot.path)) != robot.sha256:
         raise ModelError(
             f"{robot.path}: has changed since {source} was identified with it, so that its parameters may mean "
             "something else. Put the old file back, or identify again."
         )
-    if given is None:
+    if given is not None:
+        folder = Path(given.path).parent
+        return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder)
+    if robot is not None:
         return load_model(robot.path)
-    folder = Path(given.path).parent
-    return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder)
+    raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 
 def check_parameters(model: Model, names: Sequence[str], source: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError, Note, choices
+from dynident.errors import ConfigError, InputError, ModelError, Note, changed, choices
 from dynident.estimators.constraints import Barrier, bodies_of
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import LeastSquares
@@ -78,6 +78,8 @@ class MaximumLikelihood:
     tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-3
     iterations: Annotated[int, Ge(1)] = 60
     rate: Positive | None = 1100.0
+
+    __repr__ = changed
 
     def __post_init__(self) -> None:
         if self.start not in get_args(Start):

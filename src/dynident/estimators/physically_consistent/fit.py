@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, choices
+from dynident.errors import ConfigError, Note, changed, choices
 from dynident.estimators.constraints import (
     SIGNED,
     BodyConstraint,
@@ -97,6 +97,8 @@ class PhysicallyConsistent:
     weights: Weights = "per_joint"
     iterations: Annotated[int, Ge(1)] = 3
     costs: bool = True
+
+    __repr__ = changed
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)

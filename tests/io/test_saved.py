@@ -1,0 +1,225 @@
+"""Results that last: what is saved is read again to the last bit, and older files say what they lack."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError, ModelError
+from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.estimators.notes import NotIdentifiable
+from dynident.identification import Identification, OldResult, Recipe, identify, judge
+from dynident.io.named_log import log_spec
+from dynident.io.project import run
+from dynident.io.saved import load, read_log_like, save
+from dynident.log import Log
+from dynident.models import Model, Viscous, record, simulate
+from dynident.models.gallery import slider, two_link_arm
+from dynident.regression import ParallelFilter
+from dynident.smoothers import Spline, TimeShifted
+from dynident.validation import RunsAway
+from tests.cli.test_cli import configure, write_log
+from tests.identification.test_calibration import tilted
+from tests.io.same import assert_same
+
+DATA = Path(__file__).parents[1] / "data"
+Made = tuple[Model, Identification]
+
+
+def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: float = 4.0) -> Log:
+    """The two-link arm, driven by sines, without base parameters that are tied."""
+    t = np.linspace(0, seconds, round(200 * seconds) + 1)
+    arm = two_link_arm()
+    moved = simulate(arm, np.asarray(arm.values), lambda s: (1.13 * np.sin(rate * s), 0.78 * np.cos(4 * s)), t)
+    return record(moved, noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
+
+
+def by_least_squares() -> Made:
+    """All settings of a recipe that are numbers, two parameters that are tied, and a smoother chosen among two."""
+    arm = two_link_arm()
+    model = replace(arm, terms=(*arm.terms, Viscous(arm.joints, names=("again1", "again2"))))
+    sigma = {"joint1": 1e-3, "joint2": 1.1e-3}
+    recipe = Recipe(
+        (Spline(sigma=sigma), Spline(sigma=sigma, factor=1 / 3)),
+        LeastSquares(weights="per_joint"),
+        ParallelFilter(2, 20.0),
+        {"joint2": 0.1},
+        0.1 / 30,
+        restart=0.25,
+    )
+    return model, identify(model, [swing(model, 1e-3, 0)], [swing(model, 1e-3, 1, 2.0)], recipe)
+
+
+def by_consistent_fit() -> Made:
+    """A robot whose base is tilted, with parameters that nothing determines and what the constraints cost."""
+    model, motion = tilted(0.02, -0.035)
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
+    return model, identify(model, [log], (), Recipe(Spline(), PhysicallyConsistent(), base_tilt="estimate"))
+
+
+def by_maximum_likelihood() -> Made:
+    """Fisher's information, intervals that are not symmetric, and a time offset that is sought."""
+    arm = two_link_arm()
+    recipe = Recipe(Spline(), MaximumLikelihood(), time_offset="estimate")
+    return arm, identify(arm, [swing(arm, 3e-2, 2)], (), recipe)
+
+
+@pytest.fixture(scope="module", params=[by_least_squares, by_consistent_fit, by_maximum_likelihood])
+def made(request: pytest.FixtureRequest) -> Made:
+    found: Made = request.param()
+    return found
+
+
+def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path) -> None:
+    model, found = made
+    path = found.save(tmp_path / "deep" / "result.json")
+    again = load(path, model)
+    assert_same(found, again)
+    assert again.save(tmp_path / "again.json").read_text() == path.read_text()
+
+
+def test_a_loaded_result_predicts_as_the_one_that_was_saved(made: Made, tmp_path: Path) -> None:
+    model, found = made
+    again = load(found.save(tmp_path / "result.json"), model)
+    log = found.validations[0].recorded
+    assert log is not None
+    np.testing.assert_array_equal(again.predict(log).predicted, found.validations[0].predicted)
+    with pytest.raises(InputError, match="not its signals"):
+        _ = again.validations[0].motion
+    assert all(np.isfinite(again.errors.best) == np.isfinite(found.errors.best))
+
+
+def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    first, *rest = found.validations
+    assert first.free_run is not None
+    errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
+    run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
+    odd = replace(
+        found,
+        validations=(replace(first, errors=errors, free_run=run), *rest),
+        warnings=(NotIdentifiable(3), *found.warnings),
+        mass=None,
+    )
+    text = save(odd, tmp_path / "r.json", {"verdict": "of no use"}).read_text()
+    assert '"NaN"' in text
+    assert '"-Infinity"' in text
+    assert json.loads(text)["report"] == {"verdict": "of no use"}
+    assert_same(odd, load(tmp_path / "r.json", model))
+
+
+def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    found = run(configure(tmp_path, simulation={"kind": "measured_torque"}))
+    path = found.save(tmp_path / "result.json")
+    again = load(path)
+    assert_same(found, again)
+    (log,) = read_log_like(again, str(tmp_path / "log.csv")).logs
+    assert again.predict(log).errors.relative_error < 2
+    assert judge(found).reasons == ()
+
+
+def test_a_model_from_python_must_be_given_again(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    path = found.save(tmp_path / "result.json")
+    with pytest.raises(InputError, match=r"made from Python.*load\(path, model\)"):
+        load(path)
+    with pytest.raises(ModelError, match="not those of the model"):
+        load(path, slider())
+    with pytest.raises(InputError, match="predict a Log from Python"):
+        read_log_like(load(path, model), "log.csv")
+
+
+def test_a_result_of_version_0_says_what_it_lacks() -> None:
+    found = load(DATA / "result-0.json")
+    (note,) = found.warnings
+    assert isinstance(note, OldResult)
+    assert note.version == 0
+    assert {"covariances", "validations"} < set(note.lacks)
+    assert found.model.names == ("M", "Fv", "Fc", "offset")
+    assert found.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
+    assert (found.recipe.time_offset, found.recipe.restart) == (0.001, 0.5)
+    row = json.loads((DATA / "result-0.json").read_text())["parameters"][0]
+    assert (found.estimate.value[0], found.errors.std[0]) == (row["value"], row["std"])
+    assert found.provenance.configuration is not None
+    assert found.provenance.configuration.path == "/data/slider.yaml"
+    assert [file.path for file in found.provenance.logs] == ["/data/swing.csv", "/data/check.csv"]
+
+
+def test_a_result_of_version_1_is_read() -> None:
+    found = load(DATA / "result-1.json")
+    assert found.warnings == ()
+    assert found.recipe.smoother == TimeShifted(Spline(factor=4.0), 0.001)
+    assert [log.role for log in found.validations] == ["train", "validation"]
+    assert found.calibration.smoother is not None
+    assert found.calibration.smoother.smoother == found.recipe.smoother
+    old = load(DATA / "result-0.json")  # of the same recordings
+    np.testing.assert_array_equal(found.estimate.value, old.estimate.value)
+    assert np.all(np.isfinite(found.estimate.covariance))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("version",), 2, "has version 2"),
+        (("format",), "other", "is no result"),
+        (("parameters", 0, "value"), "much", r"parameters\[0\]\.value: input should be a valid number"),
+        (("parameters", 0, "value"), "NaN", "a parameter has no value"),
+        (("parameters", 0, "provenance"), "guess", r"parameters\[0\]\.provenance"),
+        (("estimate", "covariance"), [[1.0]], r"estimate\.covariance has not the shape \(4, 4\)"),
+        (("estimate", "notes"), [{"kind": "Nonsense"}], "'Nonsense' is no kind of Note"),
+        (("estimate", "notes"), [{"kind": "RankDeficient"}], "RankDeficient: rank: field required"),
+        (("recipe", "estimator", "kind"), "least_square", "did you mean 'least_squares'"),
+        (("calibration", "smoother", "chosen"), 99, "99, but there are 11 candidates"),
+        (("validations",), None, "validations: input should be a valid list"),
+        (("recipe", "base_tilt"), [0.1, 0.0], "no term has a gravity"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(
+    tmp_path: Path, place: tuple[str | int, ...], value: object, words: str
+) -> None:
+    data: Any = json.loads((DATA / "result-1.json").read_text())
+    part = data
+    for key in place[:-1]:
+        part = part[key]
+    part[place[-1]] = value
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    with pytest.raises((InputError, ConfigError), match=words):
+        load(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("smoother used", "Spline(factor=9)", "is none that its configuration makes now"),
+        ("delay used", "late", "not 1 finite numbers"),
+    ],
+)
+def test_what_is_wrong_in_an_old_file_is_named(tmp_path: Path, key: str, value: str, words: str) -> None:
+    data = json.loads((DATA / "result-0.json").read_text())
+    data["settings"][key] = value
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=words):
+        load(tmp_path / "r.json")
+
+
+def test_a_part_of_a_file_is_run_only_where_a_configuration_names_files(tmp_path: Path) -> None:
+    model, found = by_least_squares()
+    data = json.loads(found.save(tmp_path / "r.json").read_text())
+    (tmp_path / "mine.py").write_text("raise SystemExit('it was run')")
+    data["recipe"]["estimator"] = {"kind": f"{tmp_path / 'mine.py'}:Mine"}
+    (tmp_path / "r.json").write_text(json.dumps(data))
+    with pytest.raises(ConfigError, match="which only a configuration may do"):
+        load(tmp_path / "r.json", model)
+
+
+def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    from dynident.io.config import read_config
+
+    assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"

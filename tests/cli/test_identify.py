@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.cli.commands import configure, run, write_log
+from tests.saved_results import errors_by_log
 
 EMPS = Path(__file__).parents[3] / "shared" / "data" / "emps"
 needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS logs are not beside the checkout")
@@ -19,7 +20,6 @@ needs_emps = pytest.mark.skipif(not EMPS.exists(), reason="the EMPS logs are not
 class TestIdentify:
     def test_recovers_a_simulated_slider(self, tmp_path: Path) -> None:
         write_log(tmp_path)
-from tests.saved_results import errors_by_log
         done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
         assert done.exit_code == 0, done.output
         result = json.loads((tmp_path / "out" / "result.json").read_text())

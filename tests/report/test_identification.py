@@ -228,7 +228,8 @@ def test_a_robot_shows_its_base_parameters_verdicts_and_consistency():
 def test_a_base_parameter_that_constraints_moved_is_shown_without_them_too():
     found = robot()
     assert "without constraints" not in body(found)
-    found.estimate.unconstrained = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
+    free = found.estimate.value - 0.25 * np.eye(len(found.estimate.value))[0]
+    found.estimate.consistency = replace(found.estimate.consistency, unconstrained=free)
     page = body(found)
     assert page.count("without constraints</th>") == 1
     assert page.count(">0.7500</td>") == 1

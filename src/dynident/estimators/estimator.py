@@ -95,8 +95,8 @@ class Residual:
 class Consistency:
     """How an estimate stands to physics: ``eigenvalues`` is the smallest one of each body's pseudo-inertia, relative
     to the body's usual mass (kg) and length (m); ``costs`` is what each family of constraints alone, and "all" of them,
-    add to the weighted relative error of the training data (percentage points of the torque); ``unconstrained`` (p) is a
-    solution of the same fit without constraints, None where it has none. What constraints move a value by may be its
+    add to the weighted relative error of the training data (percentage points of the torque); ``unconstrained`` (p) is
+    a solution of the same fit without constraints, None where it has none. What constraints move a value by may be its
     error, and counts as such in the covariance.
     """
 

@@ -16,7 +16,7 @@ from dynident.estimators.notes import RankDeficient
 from dynident.models import Parameter
 from dynident.regression import Rank, TriangularFactors, rank_of
 
-__all__ = ["LeastSquares", "LeastSquaresSolution", "Weights", "check_weights", "joint_weights", "solve"]
+__all__ = ["LeastSquares", "LeastSquaresSolution", "Weights", "check_weights", "joint_weights", "solve", "weighted"]
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
@@ -91,13 +91,24 @@ def joint_weights(
     # a joint that the model explains to rounding must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     for _ in range(iterations):
-        factor = triangular.stacked(found)
-        theta = solve(factor, rank_of(factor, parameters, tolerance)).value
+        theta = solve(*weighted(triangular, found, parameters, tolerance)).value
         deviation = np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1))
         previous, found = found, 1.0 / np.maximum(deviation, floor)
         if np.allclose(found, previous, rtol=0.01, atol=0.0):
             break
     return found
+
+
+def weighted(
+    triangular: TriangularFactors, weights: Array, parameters: Sequence[Parameter] = (), tolerance: float | None = None
+) -> tuple[Array, Rank]:
+    """Return the factor of the rows times the ``weights`` (n) of their joints, and its rank.
+
+    What the motion shows does not depend on the weights: the directions are those without them.
+    """
+    shown = rank_of(triangular.stacked(), parameters, tolerance)
+    factor = triangular.stacked(weights)
+    return factor, rank_of(factor, parameters, tolerance, None if np.ptp(weights) == 0 else shown)
 
 
 def check_weights(weights: str, iterations: int) -> None:
@@ -147,8 +158,7 @@ class LeastSquares:
         triangular, model = problem.regression.triangular_factors, problem.model
         parameters = model.parameters
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)
-        factor = triangular.stacked(weights)
-        fit = solve(factor, rank_of(factor, parameters, self.tolerance))
+        fit = solve(*weighted(triangular, weights, parameters, self.tolerance))
         return Estimate(
             parameters=parameters,
             value=fit.value,

@@ -124,6 +124,8 @@ def base_parameters(
         raise ModelError(f"factor has shape {factor.shape}, expected ({p}, {p}) or ({p + 1}, {p + 1}).")
     else:
         found = rank_of(factor, parameters, tolerance)
+    if found.unweighted is not None and found.unweighted.rank == found.rank:
+        found = found.unweighted  # the same directions, in which weights have not made rounding large
     known = found.vectors[:, : found.rank].T
     known = np.where(np.linalg.norm(known, axis=0) <= 10 * found.tolerance, 0.0, known)  # without effect
     size = np.linalg.norm(R := found.values[: found.rank, None] * known, axis=0)
@@ -137,19 +139,19 @@ def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array,
 
     ``sigma`` (n) is the standard deviation of each joint's residual, ``weights`` (n) what each joint's rows were
     multiplied with in the fit (one where None): A^-1 (sum w^4 sigma^2 G_j) A^-1 with A = sum w^2 G_j and G_j = X_j' X_j
-    over the independent columns. Holds for independent errors and an exactly known regressor. Raises ModelError where
-    the factors do not fit the basis.
+    over the independent columns; infinite where rounding makes these dependent. Holds for independent errors and an
+    exactly known regressor. Raises ModelError where the factors do not fit the basis.
     """
     p, kept = len(basis.names), list(basis.independent)
     if triangular.factors.shape[1:] != (p + 1, p + 1):
         raise ModelError(f"factors have shape {triangular.factors.shape[1:]}, expected ({p + 1}, {p + 1}).")
     w = np.ones(len(triangular.factors)) if weights is None else np.asarray(weights)
-    scale = basis.scale[kept]
-    R = triangular.factors[:, :p, kept] / scale
-    gram = np.einsum("jki,jkl->jil", R, R)
-    inverse = rank_of_information(np.tensordot(w**2, gram, axes=1)).inverse
-    covariance = inverse @ np.tensordot(w**4 * np.asarray(sigma) ** 2, gram, axes=1) @ inverse
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+    R = triangular.factors[:, :p, kept] * w[:, None, None]
+    found = rank_of(np.asarray(np.linalg.qr(triangular.stacked(w)[:, [*kept, -1]], mode="r")))
+    half = found.determined / found.values[: found.rank]  # A^-1 is its square; not formed, to lose no digits
+    spread = ((w * np.asarray(sigma))[:, None, None] * (R @ half)).reshape(-1, found.rank)
+    std = np.linalg.norm(np.linalg.qr(spread, mode="r") @ half.T, axis=0)
+    return np.where(found.lost, np.inf, std)
 
 
 def informed_std(basis: BaseParameters, information: Array) -> Array:

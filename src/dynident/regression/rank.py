@@ -36,7 +36,8 @@ class Rank:
 
     ``scale`` (p) is the effect that a unit of each parameter is measured by, ``values`` (p) are the singular values of
     the factor's columns over it, falling, with their ``left`` (p, p) and right ``vectors`` (p, p) as columns.
-    ``tolerance``: values below this share of the largest count as zero.
+    ``tolerance``: values below this share of the largest count as zero. ``unweighted`` is the rank without weights of
+    the rows, where they have any.
     """
 
     rank: int
@@ -45,6 +46,7 @@ class Rank:
     left: Array
     vectors: Array
     tolerance: float
+    unweighted: Rank | None = None
 
     __repr__ = brief
 
@@ -105,7 +107,7 @@ class Rank:
         values = np.concatenate([np.sqrt(np.maximum(squares, 0.0)), np.zeros(len(self.scale) - self.rank)])
         vectors = np.concatenate([known @ turn, self.vectors[:, self.rank :]], axis=1)
         kept = int((squares > SQUARED * squares[0]).sum()) if self.rank and squares[0] > 0 else 0
-        return Rank(kept, self.scale, values, vectors, vectors, self.tolerance)
+        return Rank(kept, self.scale, values, vectors, vectors, self.tolerance, self.unweighted)
 
 
 def precision(parameters: Sequence[Parameter]) -> float:
@@ -113,11 +115,15 @@ def precision(parameters: Sequence[Parameter]) -> float:
     return ANGLES if any(x.role in INERTIAL for x in parameters) else ARITHMETIC
 
 
-def rank_of(factor: Array, parameters: Sequence[Parameter] = (), tolerance: float | None = None) -> Rank:
+def rank_of(
+    factor: Array, parameters: Sequence[Parameter] = (), tolerance: float | None = None, shown: Rank | None = None
+) -> Rank:
     """Return the rank of a triangular factor, (p, p) or with the torque (p + 1, p + 1), of a regressor.
 
     ``tolerance``: share of the largest singular value that counts as zero; None takes the ``precision`` of the
-    parameters (that of the arithmetic where they are not given). Raises ConfigError for one outside (0, 1).
+    parameters (that of the arithmetic where they are not given). Weights of the rows make small effects large and
+    rounding with them, so that they do not decide: ``shown`` is then the rank without weights, which leaves nothing
+    but the arithmetic to look at. Raises ConfigError for a tolerance outside (0, 1).
     """
     if tolerance is not None and not 0 < tolerance < 1:
         raise ConfigError(f"tolerance of the rank is {tolerance}; give a number between 0 and 1, such as 1e-12.")
@@ -125,11 +131,16 @@ def rank_of(factor: Array, parameters: Sequence[Parameter] = (), tolerance: floa
     limit = precision(parameters) if tolerance is None else tolerance
     R = factor[:p, :p]
     scale, empty = _measured(np.linalg.norm(R, axis=0), parameters)
-    U, s, Vt = np.linalg.svd(np.where(empty, 0.0, R / scale))
-    rank = int((s > limit * s[0]).sum()) if p and s[0] > 0 else 0
-    vectors = Vt.T.copy()
+    none = 0 if shown is None else p - shown.rank
+    # directions without effect, then all others, orthonormal in these units
+    turn = np.eye(p) if shown is None else np.linalg.qr(shown.free * scale[:, None], mode="complete")[0]
+    U, s, Vt = np.linalg.svd(np.where(empty, 0.0, R / scale) @ turn[:, none:])
+    rank = int((s > (limit if shown is None else ARITHMETIC) * s[0]).sum()) if len(s) and s[0] > 0 else 0
+    vectors = np.concatenate([turn[:, none:] @ Vt.T, turn[:, :none]], axis=1)
     vectors[empty, :rank] = 0.0  # a zero column has no share in any direction
-    return Rank(rank, scale, s, U, vectors, limit)
+    rest = np.zeros(0) if shown is None else shown.values[shown.rank :] / (shown.values[0] or 1.0) * s.max(initial=0.0)
+    values = np.concatenate([s, np.minimum(rest, s.min(initial=np.inf))])
+    return Rank(rank, scale, values, U, vectors, limit, shown)
 
 
 def rank_of_information(information: Array, parameters: Sequence[Parameter] = ()) -> Rank:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, InputError, ModelError, Note, changed, choices
 from dynident.estimators.constraints import Barrier, bodies_of
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
-from dynident.estimators.least_squares import LeastSquares
+from dynident.estimators.least_squares import LeastSquares, weighted
 from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined
 from dynident.estimators.maximum_likelihood.friction import has_sign
 from dynident.estimators.maximum_likelihood.measured import feasible, misfit, recordings, usual_noise
@@ -22,7 +22,7 @@ from dynident.estimators.maximum_likelihood.search import Search
 from dynident.estimators.maximum_likelihood.segment import Sigma
 from dynident.estimators.notes import Failed, MovingStart, NotConverged, SmoothSigns
 from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.regression import Rank, rank_of
+from dynident.regression import Rank
 from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
@@ -168,8 +168,9 @@ class _Run:
 
     def directions(self, fitted: LikelihoodFit) -> Rank:
         """Return what the information determines of the directions that the smoothed motions show."""
-        factor = self.problem.regression.triangular_factors.stacked(1.0 / self.search.sigma.tau)
-        return rank_of(factor, self.problem.model.parameters).within(fitted.information)
+        triangular = self.problem.regression.triangular_factors
+        _, rank = weighted(triangular, 1.0 / self.search.sigma.tau, self.problem.model.parameters)
+        return rank.within(fitted.information)
 
     def again(self, fitted: LikelihoodFit) -> LikelihoodFit:
         """Search once more from well inside of what physics allows, and keep the more likely end."""

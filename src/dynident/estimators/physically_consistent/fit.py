@@ -29,12 +29,12 @@ from dynident.estimators.constraints import (
     total,
 )
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
-from dynident.estimators.least_squares import Weights, check_weights, joint_weights
+from dynident.estimators.least_squares import Weights, check_weights, joint_weights, weighted
 from dynident.estimators.notes import DecidedByPrior, HeldByConstraints, NotIdentifiable, PriorApproached, RankDeficient
 from dynident.estimators.physically_consistent.prior import nearest, settle
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
 from dynident.models import Model, Parameter
-from dynident.regression import base_parameters, rank_of
+from dynident.regression import base_parameters
 
 __all__ = ["PhysicallyConsistent"]
 
@@ -54,7 +54,7 @@ class PhysicallyConsistent:
     ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
 
     ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It decides only what the data
-    leave free, by the rank (``rank_of``) of the noise-weighted regressor; ``threshold`` is its tolerance (None: the
+    leave free, by the rank (``rank_of``) of the regressor; ``threshold`` is its tolerance (None: the
     precision of the model). ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on
     no frame or unit; Euclidean for all others) or "euclidean" (in units of each parameter's usual size). What no
     prior covers is made as small as the constraints allow.
@@ -132,11 +132,10 @@ class PhysicallyConsistent:
         """
         model, triangular = problem.model, problem.regression.triangular_factors
         weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
-        factor = triangular.stacked(weights)
+        factor, directions = weighted(triangular, weights, model.parameters, self.threshold)
         bodies = bodies_of(model.parameters)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
-        directions = rank_of(factor, model.parameters, self.threshold)
         known = read(factor, scale, directions, triangular.total)
         constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
         aim = np.where(np.isnan(prior), 0.0, prior)

@@ -119,7 +119,7 @@ def test_rows_written_twice_are_left_out(tmp_path):
 
 def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
     text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
-    assert "the arm stands still from 0 to" in read(tmp_path, text).warnings[0]
+    assert "the arm is at rest from 0 to" in read(tmp_path, text).warnings[0]
     assert read(tmp_path, text, "min_speed: 0.01").warnings == ()
 
 

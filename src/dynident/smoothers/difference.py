@@ -26,9 +26,19 @@ def forward(t: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Difference:
-    """Forward differences, eqs. (47)-(49), or central ones of second order; on the actual times of the samples.
+    """Forward differences, eqs. (47)-(49), or central differences of second order, at the actual sample times.
 
-    Not vouched for: the last two samples (forward), or the first and the last (central).
+    ``scheme`` is "forward" or "central". The mask leaves out the last two samples (forward), or the first and the last
+    (central). Calling it returns a ``Motion``; raises InputError for fewer than 5 samples, ConfigError for another
+    scheme.
+
+    >>> import numpy as np
+    >>> from dynident.log import Log
+    >>> t = np.linspace(0.0, 1.0, 101)
+    >>> log = Log(t, q=t[:, None] ** 2, tau=np.zeros((101, 1)), joints=("elbow",))
+    >>> motion = Difference("central")(log)
+    >>> bool(np.allclose(motion.ddq[motion.mask], 2.0)), int(motion.mask.sum())
+    (True, 99)
     """
 
     scheme: Literal["forward", "central"] = "forward"

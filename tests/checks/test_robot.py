@@ -38,7 +38,7 @@ FLAWS = {
     ),
     "massless": (arm(fore=link("fore")), "warning", "massless", "fore", "no mass in the file"),
     "millimetres": (arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", "millimetres"),
-    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "radius of gyration of 0.41 m"),
+    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "gyration of 0.41"),
     "grams": (
         arm(link("upper", 2e3, (0.15, 0, 0), tensor=1e3 * ROD), link("fore", 4e3, (0.12, 0, 0), tensor=2e3 * ROD)),
         "warning", "total mass", "", "6004 kg",

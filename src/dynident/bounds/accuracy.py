@@ -136,7 +136,7 @@ def accuracy_bound(
     found = identify(model, plain, (), replace(recipe, restart=None), progress=progress)
     joints = tuple(joint.name for joint in model.joints)
     if sigma_q is None:
-        sigma_q = _told(recipe)
+        sigma_q = _spline_noise(recipe)
     sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
     progress("computing the bound")
     motions = tuple(one.motion for one in found.logs)
@@ -146,7 +146,7 @@ def accuracy_bound(
     return _bounded(found, motions, basis, sensors, recipe.min_speeds(joints))
 
 
-def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
+def _spline_noise(recipe: Recipe) -> Mapping[str, float] | float | None:
     """Return the position noise that the smoothing spline is told, None where it estimates it."""
     first = recipe.smoother[0] if isinstance(recipe.smoother, tuple) else recipe.smoother
     return first.sigma if isinstance(first, KnowsNoise) else None

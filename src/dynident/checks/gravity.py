@@ -96,7 +96,7 @@ def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
-    terms = tuple(term.under(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
+    terms = tuple(term.with_gravity(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
     return replace(model, terms=terms)
 
 

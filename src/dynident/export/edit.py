@@ -92,7 +92,7 @@ class Text:
         if added:
             self._replace(last, last, added)
 
-    def sharpen(self, node: Node, key: str, count: int = 3) -> None:
+    def write_exact_angles(self, node: Node, key: str, count: int = 3) -> None:
         """Write the last ``count`` numbers (rad) of an attribute as the angles that they are read as."""
         words = node.attributes.get(key, "").split()
         new = [repr(exact(word)) if exact(word) != float(word) else word for word in words[-count:]]

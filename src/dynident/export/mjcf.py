@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, drives, link_inertias
-from dynident.export.urdf import standing, words
+from dynident.export.urdf import numbers_text, standing
 from dynident.export.written import Written
 from dynident.models import to_physical
 
@@ -42,8 +42,8 @@ def identified_mjcf(identified: Identified) -> Written:
     for node in _nodes(text):
         name = node.attributes.get("name", "")
         if node.tag == "body" and radian:
-            text.sharpen(node, "euler")
-            text.sharpen(node, "axisangle", 1)
+            text.write_exact_angles(node, "euler")
+            text.write_exact_angles(node, "axisangle", 1)
         if node.tag == "body" and name in shares.links:
             _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
         elif node.tag == "joint" and name in joints:
@@ -65,8 +65,8 @@ def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> 
     element = NOTHING
     if theta is not None:
         mass, centre, tensor = to_physical(theta, body.attributes["name"])
-        full = words(tensor[place] for place in FULL)
-        element = f'<inertial pos="{words(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
+        full = numbers_text(tensor[place] for place in FULL)
+        element = f'<inertial pos="{numbers_text(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
     inertial = body.find("inertial")
     if inertial is None:
         text.insert(body, element)
@@ -84,9 +84,9 @@ def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
     options = [child for child in text.root.children if child.tag == "option"]
     stated = [option for option in options if "gravity" in option.attributes] or options[:1]
     for option in stated:
-        text.set(option, {"gravity": words(gravity)})
+        text.set(option, {"gravity": numbers_text(gravity)})
     if not stated:
-        text.insert(text.root, f'<option gravity="{words(gravity)}"/>')
+        text.insert(text.root, f'<option gravity="{numbers_text(gravity)}"/>')
 
 
 def _freed(text: Text) -> tuple[str, ...]:

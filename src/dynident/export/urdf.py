@@ -13,7 +13,7 @@ from dynident.export.identified import Drives, Identified, Shares, drives, link_
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
-__all__ = ["identified_urdf", "words"]
+__all__ = ["identified_urdf", "numbers_text"]
 
 Array = NDArray[np.float64]
 EARTH = (0.0, 0.0, -9.81)
@@ -37,7 +37,7 @@ def identified_urdf(identified: Identified) -> Written:
     for node in text.root.children:
         name = node.attributes.get("name", "")
         if node.tag == "joint" and (origin := node.find("origin")) is not None:
-            text.sharpen(origin, "rpy")
+            text.write_exact_angles(origin, "rpy")
         if node.tag == "link" and name in shares.links:
             _set_inertia(text, node, shares.links[name])
         elif node.tag == "joint" and name in (joint.name for joint in bodies.joints):
@@ -48,7 +48,7 @@ def identified_urdf(identified: Identified) -> Written:
     )
 
 
-def words(values: Iterable[float]) -> str:
+def numbers_text(values: Iterable[float]) -> str:
     """Return numbers with all their digits, separated by blanks."""
     return " ".join(repr(float(value)) for value in values)
 
@@ -77,10 +77,14 @@ def _set_inertia(text: Text, link: Node, theta: Array | None) -> None:
     mass, centre, tensor = to_physical(theta, link.attributes["name"])
     values = {key: repr(float(tensor[place])) for key, place in TENSOR.items()}
     if inertial is None:
-        parts = (f'<origin xyz="{words(centre)}"/>', f'<mass value="{float(mass)!r}"/>', _element("inertia", values))
+        parts = (
+            f'<origin xyz="{numbers_text(centre)}"/>',
+            f'<mass value="{float(mass)!r}"/>',
+            _element("inertia", values),
+        )
         text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
         return
-    _set_origin(text, inertial, words(centre))
+    _set_origin(text, inertial, numbers_text(centre))
     for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
         element = inertial.find(tag)
         if element is not None:  # the reader has refused an <inertial> without them

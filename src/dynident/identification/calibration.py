@@ -74,7 +74,7 @@ def mounted(model: Model, x: float, y: float) -> Model:
 
     back = Rotation.from_rotvec((-x, -y, 0.0))
     terms = tuple(
-        term.under(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
+        term.with_gravity(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
         for term in model.terms
     )
     if all(new is old for new, old in zip(terms, model.terms, strict=True)):

@@ -25,7 +25,7 @@ _UNIT = re.compile(rf"{_FACTOR}( {_FACTOR})*(/{_FACTOR}( {_FACTOR})*)?")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A physical parameter to be lumped: its SymPy symbol, its unit such as ``"kg m^2"``, its value if known (SI).
+    """An unknown physical parameter: its SymPy symbol, its unit such as ``"kg m^2"``, its value if known (SI).
 
     Raises ModelError for a unit that is not a product of powers, with at most one ``/``.
     """
@@ -46,13 +46,13 @@ class Lagrangian:
     """The Euler-Lagrange torque of n joints, linear in p lumped parameters (article, eqs. 1-8).
 
     ``q``, ``dq`` are n SymPy symbols each, for positions (rad or m) and their rates; ``kinetic`` and ``potential``
-    are energies (J) in them, in the ``unknowns``, and in the ``constants`` (symbol -> number), which are put in as
+    are energies (J) in them, in the ``unknowns``, and in the ``constants`` (symbol -> number), which are substituted as
     exact decimals. ``names`` of the lumped parameters default to theta1, theta2, ...
 
     Each product of unknowns in the energies contributes n functions of (q, dq, ddq) to the torque. Products with
     proportional functions are lumped into one parameter (eq. 40): a sum, scaled so that its product of lowest degree,
     then first in order of declaration, has factor one. Products without any torque are dropped. Functions are
-    compared at random states with 50 digits. Linear dependence among three or more parameters is left as it is.
+    compared at random states with 50 digits. Linear dependence among three or more parameters is not removed.
 
     Order of the parameters: those of the kinetic energy, then those of the potential energy only; among the
     kinetic, constant inertia before inertia that changes with q; then by the last joint acted upon, which orders a
@@ -61,6 +61,15 @@ class Lagrangian:
     Raises ModelError where the numbers of symbols do not match, an energy holds an undeclared symbol or is not
     polynomial in the unknowns, the kinetic energy is not quadratic in dq, the potential energy depends on dq, or a
     part of the torque holds no unknown.
+
+    >>> import sympy as sp
+    >>> q, dq, m, l, g = sp.symbols("q dq m l g")
+    >>> pendulum = Lagrangian(
+    ...     joints=(Joint("pivot"),), q=(q,), dq=(dq,), kinetic=m * l**2 * dq**2 / 2, potential=-m * g * l * sp.cos(q),
+    ...     unknowns=(Unknown(m, "kg", 2.0), Unknown(l, "m", 0.5)), constants={g: 9.81}
+    ... )
+    >>> [(one.name, one.expression, one.unit, one.value) for one in pendulum.parameters]
+    [('theta1', 'l**2*m', 'kg m^2', 0.5), ('theta2', 'l*m', 'kg m', 1.0)]
     """
 
     joints: tuple[Joint, ...]
@@ -166,7 +175,7 @@ def _check_symbols(model: Lagrangian) -> None:
 
 
 def _energy(model: Lagrangian, which: str) -> Any:
-    """Return an energy with its constants put in exactly; ModelError where it holds an undeclared symbol."""
+    """Return an energy with its constants substituted exactly; ModelError where it holds an undeclared symbol."""
     import sympy as sp
 
     exact = {s: sp.Rational(str(value)) for s, value in model.constants.items()}

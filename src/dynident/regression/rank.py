@@ -76,7 +76,7 @@ class Rank:
         return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
+    def undetermined(self) -> NDArray[np.bool_]:
         """Whether each parameter (p) is in one of the groups, so that no data tell its value."""
         out = np.zeros(len(self.values), dtype=bool)
         out[[k for group in self.groups for k in group]] = True
@@ -90,9 +90,9 @@ class Rank:
 
     def covariance(self, variance: float = 1.0) -> Array:
         """Return ``variance`` times the inverse, with an infinite variance for what is not determined."""
-        lost = self.lost
-        out = np.where(lost | lost[:, None], 0.0, variance * self.inverse)
-        out[lost, lost] = np.inf
+        free = self.undetermined
+        out = np.where(free | free[:, None], 0.0, variance * self.inverse)
+        out[free, free] = np.inf
         return out
 
     def within(self, information: Array) -> Rank:

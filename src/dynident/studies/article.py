@@ -118,7 +118,7 @@ class SmoothAndFit:
         return smoother(log).between(start=self.start - 1e-9)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """What the method does, for the settings of a report."""
         when = " before smoothing" if self.early else ""
         return f"{self.smoother}, samples before {self.start:g} s dropped{when}"
@@ -152,7 +152,7 @@ class Likelihood:
         return self.estimator(Problem(model, motions, Regression(model, motions), (recording.log,)))
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """What the method does, for the settings of a report."""
         return f"{self.estimator}, no sample dropped"
 
@@ -302,5 +302,5 @@ def _settings(scenario: ArmScenario, methods: Sequence[ArmMethod]) -> dict[str, 
         "I1 = I2 = 0.0024 kg m^2, mu1 = mu2 = 0.6189 N m s/rad, g = 9.81 m/s^2",
         "input": f"u1 = {scenario.amplitudes[0]:g} sin t, u2 = {scenario.amplitudes[1]:g} cos t N m, from rest",
         "recording": f"{SAMPLES} samples, one each {PERIOD:g} s; sigma_tau = {scenario.sigma_tau:g} N m",
-        **{f"method {method.name}": method.words for method in methods},
+        **{f"method {method.name}": method.description for method in methods},
     }

@@ -18,9 +18,9 @@ from dynident.estimators.maximum_likelihood import (
     plan,
     psd_constraints,
     scores,
-    softened,
     steps_of,
     whiteness,
+    with_smooth_signs,
 )
 from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
 from dynident.estimators.maximum_likelihood.profile import crossing, swept
@@ -50,7 +50,7 @@ class TestArrow:
         A, band = self.matrix(rng)
         B = rng.standard_normal((14, 3))
         arrow, inverse = Arrow(band, B), np.linalg.inv(A)
-        np.testing.assert_allclose(arrow.turned, inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.border_solution, inverse @ B, rtol=1e-10)
         np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
         for d in range(4):
             np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
@@ -151,7 +151,7 @@ class TestSegment:
         dtheta = 1e-6 * theta * rng.standard_normal(7)
         there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
-        expected = -(here.border[:, -7:] + here.bend) @ dtheta
+        expected = -(here.border[:, -7:] + here.mixed_hessian) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
 
     def test_leverage_counts_the_coefficients(self) -> None:
@@ -257,7 +257,7 @@ class TestFriction:
         joints = (Joint("a"), Joint("b"))
         terms = (Viscous(joints), Coulomb(joints, names=("x", "y")), CoupledMotor(joints, {"a": 1.0, "b": -2.0}, "m"))
         sharp = Model(terms)
-        soft = softened(sharp, np.array([0.01, 0.02]))
+        soft = with_smooth_signs(sharp, np.array([0.01, 0.02]))
         assert has_sign(sharp)
         assert not has_sign(soft)
         assert soft.names == sharp.names

@@ -76,18 +76,18 @@ class Barrier:
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array, Array]:
-        """Rows (L, v) and room (L) of numbers that must be positive, and their share in the sum (L)."""
+        """Rows (L, v) and slack (L) of numbers that must be positive, and their share in the sum (L)."""
         found = [one for one in self.psd_constraints if one.slopes.shape[1] == 1]
         if not found:
             return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
         rows = np.concatenate([one.slopes[:, 0, 0] for one in found])
-        room = np.concatenate([one.constant[:, 0, 0] for one in found])
-        return rows, room, np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in found])
+        slack = np.concatenate([one.constant[:, 0, 0] for one in found])
+        return rows, slack, np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in found])
 
     @cached_property
-    def _pull(self) -> Array:
+    def _linear_gradient(self) -> Array:
         """Gradient (v) of the part that is linear in x; (1), zero, without demands."""
-        return np.asarray(sum((one.pull for one in self.psd_constraints), np.zeros(1)))
+        return np.asarray(sum((one.linear_gradient for one in self.psd_constraints), np.zeros(1)))
 
     @cached_property
     def bound(self) -> NDArray[np.bool_]:
@@ -102,8 +102,8 @@ class Barrier:
 
     def _roots(self, x: Array) -> tuple[Array, list[Array]] | None:
         """Return the numbers (L) and the Cholesky factors of the matrices at x, None outside."""
-        rows, room, _ = self._numbers
-        values = room + rows @ x if len(rows) else room
+        rows, slack, _ = self._numbers
+        values = slack + rows @ x if len(rows) else slack
         if not (values > 0).all():
             return None
         try:
@@ -120,7 +120,7 @@ class Barrier:
         if (known := self._roots(x)) is None:
             return np.inf
         values, roots = known
-        found = float((self._pull * x).sum() - self._numbers[2] @ np.log(values))
+        found = float((self._linear_gradient * x).sum() - self._numbers[2] @ np.log(values))
         for one, root in zip(self._matrices, roots, strict=True):
             found -= 2.0 * float(one.share @ np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1))
         return (self.weight if weight is None else weight) * found
@@ -130,7 +130,7 @@ class Barrier:
         if (found := self._roots(x)) is None:
             raise np.linalg.LinAlgError("a demanded matrix is not positive definite.")
         (values, roots), (rows, _, share) = found, self._numbers
-        gradient, hessian = self._pull + np.zeros(len(x)), np.zeros((len(x), len(x)))
+        gradient, hessian = self._linear_gradient + np.zeros(len(x)), np.zeros((len(x), len(x)))
         if len(rows):
             turned = rows / values[:, None]
             gradient -= share @ turned
@@ -157,7 +157,7 @@ class Barrier:
             weight = max(weight, 0.1 * fall / max(len(self.psd_constraints), 1))
         while True:
             enough = 2 * max(accuracy, 0.1 * (weight - self.weight))
-            d, _ = Penalised(H, g, x, ((self, weight),), free).settled(d, enough)
+            d, _ = Penalised(H, g, x, ((self, weight),), free).minimised(d, enough)
             if weight <= self.weight:
                 return d
             weight = max(0.1 * weight, self.weight)
@@ -185,7 +185,7 @@ class Penalised:
         step = _solved(stiff, pull, self.free)
         return step, float(pull @ step)
 
-    def settled(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
+    def minimised(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
         """Follow Newton's steps from d; return where a step promised less than ``enough``, and twice that fall."""
         fall = np.inf
         for _ in range(steps):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, ModelError
 from dynident.estimators.constraints.constraints import Constraints, Limit, PsdConstraint
 
-__all__ = ["Optimum", "minimise", "positive"]
+__all__ = ["Optimum", "minimise", "nearest_feasible"]
 
 Array = NDArray[np.float64]
 GOOD = 1e-5
@@ -56,10 +56,10 @@ def minimise(
     return program.solve(quadratic, linear)
 
 
-def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequence[float]) -> Array:
+def nearest_feasible(theta: Array, hessian: Array, matrices: Sequence[Array], slack: Sequence[float]) -> Array:
     """Return the point (p) nearest to theta, by the quadratic form ``hessian``, at which all matrices are positive.
 
-    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``room``. Raises ModelError where
+    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``slack``. Raises ModelError where
     there is no such point, or the solver finds none.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
@@ -67,7 +67,7 @@ def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequ
     reach = np.sqrt(sum((slopes.reshape(-1, len(theta)) ** 2).sum(axis=0) for slopes in matrices)) * scale
     unit = scale / np.maximum(reach, 1.0)
     program = _Program(len(theta))
-    for slopes, least in zip(matrices, room, strict=True):
+    for slopes, least in zip(matrices, slack, strict=True):
         offset = np.broadcast_to(-least * np.eye(slopes.shape[1]), slopes.shape[:-1])
         _add_matrices(program, PsdConstraint(slopes, None, offset, "a positive inertia").along(theta, np.diag(unit)))
     scaled = hessian * np.outer(unit, unit) + 1e-9 * np.diag((unit / scale) ** 2)

@@ -54,7 +54,7 @@ class Limit:
     upper: Array
 
     def violation(self, theta: Array) -> float:
-        """Return by how much theta (p) breaks the worst of the limits, in their units (negative: the room left)."""
+        """Return by how much theta (p) breaks the worst of the limits, in their units (negative: the slack left)."""
         value = self.rows @ theta
         return float(np.maximum(self.lower - value, value - self.upper).max(initial=-np.inf))
 
@@ -92,7 +92,7 @@ class PsdConstraint:
         return replace(self, slopes=self.slopes @ directions, offset=self.at(origin))
 
     @cached_property
-    def pull(self) -> Array:
+    def linear_gradient(self) -> Array:
         """Gradient (v) of the part of the divergence that is linear in x; zero without a centre."""
         if self.centre is None:
             return np.zeros(self.slopes.shape[-1])
@@ -118,7 +118,7 @@ class BodyConstraint:
         """
         return np.asarray(to_pseudo(theta[self.columns].T) / np.outer(self.size, self.size))
 
-    def demand(self, p: int, margin: float = 0.0) -> PsdConstraint:
+    def psd_constraint(self, p: int, margin: float = 0.0) -> PsdConstraint:
         """Return the demand on theta (p) that the scaled pseudo-inertia's eigenvalues exceed ``margin``."""
         slopes = np.moveaxis(self.scaled(np.eye(p)), 0, -1)[None]
         label = f"a positive definite pseudo-inertia of {self.name}"
@@ -144,7 +144,7 @@ class Constraints:
         limits = tuple(limit for limit in self.limits if limit.family == family)
         return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else (), matrices=())
 
-    def eased(self, share: float) -> Constraints:
+    def relaxed(self, share: float) -> Constraints:
         """Return the same with ``share`` of the margin, so that what meets this one lies inside of that."""
         return replace(self, margin=share * self.margin)
 
@@ -157,7 +157,7 @@ class Constraints:
 
     def psd_constraints(self, origin: Array, directions: Array) -> tuple[PsdConstraint, ...]:
         """Return the matrices along theta = origin (p) + directions (p, v) x: those of the bodies, then the others."""
-        bodies = [body.demand(len(origin), self.margin) for body in self.bodies]
+        bodies = [body.psd_constraint(len(origin), self.margin) for body in self.bodies]
         return tuple(one.along(origin, directions) for one in (*bodies, *self.matrices))
 
     def numbers(self, origin: Array, directions: Array) -> tuple[PsdConstraint, ...]:
@@ -165,11 +165,11 @@ class Constraints:
         found = []
         for limit in self.limits:
             slope, value = limit.rows @ directions, limit.rows @ origin
-            for sign, room in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
-                used = np.flatnonzero(np.isfinite(room) & (limit.lower < limit.upper))
+            for sign, slack in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
+                used = np.flatnonzero(np.isfinite(slack) & (limit.lower < limit.upper))
                 shape = (1, 1, 1)
                 found += [
-                    PsdConstraint(sign * slope[k].reshape(*shape, -1), None, room[k].reshape(shape), limit.labels[k])
+                    PsdConstraint(sign * slope[k].reshape(*shape, -1), None, slack[k].reshape(shape), limit.labels[k])
                     for k in used
                 ]
         return tuple(found)

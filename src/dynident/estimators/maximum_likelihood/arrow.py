@@ -75,14 +75,14 @@ class Arrow:
         return np.asarray(found * scale[:, None])
 
     @cached_property
-    def turned(self) -> Array:
+    def border_solution(self) -> Array:
         """N^-1 B (m, b): how the trajectory follows the border."""
         return self.inner(self.border)
 
     @property
     def profiled(self) -> Array:
         """B' N^-1 B (b, b): what the border loses by not knowing the trajectory."""
-        found = self.border.T @ self.turned
+        found = self.border.T @ self.border_solution
         return np.asarray((found + found.T) / 2)
 
     @cached_property

@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, Note, choices
 from dynident.estimators.constraints import Barrier, bodies_of
 from dynident.estimators.estimator import Estimate, Problem, Provenance
 from dynident.estimators.least_squares import LeastSquares
-from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined
+from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined_notes
 from dynident.estimators.maximum_likelihood.friction import has_sign
 from dynident.estimators.maximum_likelihood.measured import feasible, misfit, recordings, usual_noise
 from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings
@@ -135,29 +135,29 @@ class _Run:
             return moving.estimate()
         if not fitted.converged:
             self.notes.append(NotConverged(fitted.iterations, float(abs(fitted.decrement) / 2)))
-        return self.told(fitted)
+        return self.to_estimate(fitted)
 
     def fitted(self) -> LikelihoodFit:
         """Lay out the segments, and fit with the noise known better each round; once more where that leads nowhere."""
         search, settings = self.search, self.settings
         rest = settings.start != "free"
-        search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
-        if has_sign(search.model) and (widths := search.soften()):
+        search.choose_knots(settings.spacing, rest=rest, condense=settings.huber is None)
+        if has_sign(search.model) and (widths := search.smooth_signs()):
             self.notes.append(SmoothSigns(widths))
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)
             fitted = search.run()
         bodies = not search.settings.newton  # some of their parameters are never determined
-        lost = bool(self.directions(fitted).lost.any()) and not bodies
-        return fitted if fitted.converged and not lost else self.again(fitted)
+        undetermined = bool(self.directions(fitted).undetermined.any()) and not bodies
+        return fitted if fitted.converged and not undetermined else self.restarted(fitted)
 
     def directions(self, fitted: LikelihoodFit) -> Rank:
         """Return what the information determines of the directions that the smoothed motions show."""
         factor = self.problem.regression.triangular_factors.stacked(1.0 / self.search.sigma.tau)
         return rank_of(factor, self.problem.model.parameters).within(fitted.information)
 
-    def again(self, fitted: LikelihoodFit) -> LikelihoodFit:
+    def restarted(self, fitted: LikelihoodFit) -> LikelihoodFit:
         """Search once more from well inside of what physics allows, and keep the more likely end."""
         deep = feasible(self.start.value, self.problem, self.search.barrier.psd_constraints, DEEP)
         other = self.search.searched(deep, self.search.states, hold=3)
@@ -168,7 +168,7 @@ class _Run:
         """Return how likely so much less a likelihood is if the recordings start from rest: its ratio's probability."""
         from scipy.stats import chi2
 
-        free = self.search.freed().run()
+        free = self.search.with_free_start().run()
         gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma.q)
         return float(chi2.sf(max(gain, 0.0), degrees))
 
@@ -188,17 +188,17 @@ class _Run:
                 out[leader == at] = self.search.profiled(fitted, covariance, int(k))[leader == at]
         return np.asarray(out)
 
-    def told(self, fitted: LikelihoodFit) -> Estimate:
+    def to_estimate(self, fitted: LikelihoodFit) -> Estimate:
         """Return the estimate that belongs to a fit: covariance, intervals and notes."""
         model, search = self.problem.model, self.search
-        tau = search.left()[1]
+        tau = search.residuals()[1]
         directions = self.directions(fitted)
-        inverse, rank, lost = directions.inverse, directions.rank, directions.lost
+        inverse, rank, undetermined = directions.inverse, directions.rank, directions.undetermined
         covariance = directions.covariance()
-        provenance = self.provenance(lost) if bodies_of(model.parameters) else ()
-        notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, lost, tau))
+        provenance = self.provenance(undetermined) if bodies_of(model.parameters) else ()
+        notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, undetermined, tau))
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
-        nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
+        nothing = undetermined & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
         return Estimate(
             value=np.where(nothing, 0.0, fitted.theta),
@@ -209,7 +209,7 @@ class _Run:
             rank=rank,
             condition=directions.condition,
             samples=sum(map(len, search.given.logs)),
-            notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
+            notes=(*notes, *undetermined_notes(model.names, undetermined, rank, provenance)),
             provenance=provenance,
             eigenvalues={body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies},
             interval=self.intervals(fitted, covariance) if fitted.converged else np.zeros((0, 2)),
@@ -218,8 +218,8 @@ class _Run:
             directions=directions,
         )
 
-    def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:
+    def provenance(self, undetermined: NDArray[np.bool_]) -> tuple[Provenance, ...]:
         """Say what each parameter was determined by: where not by the data, by the start, and so as that says."""
         data, prior = Provenance.DATA, Provenance.PRIOR
-        pairs = zip(lost, self.start.provenance, strict=True)
+        pairs = zip(undetermined, self.start.provenance, strict=True)
         return tuple((prior if was is data else was) if gone else data for gone, was in pairs)

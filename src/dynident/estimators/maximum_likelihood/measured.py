@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, Note
 from dynident.estimators.constraints import PsdConstraint
-from dynident.estimators.constraints.cone import positive
+from dynident.estimators.constraints.cone import nearest_feasible
 from dynident.estimators.estimator import Problem
 from dynident.estimators.maximum_likelihood.plan import steps_of
 from dynident.estimators.maximum_likelihood.search import Recordings
@@ -21,7 +21,7 @@ from dynident.splines import median_sigma, steady_noise
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
 Array = NDArray[np.float64]
-MARGIN = 0.3  # room to the boundary that a start is given, relative to the usual size
+MARGIN = 0.3  # slack to the boundary that a start is given, relative to the usual size
 THIN = 1e-3  # the same for bodies, which are often nearly rods or plates
 LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 SHORTEST = 20  # samples of a recording
@@ -42,8 +42,8 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
         notes.append(Averaged(group))
     sigma_tau = usual_noise(logs)[1]
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
-    bend = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
-    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, bend), notes
+    acceleration = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
+    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, acceleration), notes
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
@@ -76,7 +76,7 @@ def misfit(problem: Problem, theta: Array) -> Array:
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], margin: float = MARGIN) -> Array:
-    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary.
+    """Return theta (p) moved into the demands by the least change of the torque, with some slack to their boundary.
 
     It stays where it is where the solver finds no such point.
     """
@@ -85,22 +85,22 @@ def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], ma
         1.0 / np.maximum(np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1)), 1e-12)
     )
     hessian = factor[:, :-1].T @ factor[:, :-1]
-    matrices, room = [], []
+    matrices, slack = [], []
     for one in wanted:
         usual = np.abs(np.diagonal(one.slopes @ theta, axis1=1, axis2=2)).max(axis=0)
         usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
         scale = 1.0 / np.sqrt(usual)
         matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
-        room.append(margin if one.centre is None else THIN)
-    if _roomy(theta, matrices, room):
+        slack.append(margin if one.centre is None else THIN)
+    if _has_slack(theta, matrices, slack):
         return theta
-    point = positive(theta, hessian, matrices, room)
+    point = nearest_feasible(theta, hessian, matrices, slack)
     # a solver that stopped halfway is no help to a start that is inside already
-    return point if _roomy(point, matrices, [0.5 * least for least in room]) else theta
+    return point if _has_slack(point, matrices, [0.5 * least for least in slack]) else theta
 
 
-def _roomy(theta: Array, matrices: Sequence[Array], room: Sequence[float]) -> bool:
-    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
+def _has_slack(theta: Array, matrices: Sequence[Array], slack: Sequence[float]) -> bool:
+    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, slack, strict=True))
 
 
 def _runs(problem: Problem) -> tuple[Log, ...]:

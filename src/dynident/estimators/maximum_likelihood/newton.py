@@ -62,14 +62,14 @@ class LikelihoodFit:
     iterations: int
     converged: bool
 
-    def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
+    def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states that belong to another theta nearby, to first order."""
         return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
-def _turned(one: Equations, border: Array) -> Array:
+def _solve_border(one: Equations, border: Array) -> Array:
     """Return N^-1 times minus the gradient by C and a border, side by side."""
-    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).turned
+    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).border_solution
 
 
 def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
@@ -111,14 +111,14 @@ class _Quadratic:
     maps: tuple[tuple[Array, int], ...]
 
     @classmethod
-    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, bend: bool) -> _Quadratic:
-        """Sum over the segments; ``turned`` are N^-1 [gradient, border, bend] of each."""
+    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, mixed_hessian: bool) -> _Quadratic:
+        """Sum over the segments; ``turned`` are N^-1 [gradient, border, mixed_hessian] of each."""
         information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
         for one, whole in zip(found, turned, strict=True):
             border, back = one.border, whole[:, : one.border.shape[1] + 1]
-            if bend:
+            if mixed_hessian:
                 border, back = border.copy(), back.copy()
-                border[:, -p:] += one.bend
+                border[:, -p:] += one.mixed_hessian
                 back[:, -p:] += whole[:, -p:]
             k = border.shape[1] - p
             S, g, way, extra = _schur(one, border, back, k)
@@ -132,10 +132,10 @@ class _Quadratic:
 def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: NewtonSettings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
-    turned = [_turned(one, np.column_stack([one.border, one.bend])) for one in found]
-    gauss = used = _Quadratic.of(found, turned, p, bend=False)
+    turned = [_solve_border(one, np.column_stack([one.border, one.mixed_hessian])) for one in found]
+    gauss = used = _Quadratic.of(found, turned, p, mixed_hessian=False)
     if settings.newton:
-        bent = _Quadratic.of(found, turned, p, bend=True)
+        bent = _Quadratic.of(found, turned, p, mixed_hessian=True)
         if _safe(bent.information, gauss.information):
             used = bent
     H, g = _positive(used.information), used.gradient
@@ -181,25 +181,31 @@ class Likelihood:
         data = sum(one.cost(self.model, state, theta, self.sigma) for one, state in pairs)
         return data + self.barrier.value(theta)
 
-    def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+    def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
         """Return the normal equations of each segment."""
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma, bend=bend) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian) for one, x in pairs]
 
     def linearised(
-        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
+        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool
     ) -> list[Equations]:
         """Return the equations about states and theta; with the second derivatives of those before, if any."""
-        found = self.equations(states, theta, bend=bend and not before)
-        return [replace(one, bend=old.bend) for one, old in zip(found, before, strict=True)] if before else found
+        found = self.equations(states, theta, mixed_hessian=mixed_hessian and not before)
+        return (
+            [replace(one, mixed_hessian=old.mixed_hessian) for one, old in zip(found, before, strict=True)]
+            if before
+            else found
+        )
 
-    def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
+    def gauss_newton_step(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
         """Return the states after one step of Gauss and Newton at this theta."""
         p, out = len(theta), []
-        for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
+        for one, state, found in zip(
+            self.segments, states, self.equations(states, theta, mixed_hessian=False), strict=True
+        ):
             k = found.border.shape[1] - p
             border = found.border[:, :k]
-            move = _schur(found, border, _turned(found, border), k)[2][:, 0]
+            move = _schur(found, border, _solve_border(found, border), k)[2][:, 0]
             out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
         return tuple(out)
 
@@ -248,7 +254,7 @@ def maximise(
     at, near, slow = _begun(likelihood, states, theta, settings.hold), False, 0
     found: list[Equations] = []
     for iteration in itertools.count():
-        found = likelihood.linearised(at.states, at.theta, found if near else [], bend=settings.newton)
+        found = likelihood.linearised(at.states, at.theta, found if near else [], mixed_hessian=settings.newton)
         step = _step(found, at.theta, likelihood.barrier, settings)
         trace(iteration, at.cost, step.decrement, at.theta)
         converged = abs(step.decrement) < settings.tolerance
@@ -267,7 +273,7 @@ def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: 
     """Return the start after ``hold`` steps of the states alone; ModelError outside of the barrier."""
     states = tuple(states)
     for _ in range(hold):
-        states = likelihood.followed(states, theta)
+        states = likelihood.gauss_newton_step(states, theta)
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{likelihood.model.name}: the start is outside of what physics allows.")
@@ -295,6 +301,6 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
                 cost = likelihood.cost(moved, aim)
                 if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
                     return _Point(moved, aim, cost)
-                moved = likelihood.followed(moved, aim)
+                moved = likelihood.gauss_newton_step(moved, aim)
         size *= 0.4
     return None

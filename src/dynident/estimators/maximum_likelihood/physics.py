@@ -27,7 +27,7 @@ def psd_constraints(model: Model, logs: Sequence[Log], start: Array) -> tuple[Ps
     poses = np.concatenate([log.q[:: max(len(log) * len(logs) // POSES, 1)] for log in logs])
     found = physics(model, poses)
     bodies, p = found.bodies, len(model.parameters)
-    drawn = [replace(body.demand(p), centre=_centre(body, model, start)[None]) for body in bodies]
+    drawn = [replace(body.psd_constraint(p), centre=_centre(body, model, start)[None]) for body in bodies]
     return (*drawn, *found.matrices, *found.numbers(np.zeros(p), np.eye(p)))
 
 

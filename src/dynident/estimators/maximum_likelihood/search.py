@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
-from dynident.estimators.maximum_likelihood.friction import softened
+from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
 from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
 from dynident.estimators.maximum_likelihood.plan import plan, whiteness
 from dynident.estimators.maximum_likelihood.profile import crossing, swept
@@ -41,23 +41,23 @@ CLUSTERS = 200  # parts of the recordings whose pulls on theta count as independ
 @dataclass(frozen=True, eq=False)
 class Recordings:
     """What was measured: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the
-    ``time_offset`` (s) of the positions, and the usual accelerations ``bend`` (n).
+    ``time_offset`` (s) of the positions, and the usual accelerations ``usual_acceleration`` (n).
     """
 
     logs: tuple[Log, ...]
     steps: tuple[tuple[float, ...], ...]
     used: tuple[NDArray[np.bool_] | None, ...]
     time_offset: float
-    bend: Array
+    usual_acceleration: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Knots:
-    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``settled`` as noise."""
+    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``converged``."""
 
     segments: tuple[Segment, ...]
     power: Array
-    settled: bool
+    converged: bool
 
 
 @dataclass(eq=False)
@@ -78,7 +78,7 @@ class Search:
         """What is searched for the maximum of."""
         return Likelihood(self.model, self.segments, self.sigma, self.barrier)
 
-    def lay_out(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
+    def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
 
         Their residuals must be white. Where they never are, because real noise is not, the torque decides: those are
@@ -91,7 +91,7 @@ class Search:
             # what the spline cannot follow counts as noise
             self.segments = found.segments
             self.sigma = replace(self.sigma, q=np.maximum(self.sigma.q, np.sqrt(found.power)))
-        self.states = tuple(one.start(self.sigma.q, self.given.bend) for one in self.segments)
+        self.states = tuple(one.start(self.sigma.q, self.given.usual_acceleration) for one in self.segments)
         if condense:
             pairs = zip(self.segments, self.states, strict=True)
             self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma.tau) for one, state in pairs)
@@ -110,7 +110,7 @@ class Search:
         for size in SPACINGS:
             if TELLING < size <= widest:
                 tried.append(self._tried(size, rest=rest))
-                if tried[-1].settled:
+                if tried[-1].converged:
                     return tried[-1]
         return self._by_torque(tried, rest=rest)
 
@@ -135,20 +135,20 @@ class Search:
 
     def _fitted(self, segment: Segment) -> State:
         """Return the motion that a segment's positions alone suggest."""
-        return segment.start(self.sigma.q, LOOSE * self.given.bend)
+        return segment.start(self.sigma.q, LOOSE * self.given.usual_acceleration)
 
     def _missed(self, segments: Sequence[Segment]) -> float:
         """Return the power of the torque that fits to the positions alone leave."""
         left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma.tau for one in segments]
         return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
 
-    def soften(self) -> tuple[float, ...]:
+    def smooth_signs(self) -> tuple[float, ...]:
         """Make the sign of velocities as smooth as these are known; return the widths if that concerns many samples."""
-        known = [one.resolution(self.sigma.q, self.given.bend) for one in self.segments]
-        still = self.given.bend < STILL
+        known = [one.resolution(self.sigma.q, self.given.usual_acceleration) for one in self.segments]
+        still = self.given.usual_acceleration < STILL
         width = np.where(still, NO_SIGN, np.max(known, axis=0))
         speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
-        self.model = softened(self.model, width)
+        self.model = with_smooth_signs(self.model, width)
         if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~still].max(initial=0.0)) < MANY:
             return ()
         return tuple(width[~still].tolist())
@@ -173,11 +173,11 @@ class Search:
         settings = replace(self.settings, tolerance=loose * self.settings.tolerance, hold=hold, fixed=fixed)
         return maximise(self.likelihood, states, theta, settings)
 
-    def freed(self) -> Search:
+    def with_free_start(self) -> Search:
         """Return the search with the velocities at the start unknown."""
         return replace(self, segments=tuple(replace(one, rest=False) for one in self.segments))
 
-    def left(self) -> tuple[list[Array], list[Array]]:
+    def residuals(self) -> tuple[list[Array], list[Array]]:
         """Return the residuals of positions and torques by segment, in units of their deviations; zero where unused."""
         pairs = [
             one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
@@ -189,7 +189,7 @@ class Search:
 
     def reweight(self, huber: float | None) -> None:
         """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
-        q, tau = self.left()
+        q, tau = self.residuals()
         pairs = zip(self.segments, self.states, strict=True)
         taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
         there = np.array(
@@ -214,7 +214,7 @@ class Search:
         if not self.barrier.inside(theta):
             return None
         try:
-            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
+            return self.searched(theta, last.extrapolated(self.segments, theta), hold=1, loose=AFAR, fixed=k)
         except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
             return None
 
@@ -254,7 +254,7 @@ class Search:
         out[k] = ends
         return out
 
-    def spread(self, fitted: LikelihoodFit, inverse: Array) -> tuple[Array, Array]:
+    def sandwich_std(self, fitted: LikelihoodFit, inverse: Array) -> tuple[Array, Array]:
         """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
 
         ``inverse`` (p, p) is that of the information. The pulls of stretches of the recordings on theta are taken as

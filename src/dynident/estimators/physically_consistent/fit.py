@@ -31,7 +31,7 @@ from dynident.estimators.constraints import (
 from dynident.estimators.estimator import Estimate, Problem, Provenance
 from dynident.estimators.least_squares import Weights, check_weights, joint_weights
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, PriorApproached, RankDeficient
-from dynident.estimators.physically_consistent.prior import nearest, settle
+from dynident.estimators.physically_consistent.prior import move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
 from dynident.models import Model
 from dynident.regression import rank_of
@@ -118,8 +118,8 @@ class PhysicallyConsistent:
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
         theta, excess = staged_fit(known, constraints, start)
-        value, gap = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
-        value = _snapped(value, constraints)
+        value, gap = move_to_prior(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        value = _clipped_to_limits(value, constraints)
         provenance = _provenance(value, known, constraints, ~np.isnan(prior))
         costs = _costs(known, constraints, start, excess) if self.costs else {}
         return Estimate(
@@ -176,7 +176,7 @@ class PhysicallyConsistent:
         """Return the bodies to keep close in the log-det sense: free ones whose prior is itself a possible body."""
         if self.distance == "euclidean":
             return []
-        free = [body for body in constraints.bodies if known.directions.lost[body.columns].any()]
+        free = [body for body in constraints.bodies if known.directions.undetermined[body.columns].any()]
         known_bodies = [body for body in free if not np.isnan(prior[body.columns]).any()]
         return [body for body in known_bodies if np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin]
 
@@ -199,7 +199,7 @@ def _index(name: str, model: Model, where: str) -> int:
     return model.names.index(name)
 
 
-def _snapped(theta: Array, constraints: Constraints) -> Array:
+def _clipped_to_limits(theta: Array, constraints: Constraints) -> Array:
     """Return theta with what the solver's rounding leaves between a parameter and its limit taken off."""
     theta = theta.copy()
     for limit in constraints.limits:
@@ -214,7 +214,7 @@ def _snapped(theta: Array, constraints: Constraints) -> Array:
 def _provenance(
     theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
 ) -> tuple[Provenance, ...]:
-    free = known.directions.lost
+    free = known.directions.undetermined
     at = np.zeros(len(theta), dtype=bool)
     for body in constraints.bodies:
         if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynident.estimators.constraints import Barrier, BodyConstraint, Constraints, Penalised
 from dynident.estimators.physically_consistent.staged import Information
 
-__all__ = ["nearest", "settle"]
+__all__ = ["move_to_prior", "nearest"]
 
 Array = NDArray[np.float64]
 TINY = 1e-9  # room given to limits that the first program left none
@@ -30,7 +30,7 @@ def nearest(known: Information, theta: Array, prior: Array) -> Array:
     return np.asarray(theta + known.free @ ((known.free / known.scale[:, None]).T @ aim))
 
 
-def settle(
+def move_to_prior(
     known: Information, constraints: Constraints, theta: Array, prior: Array, entropic: Sequence[BodyConstraint]
 ) -> tuple[Array, float]:
     """Return theta (p) moved along the free directions towards the prior (p), and the duality gap left.
@@ -42,10 +42,10 @@ def settle(
     directions = known.free @ _held(constraints, known.free)
     if not directions.shape[1]:
         return theta, 0.0
-    eased = constraints.eased(0.5)
-    if not entropic and eased.violation(close := nearest(known, theta, prior)) <= 0:
+    relaxed = constraints.relaxed(0.5)
+    if not entropic and relaxed.violation(close := nearest(known, theta, prior)) <= 0:
         return close, 0.0
-    program = _program(known, eased, theta, directions, prior, entropic)
+    program = _program(known, relaxed, theta, directions, prior, entropic)
     x, gap = program.descended()
     return theta + directions @ x, gap
 
@@ -65,7 +65,7 @@ class _Program:
         while True:
             both = ((self.kept, 1.0), (self.edge, weight))
             task = Penalised(self.H, self.g, np.zeros_like(x), both, np.arange(len(x)))
-            x, fall = task.settled(x, 1e-2 * weight, STEPS)
+            x, fall = task.minimised(x, 1e-2 * weight, STEPS)
             cost = float(0.5 * x @ self.H @ x - self.g @ x) + self.kept.value(x)
             gap = (weight * self.edge.degree + fall) / max(1.0, abs(cost))
             if gap < GAP or weight < 1e-2 * GAP:
@@ -92,7 +92,7 @@ def _program(
     others = np.ones(len(theta), dtype=bool)
     others[[k for body in entropic for k in body.columns]] = False
     slope, away = directions / known.scale[:, None] * others[:, None], others * (theta - prior) / known.scale
-    drawn = [replace(body.demand(len(theta)), centre=body.scaled(prior)[None]) for body in entropic]
+    drawn = [replace(body.psd_constraint(len(theta)), centre=body.scaled(prior)[None]) for body in entropic]
     kept = tuple(one.along(theta, directions) for one in drawn)
     moved = [
         one for one in constraints.psd_constraints(theta, directions) if np.abs(one.slopes).max(initial=0.0) > TINY

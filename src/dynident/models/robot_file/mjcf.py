@@ -1,7 +1,7 @@
-"""Reads a MuJoCo model (MJCF): bodies, joints, inertias, limits and nominal friction; shapes are left out.
+"""Reads a MuJoCo model (MJCF): bodies, joints, inertias, limits and nominal friction; shapes are ignored.
 
 Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/XMLreference.html. A body's frame here
-lies at its joint's anchor, with the body's axes. What MuJoCo would compute from shapes is not known.
+is at its joint's anchor, with the body's axes. Inertias that MuJoCo would compute from shapes are not known.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ ALTERED = ("balanceinertia", "boundmass", "boundinertia", "settotalmass", "inert
 
 @dataclass(frozen=True, eq=False)
 class _Reader:
-    """What holds for the whole file, and what has been read of it so far."""
+    """Settings of the whole file, and what has been read so far."""
 
     source: str
     compiler: Attributes
@@ -179,7 +179,7 @@ class _Reader:
             nominal={k: float(numbers(attributes, v, "0", where)[0]) for k, v in names.items() if v in attributes},
             refusal=refusal,
         )
-        # the file draws the arm at q = ref, not at zero
+        # the file shows the arm at q = ref, not at zero
         return _moved_back(joint, scale * float(numbers(attributes, "ref", "0", where)[0]))
 
     def _limits(self, attributes: Attributes, scale: float, where: str) -> Limits:
@@ -196,20 +196,20 @@ class _Reader:
 
 
 def read_mjcf(root: Element, source: str) -> RobotFile:
-    """Return what the <mujoco> element says.
+    """Parse the <mujoco> element.
 
-    Raises ModelError for what changes the dynamics and cannot be read, for joints or bodies without a name, names
-    given twice, bodies with several joints, and attributes that are not what they should be.
+    Raises ModelError for elements that change the dynamics and are not supported, joints or bodies without a name,
+    duplicate names, bodies with several joints, and invalid attributes.
     """
     for element in root.iter():
         if element.tag in UNREAD:
             raise ModelError(
-                f"{source}: <{element.tag}> is not read; save the compiled model from MuJoCo "
+                f"{source}: <{element.tag}> is not supported; save the compiled model from MuJoCo "
                 "(mj_saveLastXML), which writes it out, and use that file."
             )
     compiler = _merged(root, "compiler")
     if compiler.get("coordinate") == "global":
-        raise ModelError(f"{source}: coordinate='global' is not read; save the file again with a current MuJoCo.")
+        raise ModelError(f"{source}: coordinate='global' is not supported; save the file again with a current MuJoCo.")
     reader = _Reader(source, compiler, _classes(root))
     tops = [body for world in root.findall("worldbody") for body in world.findall("body")]
     bodies = [body for top in tops for body in top.iter("body")]
@@ -234,9 +234,9 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
 
 
 def _corrected(bodies: list[Element]) -> tuple[str, ...]:
-    """Say which angles in rad are taken as the exact ones."""
+    """Return a note on the angles in rad that are replaced by exact ones."""
     keys = ((body, key) for body in bodies for key in ANGULAR if key in body.attrib)
-    last = {"euler": -3, "axisangle": -1}  # the words that are angles
+    last = {"euler": -3, "axisangle": -1}  # which numbers are angles
     pairs = ((repr(body.get("name", "")), " ".join(body.attrib[key].split()[last[key] :])) for body, key in keys)
     return corrected("euler, axisangle", pairs)
 
@@ -251,7 +251,7 @@ def _merged(root: Element, tag: str) -> dict[str, str]:
 
 
 def _classes(root: Element) -> dict[str, dict[str, Attributes]]:
-    """Return the attributes of each default class by element, with those of the classes around it."""
+    """Return the attributes of each default class by element, with those of its parent classes."""
     found: dict[str, dict[str, Attributes]] = {"main": {}}
 
     def read(element: Element, name: str, outer: Mapping[str, Attributes]) -> None:
@@ -289,16 +289,16 @@ def _tendons(root: Element) -> Iterator[Coupled]:
 
 
 def _notes(root: Element, compiler: Attributes) -> tuple[str, ...]:
-    """Say what the file holds besides that is not read."""
+    """Return notes on what of the file is ignored."""
     option = _merged(root, "option")
     notes = [
-        f"<option> {key} = {option[key]!r} is not read" for key in ("density", "viscosity", "wind") if key in option
+        f"<option> {key} = {option[key]!r} is ignored" for key in ("density", "viscosity", "wind") if key in option
     ]
     notes += [
         f"<compiler> {key} = {compiler[key]!r} is not applied to the inertias" for key in ALTERED if key in compiler
     ]
     lifted = [body.get("name", "") for body in root.iter("body") if body.get("gravcomp", "0").strip("0.")]
-    notes += [f"the gravity compensation of {', '.join(lifted)} is not read"] if lifted else []
+    notes += [f"the gravity compensation of {', '.join(lifted)} is ignored"] if lifted else []
     spatial = [x.get("name", "") for group in root.findall("tendon") for x in group.findall("spatial")]
-    notes += [f"the spatial tendons {', '.join(map(repr, spatial))} are not read"] if spatial else []
+    notes += [f"the spatial tendons {', '.join(map(repr, spatial))} are ignored"] if spatial else []
     return tuple(notes)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Provenance(StrEnum):
-    """What decided a parameter: the data, the prior, a bound that it lies at, or nothing."""
+    """What determines a parameter: the data, the prior, an active bound, or nothing."""
 
     DATA = "data"
     PRIOR = "prior"
@@ -32,10 +32,10 @@ class Provenance(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
+    """The input of an estimator: the model, the motions to fit, their linear problem, and the logs as measured.
 
-    ``logs`` may be empty: the positions of the motions then stand for the measured ones. The motions are those that the
-    logs show ``time_offset`` (s) late; the logs themselves are as stamped.
+    ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs
+    are stamped ``time_offset`` (s) later than the torque; the motions are corrected for it, the logs are not.
     """
 
     model: Model
@@ -51,18 +51,17 @@ class Estimate:
 
     ``value`` (p) in the units ``units``; ``covariance`` (p, p), infinite variance where the data do not determine a
     parameter; ``sigma`` (n) standard deviation of each joint's torque residual; ``rank`` and ``condition`` of the
-    column-scaled regressor; ``notes`` say what was not as it should be, none where all is well.
+    column-scaled regressor; ``notes`` report problems, none where there are none.
 
-    Where the estimator can tell: ``provenance`` (p) says what each parameter was determined by; ``eigenvalues`` is the
-    smallest eigenvalue of each body's pseudo-inertia, relative to the body's usual mass (kg) and length (m); ``costs``
-    is what each family of constraints alone, and "all" of them, add to the weighted relative error of the training data
-    (percentage points of the torque); ``interval`` (p, 2) are the ends of 95 % intervals that need not be symmetric,
-    empty (0, 2) where two standard errors are all that is known; ``weights`` (n) are what each joint's rows
-    were multiplied with, None where all count the same; ``sample_weights`` holds for each motion of the regression what
-    its rows (N, n) were multiplied with besides, empty where all count the same, and ``slopes`` (N, n) the derivative
-    of w^2 e by the residual e where the weights w depend on it (empty: w^2); ``information`` (p, p) is Fisher's of all,
-    where the errors of the motion count, too; ``directions`` are those that the data determine, of which the rank is
-    the number.
+    Where the estimator provides them: ``provenance`` (p) says what determines each parameter; ``eigenvalues`` are the
+    smallest eigenvalues of the bodies' pseudo-inertias, relative to the usual mass (kg) and length (m) of the body;
+    ``costs`` are the increase of the weighted relative error of the training data (percentage points of the torque) by
+    each family of constraints alone, and by "all"; ``interval`` (p, 2) are the ends of 95 % intervals, which need not
+    be symmetric, empty (0, 2) where only standard errors are known; ``weights`` (n) of the rows of each joint, None for
+    equal weights; ``sample_weights`` (N, n) further weights of the rows of each motion, empty for equal weights, and
+    ``slopes`` (N, n) the derivative of w^2 e with respect to the residual e where the weights w depend on it (empty:
+    w^2); ``information`` (p, p) is Fisher's information, where errors of the motion are taken into account;
+    ``directions`` are those that the data determine; their number is the rank.
     """
 
     value: Array
@@ -91,12 +90,12 @@ class Estimate:
 
     @property
     def converged(self) -> bool:
-        """Whether the search, if there was one, ended at its optimum."""
+        """Whether the iteration, if there was one, converged."""
         return not any(isinstance(note, Unsettled) for note in self.notes)
 
 
 class Estimator(Protocol):
-    """Frozen configuration; the data come only in the call."""
+    """A frozen dataclass of settings; calling it with the data gives the estimate."""
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate the parameters of the problem's model."""
@@ -104,12 +103,12 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class HasQuick(Protocol):
-    """An estimator with a stand-in for searches that try many values, such as that of the time offset."""
+    """An estimator with a fast substitute for searches over many trial values, such as that of the time offset."""
 
     def quick(self) -> Estimator:
-        """Return an estimator of the same kind of error, as fast as least squares."""
+        """Return an estimator that minimises a similar error, as fast as least squares."""
 
 
 def quick(estimator: Estimator) -> Estimator:
-    """Return the stand-in of an estimator for searches: its own, or itself where it has none."""
+    """Return the fast substitute of an estimator for searches, or itself where it has none."""
     return estimator.quick() if isinstance(estimator, HasQuick) else estimator

@@ -41,7 +41,7 @@ class Model:
     parameter name; the methods raise it where a shape does not fit, or a term fails or returns a wrong shape or a
     number that is not finite.
 
-    >>> import numpy as np
+    >>> from dynident.models import Joint, RotorInertia, Viscous
     >>> joints = (Joint("shoulder"), Joint("elbow"))
     >>> model = Model((RotorInertia(joints), Viscous(joints)), name="two motors")
     >>> model.names

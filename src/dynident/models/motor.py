@@ -67,7 +67,7 @@ class CoupledMotor:
 
     >>> import numpy as np
     >>> wrist = (Joint("joint_5"), Joint("joint_6"))
-    >>> motor = CoupledMotor(wrist, "m6", {"joint_5": 1.0, "joint_6": 1.0}, viscous=True, coulomb=False)
+    >>> motor = CoupledMotor(wrist, {"joint_5": 1.0, "joint_6": 1.0}, name="m6", coulomb=False)
     >>> [one.name for one in motor.parameters]
     ['Ia_m6', 'Fv_m6']
     >>> zero = np.zeros((1, 2))

@@ -63,7 +63,7 @@ def _parts(segment: Segment, model: Model, state: State, theta: Array, sigma_tau
 
 
 def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Array) -> Array:
-    """Return the derivatives (B, n, 5 n + k n + p) of the model by C, W and theta; in a last column what is left."""
+    """Return the derivatives (B, n, 5 n + k n + p) of the model by C, W and theta, and last the residual."""
     B, n, p = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
     rows = np.zeros((B, n, w + k * n + p + 1))
@@ -121,7 +121,7 @@ def _mixed_hessian(segment: Segment, model: Model, part: _Part) -> Array:
 
 
 def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma) -> Array:
-    """Return how many degrees of freedom (2, n) the trajectory takes from the positions and torques of each joint.
+    """Return the degrees of freedom (2, n) that the trajectory takes from the positions and torques of each joint.
 
     These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.
     """
@@ -141,9 +141,9 @@ def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: 
 
 
 def scores(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, follow: Array) -> Array:
-    """Return the pull (I, p) of each interval's positions and torques on theta, the trajectory profiled out.
+    """Return the score (I, p) of theta from each interval's positions and torques, the trajectory profiled out.
 
-    ``follow`` (m n + k n, p) is how C and W follow theta, with the sign turned.
+    ``follow`` (m n + k n, p) is minus the dependence of C and W on theta.
     """
     n, p, w, out = len(sigma.q), len(theta), 5 * len(sigma.q), []
     edge, V = segment.trajectory.size * n, segment.shown[1]

@@ -1,4 +1,4 @@
-"""What a likelihood's end tells besides its values: its notes."""
+"""The notes of a maximum-likelihood estimate."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from dynident.estimators.notes import NotAlone, NotByData, NotWhite, RankDeficie
 __all__ = ["residual_notes", "undetermined_notes"]
 
 Array = NDArray[np.float64]
-APART = 1.3  # ratio of the sandwich's standard error to the likelihood's, from which on it is noted
-BORNE = 20.0  # parts of the recordings that must bear a parameter to tell its sandwich
-SURE = 4.0  # standard deviations of the sandwich's own chance that make a difference one
-EXACT = 1e-3  # residuals, relative to the largest torque, that are as good as none
+APART = 1.3  # ratio of the sandwich's standard error to the likelihood's above which it is noted
+BORNE = 20.0  # parts of the recordings that must contribute to a parameter for its sandwich to be reliable
+SURE = 4.0  # standard deviations of the sandwich's own sampling error that make a difference significant
+EXACT = 1e-3  # residuals, relative to the largest torque, that count as zero
 COLOURED, UNLIKELY = 0.1, 1e-3  # correlation of neighbours, and its probability, that make residuals not white
 
 
@@ -43,7 +43,7 @@ def residual_notes(
     ratio = np.divide(sandwich, std, out=np.ones_like(std), where=(std > 0) & (borne > BORNE) & ~undetermined)
     ratio[ratio**2 - 1 < SURE / np.sqrt(np.maximum(borne, BORNE))] = 1.0
     worst = int(np.argmax(ratio))
-    if ratio[worst] > APART:  # smaller ones come about by chance, where a few samples tell most
+    if ratio[worst] > APART:  # smaller ones occur by chance where a few samples dominate
         found.append(ScatterLarger(names[worst], float(ratio[worst])))
     return found
 
@@ -51,7 +51,7 @@ def residual_notes(
 def undetermined_notes(
     names: Sequence[str], undetermined: NDArray[np.bool_], rank: int, provenance: Sequence[Provenance]
 ) -> list[Note]:
-    """Return the notes on parameters that the data leave free."""
+    """Return the notes on parameters that the data do not determine."""
     if not undetermined.any():
         return []
     if provenance:
@@ -64,7 +64,7 @@ def undetermined_notes(
 
 
 def _colour(tau: Sequence[Array]) -> float:
-    """Return the largest correlation of neighbouring residuals of a joint, zero where they are as good as white."""
+    """Return the largest correlation of neighbouring residuals of a joint, zero where they are nearly white."""
     if min(whiteness(x, 0) for x in tau) > UNLIKELY:
         return 0.0
     power = np.maximum(sum((x**2).sum(axis=0) for x in tau), 1e-300)

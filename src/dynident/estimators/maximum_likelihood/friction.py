@@ -1,4 +1,4 @@
-"""Dry friction with a smooth sign, as wide as the velocity is known: a jump has no derivative to search by."""
+"""Coulomb friction with a smooth sign, because Newton's method needs a derivative."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ def has_sign(model: Model) -> bool:
 def with_smooth_signs(model: Model, width: Array) -> Model:
     """Return the model with each sign(dq) replaced by tanh(dq / width), ``width`` (n) in rad/s or m/s by joint.
 
-    The parameters stay the same, in the same order. Terms with a width or a dead band of their own are left as they
-    are.
+    The parameters and their order do not change. Terms that have a width or a dead band are not changed.
     """
     terms: list[Term] = []
     for term in model.terms:

@@ -1,4 +1,4 @@
-"""What maximum likelihood takes from a problem: its logs as measured, their noise, and a start that physics allows."""
+"""The input of maximum likelihood: logs as measured, their noise, and a feasible start."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ SHORTEST = 20  # samples of a recording
 
 
 def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:
-    """Return the logs as measured, thinned to about ``rate`` (Hz), and notes on what was done.
+    """Return the logs as measured, averaged down to about ``rate`` (Hz), and notes on this.
 
-    Where the problem has none, the runs of usable samples of the motions stand for them.
+    Where the problem has no logs, the runs of usable samples of the motions are used.
     """
     notes: list[Note] = []
     logs = problem.logs or _runs(problem)
@@ -47,7 +47,7 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
-    """Return which torques (N, n) of each of the logs count, None where all do."""
+    """Return which torques (N, n) of each log are used, None for all."""
     min_speed = problem.regression.min_speed
     if min_speed is None or logs != len(problem.motions):
         return [None] * logs
@@ -55,7 +55,7 @@ def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
 
 
 def _grouping(logs: Sequence[Log], rate: float | None) -> int:
-    """Return of how many neighbouring samples the mean is to be taken; of one where a log would become too short."""
+    """Return how many neighbouring samples to average; 1 where a log would become too short."""
     most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
     group = 1 if rate is None else int(np.ceil(most / rate))
     return group if min(map(len, logs)) >= SHORTEST * group else 1
@@ -70,15 +70,15 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 
 
 def misfit(problem: Problem, theta: Array) -> Array:
-    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
+    """Return the usual size (n) of the torque residuals of theta on the smoothed motions, without transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
     return median_sigma(np.concatenate(left))
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], margin: float = MARGIN) -> Array:
-    """Return theta (p) moved into the demands by the least change of the torque, with some slack to their boundary.
+    """Return theta (p) moved into the constraints by the least change of the torque, with some slack.
 
-    It stays where it is where the solver finds no such point.
+    theta is returned unchanged where the solver finds no such point.
     """
     triangular = problem.regression.triangular_factors
     factor = triangular.stacked(
@@ -95,7 +95,7 @@ def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], ma
     if _has_slack(theta, matrices, slack):
         return theta
     point = nearest_feasible(theta, hessian, matrices, slack)
-    # a solver that stopped halfway is no help to a start that is inside already
+    # an inaccurate solution is not used where the start is feasible
     return point if _has_slack(point, matrices, [0.5 * least for least in slack]) else theta
 
 
@@ -120,6 +120,6 @@ def _thinned(log: Log, group: int) -> Log:
 
 
 def _means(x: Array, group: int) -> Array:
-    """Return the means of ``group`` neighbours of x (N, ...); those left over at the end go."""
+    """Return the means of ``group`` neighbours of x (N, ...); the remainder at the end is dropped."""
     whole = len(x) // group * group
     return np.asarray(x[:whole].reshape(-1, group, *x.shape[1:]).mean(axis=1))

@@ -1,4 +1,4 @@
-"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay inside of what physics allows."""
+"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay feasible."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class NewtonSettings:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
+    """The result of Newton's method; ``information`` (p, p) of theta with all else profiled out.
 
-    ``gradient`` (p) is the data's slope of the cost once the step is taken that is left to go.
+    ``gradient`` (p) is the data's gradient of the cost after the remaining step.
     ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
     """
 
@@ -63,7 +63,7 @@ class LikelihoodFit:
     converged: bool
 
     def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
-        """Return the states that belong to another theta nearby, to first order."""
+        """Return the states for another theta nearby, to first order."""
         return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
@@ -166,7 +166,7 @@ def _safe(observed: Array, gauss: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """What is to be made most likely: a model on the segments of its logs, with their noise, inside of a barrier."""
+    """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -174,7 +174,7 @@ class Likelihood:
     barrier: Barrier
 
     def cost(self, states: Sequence[State], theta: Array) -> float:
-        """Return half the weighted squares and the barrier; infinite outside of it."""
+        """Return half the weighted squares plus the barrier; infinite outside the feasible set."""
         if not self.barrier.inside(theta):
             return np.inf
         pairs = zip(self.segments, states, strict=True)
@@ -230,7 +230,7 @@ def _carried(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Where the search stands."""
+    """The current point of the search."""
 
     states: tuple[State, ...]
     theta: Array
@@ -244,9 +244,9 @@ def maximise(
     settings: NewtonSettings | None = None,
     trace: Callable[[int, float, float, Array], None] = lambda *_: None,
 ) -> LikelihoodFit:
-    """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
+    """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    A step that fails because the trajectory's valley is curved is followed by one at fixed theta before it is halved.
+    A failing step is corrected by a step of the trajectory at fixed theta before it is halved.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
@@ -270,20 +270,20 @@ def maximise(
 
 
 def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
-    """Return the start after ``hold`` steps of the states alone; ModelError outside of the barrier."""
+    """Return the start after ``hold`` steps of the states alone; ModelError for an infeasible start."""
     states = tuple(states)
     for _ in range(hold):
         states = likelihood.gauss_newton_step(states, theta)
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
-        raise ModelError(f"{likelihood.model.name}: the start is outside of what physics allows.")
+        raise ModelError(f"{likelihood.model.name}: the start violates the physical constraints.")
     return _Point(states, theta, cost)
 
 
 def _improved(
     likelihood: Likelihood, at: _Point, step: _Step, found: Sequence[Equations], settings: NewtonSettings
 ) -> tuple[_Step, _Point | None]:
-    """Return the step that was taken and where it led, None where none lowers the cost."""
+    """Return the step taken and the new point, None where no step lowers the cost."""
     better = _descend(likelihood, at, step) if step.decrement > 0 else None
     if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
         step = _step(found, at.theta, likelihood.barrier, replace(settings, newton=False))
@@ -296,7 +296,7 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
     size = 1.0
     while size > SHORTEST:
         moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
-        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
             for _ in range(3):
                 cost = likelihood.cost(moved, aim)
                 if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):

@@ -13,7 +13,7 @@ __all__ = ["POINTS", "Torques", "condensed"]
 
 Array = NDArray[np.float64]
 POINTS = 8  # of Gauss's rule, for the samples of one interval
-CLOSE = 0.03  # torques this near to a polynomial, in standard deviations of a sample, count as one
+CLOSE = 0.03  # torques this close to a polynomial, in standard deviations of a sample, count as polynomial
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,19 @@ def cramer_rao_bound(
     rest: bool = False,
     substeps: int = 4,
 ) -> Array:
-    """Return the covariance (p, p) that no unbiased estimator can go below, in the parameters' units.
+    """Return the least covariance (p, p) of any unbiased estimator, in the parameters' units.
 
     The arguments are those of ``information``, for one motion or several, whose informations add. Raises ModelError
     where the motions do not determine every parameter, and as ``information`` does.
+
+    >>> import numpy as np
+    >>> from dynident.models import simulate
+    >>> from dynident.models.gallery import pendulum
+    >>> model = pendulum()
+    >>> motion = simulate(model, model.values, lambda t: [np.sin(3.0 * t)], np.linspace(0.0, 4.0, 801))
+    >>> bound = cramer_rao_bound(model, model.values, motion, sigma_q=1e-4, sigma_tau=0.01)
+    >>> print(f"J = {model.values[0]} +- {np.sqrt(bound[0, 0]):.0e} kg m^2")
+    J = 0.0825 +- 8e-05 kg m^2
     """
     several = (motions,) if isinstance(motions, Motion) else tuple(motions)
     total = sum(information(model, theta, one, sigma_q, sigma_tau, rest=rest, substeps=substeps) for one in several)
@@ -44,9 +53,9 @@ def cramer_rao_bound(
     if found.groups:
         lone = [model.names[group[0]] for group in found.groups if len(group) == 1]
         if lone:
-            raise ModelError(f"{model.name}: these motions say nothing of {', '.join(lone)}; no bound exists.")
+            raise ModelError(f"{model.name}: these motions do not excite {', '.join(lone)}; no bound exists.")
         tied = ", ".join(model.names[k] for k in found.groups[0])
-        raise ModelError(f"{model.name}: these motions do not tell {tied} apart; no bound exists.")
+        raise ModelError(f"{model.name}: these motions determine only combinations of {tied}; no bound exists.")
     return found.inverse
 
 

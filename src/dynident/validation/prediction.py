@@ -1,4 +1,4 @@
-"""Judges an estimate: its torque on a log, always also against the unfiltered measurement."""
+"""Torque errors of an estimate on a log, always also against the unfiltered measurement."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ SEED = 0  # of the random poses, where the caller brings no generator
 
 @dataclass(frozen=True, eq=False)
 class LogValidation:
-    """Errors of a model on one log, over the samples that its motion vouches for.
+    """Errors of a model on one log, over its reliable samples (inside the mask of the motion).
 
     ``predicted`` (N, n) torque; ``relative_error`` (%) = 100 |tau - predicted| / |tau| over all joints, against the
     unfiltered measured torque at the log's own rate; ``relative_error_filtered`` the same after the parallel filter and
     decimation, over the rows that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and
     ``per_joint`` (%) by joint name, unfiltered.
 
-    By joint name too: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the effort
-    limit of the robot file (of joints that have one); ``r2`` = 1 - variance of the residual / variance of the
-    torque, which counts no constant part; ``residuals``, what the unfiltered residual looks like.
+    Also by joint name: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the
+    effort limit of the robot file (for joints that have one); ``r2`` = 1 - variance of the residual / variance of the
+    torque, which ignores constant parts; ``residuals``, tests of the unfiltered residual.
     """
 
     name: str
@@ -51,7 +51,7 @@ class LogValidation:
 
 
 def relative_error(measured: Array, predicted: Array) -> float:
-    """Return 100 |measured - predicted| / |measured| in percent (nan where nothing was measured but zeros)."""
+    """Return 100 |measured - predicted| / |measured| in percent (nan where the measurement is zero)."""
     size = float(np.linalg.norm(measured))
     return 100.0 * float(np.linalg.norm(measured - predicted)) / size if size > 0 else float("nan")
 
@@ -68,11 +68,20 @@ def validate(
 ) -> LogValidation:
     """Predict the torque of a motion with the parameters theta (p) and compare it with the measured one.
 
-    ``filter`` and ``min_speed`` are those of the fit: they make ``relative_error_filtered`` and touch nothing else.
-    Raises InputError where the motion's mask leaves no sample, and ModelError where a shape does not fit.
+    ``parallel_filter`` and ``min_speed`` are those of the fit; they only affect ``relative_error_filtered``. ``name``
+    (default: the motion's source) and ``role`` label the result. Raises InputError where no sample is inside the
+    motion's mask, and ModelError where a shape does not fit.
+
+    >>> from dynident.models import simulate
+    >>> from dynident.models.gallery import pendulum
+    >>> model = pendulum()
+    >>> motion = simulate(model, model.values, lambda t: [np.sin(3.0 * t)], np.linspace(0.0, 2.0, 201))
+    >>> result = validate(model, 1.1 * model.values, motion)  # 10 % too large
+    >>> result.relative_error
+    10.00
     """
     if not motion.mask.any():
-        raise InputError(f"{motion.source}: no sample is left to judge the model on; widen the window, or smooth less.")
+        raise InputError(f"{motion.source}: no usable sample is left for validation; widen the window, or smooth less.")
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
     torques = [model.torque(motion.q[s], motion.dq[s], motion.ddq[s], np.asarray(theta, dtype=float)) for s in parts]
     predicted = np.concatenate(torques)
@@ -97,7 +106,7 @@ def validate(
 
 
 def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:
-    """Return the errors in % of the largest efforts, for joints whose limit is known."""
+    """Return the errors in % of the effort limits, for joints whose limit is known."""
     limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
     return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
 
@@ -112,7 +121,7 @@ def _r2(measured: Array, predicted: Array) -> float:
 
 
 def _residuals(motion: Motion, predicted: Array) -> dict[str, ResidualTest]:
-    """Examine the longest uninterrupted stretch: across a gap neighbouring samples are no neighbours."""
+    """Test the residuals of the longest stretch without a gap."""
     part = max(stretches(motion.mask), key=lambda one: one.stop - one.start)
     residual, dq = (motion.tau - predicted)[part], motion.dq[part]
     step = float(np.diff(motion.t).mean())
@@ -139,9 +148,9 @@ def _filtered(
 def check_mass(
     model: Model, theta: ArrayLike, motions: Sequence[Motion], rng: np.random.Generator | None = None, poses: int = 1000
 ) -> MassMatrixCheck:
-    """Look at the mass matrix over up to 1000 poses of each motion and as many random ones within the joints' limits.
+    """Check the mass matrix at up to 1000 poses of each motion and as many random ones within the joints' limits.
 
-    A joint without limits turns half a turn or slides 1 m to both sides. ``rng`` draws the poses, by default the same
+    A joint without limits is drawn from -pi to pi rad or from -1 to 1 m. ``rng`` draws the poses, by default the same
     ones each time. Raises the errors of the model.
     """
     rng = rng or np.random.default_rng(SEED)

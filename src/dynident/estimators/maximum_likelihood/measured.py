@@ -21,7 +21,7 @@ from dynident.splines import median_sigma, steady_noise
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
 Array = NDArray[np.float64]
-MARGIN = 0.3  # slack to the boundary that a start is given, relative to the usual size
+MARGIN = 0.3  # slack of the start, relative to the usual size
 THIN = 1e-3  # the same for bodies, which are often nearly rods or plates
 LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 SHORTEST = 20  # samples of a recording

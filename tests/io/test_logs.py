@@ -114,7 +114,7 @@ def test_rows_written_twice_are_left_out(tmp_path):
     text = "\n".join([header, *(row for k, row in enumerate(rows) for _ in range(1 + (k % 50 == 7)))])
     reading = read(tmp_path, text)
     assert len(reading.logs[0]) == 200
-    assert reading.warnings == ("a: 4 rows that repeat the one before, time and all, are left out.",)
+    assert reading.warnings == ("a: 4 rows that repeat the previous one, including its time, are left out.",)
 
 
 def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):

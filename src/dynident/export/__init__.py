@@ -1,4 +1,4 @@
-"""The identified model as files that other programs read: pure functions from an identification to proven texts."""
+"""The identified model as files for other programs: pure functions from an identification to verified texts."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ ALWAYS = ("yaml", "numpy")
 
 
 def exports(found: Identification) -> tuple[Export, ...]:
-    """Return the robot's own file with the values found, where there is one, the parameters, and a NumPy module.
+    """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
-    Each is proven on samples of the logs, or says why it cannot be.
+    Each is verified on samples of the logs, or has the reason why it cannot be written.
     """
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
@@ -48,7 +48,18 @@ def exports(found: Identification) -> tuple[Export, ...]:
 
 
 def export(identified: Identified, format: str, states: States) -> Export:  # noqa: A002
-    """Return one format with its proof on the states q, dq, ddq (N, n); ModelError for an unknown format."""
+    """Return one format with its verification at the states q, dq, ddq (N, n).
+
+    ``format`` is a kind of the exporters: "urdf", "mjcf", "numpy" or "yaml". Where the format cannot hold the model, or
+    the text does not reproduce its torque, ``Export.refusal`` is the reason. Raises ModelError for an unknown format.
+
+    >>> import numpy as np
+    >>> from dynident.models.gallery import pendulum
+    >>> model = pendulum()
+    >>> written = export(Identified(model, model.values), "yaml", random_states(1, np.random.default_rng(0)))
+    >>> written.ready, written.file
+    (True, 'parameters.yaml')
+    """
     if format not in EXPORTERS.table and format not in EXPORTERS.kinds():
         raise ModelError(f"no export format {format!r}; {choices(format, EXPORTERS.kinds())}")
     exporter: Exporter = EXPORTERS.get(format)()
@@ -62,7 +73,7 @@ def export(identified: Identified, format: str, states: States) -> Export:  # no
         return Export(format, file, written, proof)
     words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
     reason = (
-        f"the text, loaded again, does not give the identified torque: relative difference {words}, allowed is "
+        f"the text, loaded again, does not reproduce the identified torque: relative difference {words}, allowed is "
         f"{proof.limit:g}. {' '.join(proof.skipped)}"
     )
     return Export(format, file, written, proof, reason.strip())

@@ -1,4 +1,4 @@
-"""The identified model as an MJCF: the original text, with the inertias, frictions and rotor inertias that were found.
+"""The identified model as an MJCF: the original text, with the identified inertias, friction and rotor inertias.
 
 Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/XMLreference.html.
 """
@@ -30,7 +30,7 @@ def identified_mjcf(identified: Identified) -> Written:
     gravity of the identification, rounded angles as they were read, and without the compiler settings that would
     change inertias.
 
-    Raises ModelError where the model was read from no MJCF, and for a body or a friction that cannot be real.
+    Raises ModelError where the model does not come from an MJCF, and for inconsistent bodies or negative friction.
     """
     bodies, values = identified.bodies
     if bodies.format != "mjcf":
@@ -80,7 +80,7 @@ def _set_drive(text: Text, joint: Node, found: Drives, name: str) -> None:
 
 
 def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
-    """Set it wherever it is given, as the last one counts; else in the first option, or in a new one."""
+    """Set gravity wherever it is given, as the last one counts; else in the first option, or in a new one."""
     options = [child for child in text.root.children if child.tag == "option"]
     stated = [option for option in options if "gravity" in option.attributes] or options[:1]
     for option in stated:
@@ -90,11 +90,11 @@ def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
 
 
 def _freed(text: Text) -> tuple[str, ...]:
-    """Take away what would change the inertias when the file is compiled, and say so."""
+    """Remove settings that would change the inertias when the file is compiled, and return a note on them."""
     gone: list[str] = []
     for compiler in (child for child in text.root.children if child.tag == "compiler"):
         keys = [key for key in ALTERING if key in compiler.attributes]
         keys += ["inertiafromgeom"] if compiler.attributes.get("inertiafromgeom") == "true" else []
         text.drop(compiler, tuple(keys))
         gone += keys
-    return (f"<compiler> {', '.join(gone)} taken away: the inertias are meant as they stand",) if gone else ()
+    return (f"<compiler> {', '.join(gone)} removed, so that the inertias are used as written",) if gone else ()

@@ -186,12 +186,12 @@ def _(cause: residuals.Ripple) -> str:
 
 @words.register
 def _(cause: residuals.LowFrequency) -> str:  # noqa: ARG001
-    return f"frequencies below {residuals.LOW:g} Hz: the model or its parameters"
+    return f"an error of the model or its parameters (mostly below {residuals.LOW:g} Hz)"
 
 
 @words.register
 def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
-    return f"frequencies above {residuals.LOW:g} Hz: noise, ripple, elasticity or a time offset"
+    return f"noise, ripple, elasticity or a time offset (mostly above {residuals.LOW:g} Hz)"
 
 
 @words.register

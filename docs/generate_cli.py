@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def reference() -> str:
 
 def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     usage = " ".join((context.command_path, *command.collect_usage_pieces(context)))
-    yield from ("", f"## {context.command_path}", "", f"`{usage}`", "", str(command.help).strip(), "")
+    yield from ("", f"## {context.command_path}", "", f"`{usage}`", "", inspect.cleandoc(str(command.help)), "")
     yield from ("| option | meaning |", "|---|---|")
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)

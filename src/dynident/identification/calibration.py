@@ -35,7 +35,7 @@ START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no e
 
 @dataclass(frozen=True)
 class TimeOffset(Note):
-    """Positions are stamped ``seconds`` later than the torque; training error (%) ``before`` and ``after`` correction."""
+    """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction."""
 
     severity: ClassVar[Severity] = Severity.INFO
     seconds: float

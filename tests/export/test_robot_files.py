@@ -64,7 +64,7 @@ def test_a_welded_body_whose_inertia_comes_from_shapes_gets_none():
     made = export(arm(text), "mjcf", STATES)
     assert made.ready, made.refusal
     assert '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>' in made.written.text
-    assert any("'tool': the file left" in note for note in made.written.notes)
+    assert any("'tool': the file computes its inertia" in note for note in made.written.notes)
 
 
 def test_fixed_links_keep_their_inertias_where_they_fit():
@@ -87,7 +87,7 @@ def test_fixed_links_that_are_impossible_lose_their_inertias():
 
 def test_locked_joints_are_told():
     written = identified_urdf(arm(joints_used=("shoulder", "rail"), locked={"twist": 0.4}))
-    assert any("'twist' stood still" in note for note in written.notes)
+    assert any("'twist' were fixed" in note for note in written.notes)
 
 
 def test_a_link_without_inertia_gets_one():
@@ -122,8 +122,8 @@ def test_values_that_are_not_identified_stay_those_of_the_file():
     [
         (from_physical(-1.0, [0, 0, 0.1], np.eye(3)), "negative mass"),
         (from_physical(1.0, [0, 0, 0.1], np.diag([1.0, 1.0, 3.0])), "triangle"),
-        (np.zeros(10), "border"),
-        (from_physical(1.0, [0, 0, 0.1], np.zeros((3, 3))), "border"),
+        (np.zeros(10), "singular"),
+        (from_physical(1.0, [0, 0, 0.1], np.zeros((3, 3))), "singular"),
     ],
 )
 def test_impossible_bodies_are_refused_by_robot_files_only(body, words):
@@ -147,7 +147,7 @@ def test_the_other_format_is_refused():
     with pytest.raises(ModelError, match="`urdf`"):
         identified_mjcf(arm(ARM))
     joints = RigidBodies(ARM).joints
-    with pytest.raises(ModelError, match="not made of a robot file"):
+    with pytest.raises(ModelError, match="does not come from a robot file"):
         identified_urdf(Identified(Model((Viscous(joints),)), np.ones(3)))
     with pytest.raises(ModelError, match="did you mean 'urdf'"):
         export(arm(), "udrf", STATES)

@@ -206,10 +206,12 @@ def test_what_identify_would_warn_of_is_shown(arm, tmp_path):
     write(tmp_path / "a.csv", **{"elbow.effort": np.zeros(N)})
     assert "the torque is 0 throughout" in run("init", arm, "a.csv").output
     write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.nan, 1.0)})
-    assert "as it is, the configuration cannot be used" in run("init", arm, "a.csv", "--force").output
+    assert "the configuration cannot be used yet" in run("init", arm, "a.csv", "--force").output
 
 
-@pytest.mark.parametrize(("robot", "words"), [("arm.urdf", "no joint that turns"), ("no.urdf", "cannot be read")])
+@pytest.mark.parametrize(
+    ("robot", "words"), [("arm.urdf", "no revolute or prismatic joint"), ("no.urdf", "cannot be read")]
+)
 def test_a_robot_that_cannot_move_is_refused(tmp_path, monkeypatch, robot, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.urdf").write_text(urdf(link("base", 1.0)))

@@ -124,7 +124,7 @@ def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
 
 
 def test_a_window_past_the_end_is_a_warning(tmp_path):
-    assert "reaches past the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
+    assert "extends beyond the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
 
 
 def test_gaps_can_be_split(tmp_path):

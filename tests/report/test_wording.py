@@ -235,7 +235,7 @@ def test_the_mass_matrix_says_where_it_is_weakest() -> None:
 def test_lines_say_how_serious_a_note_is() -> None:
     assert note_lines([Remark("stale."), notes.Averaged(3)]) == [
         Line("Warning: stale.", Severity.WARNING),
-        Line("Note: of 3 neighbouring samples the mean was taken", Severity.INFO),
+        Line("Note: each 3 neighbouring samples were averaged", Severity.INFO),
     ]
 
 
@@ -251,12 +251,12 @@ def test_a_good_model_in_three_sentences() -> None:
         "unexplained, in training 3 %."
     )
     assert second == (
-        "Its mass matrix is positive definite in all poses tried, and its free simulation is off by at most 2.5 % of "
-        "the way (a, fast)."
+        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
+        "2.5 % "
+        "of the motion (a, fast)."
     )
     assert third == (
-        "What is left of the torque is largest in a (fast) and points to friction around reversals and a ripple at "
-        "26 Hz."
+        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
     )
 
 
@@ -265,8 +265,8 @@ def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
     first, second, _ = advice.sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
     assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
     assert second == (
-        "Not for simulation: no free simulation was asked for; the bodies' inertias were not held to what is "
-        "physically possible; and 1 more."
+        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
+        "consistent; and 1 more."
     )
 
 
@@ -274,6 +274,6 @@ def test_what_is_not_known_is_said() -> None:
     nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
     assert advice.sentences(nothing) == (
         "Do not use this model yet: no log was held out.",
-        "Against its use: no log was held out, so nothing shows how the model does on unseen motion.",
-        "Nothing can be said of what is left of the torque.",
+        "Against its use: no log was held out, so the error on unseen motion is not known.",
+        "The torque residual could not be tested.",
     )

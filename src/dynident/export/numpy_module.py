@@ -165,9 +165,12 @@ MOTORS = """
 MOTORS = [@ROWS@]
 """
 
-BODIES = '''# Bodies, each after its parent: column in q, index of the parent (-1: the base), whether it slides, axis,
-rotation # and position of its joint frame in the parent's; mass, first moment and inertia about its joint frame.
-BODIES_@K@ = [ @ROWS@ ] GRAVITY_@K@ = @GRAVITY@  # m/s^2, in the frame of the base
+BODIES = '''# Bodies, each after its parent: column in q, index of the parent (-1: the base), whether it slides,
+# axis, rotation and position of its joint frame in the parent's; mass, first moment and inertia about its joint frame.
+BODIES_@K@ = [
+@ROWS@
+]
+GRAVITY_@K@ = @GRAVITY@  # m/s^2, in the frame of the base
 
 
 def _turn(axis, angle):

@@ -23,14 +23,14 @@ Array = NDArray[np.float64]
 
 
 class Controller(Protocol):
-    """What drove the joints while a log was recorded: frozen configuration and the recorded references."""
+    """The controller that drove the joints while a log was recorded: its gains and the recorded references."""
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the n joints, in the order of q."""
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
-        """Return the torque (n), N m or N, held from time t (s) on, for the position q (n) and velocity dq (n)."""
+        """Return the torque (n), N m or N, held from time t (s) on, for position q (n) and velocity dq (n)."""
 
 
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -102,9 +102,9 @@ def _frame(one: Log | Motion, channels: Sequence[str]) -> pl.DataFrame:
 class Log:
     """One uninterrupted recording of n joints at N instants.
 
-    ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names;
-    ``source`` tells the reader of a message where the data come from. ``dq`` and ``command`` are optional (N, n),
-    and so is ``controller``, what gave the torque.
+    ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names; ``source``
+    names the data in messages. Optional are ``dq`` and ``command`` (N, n), and the ``controller`` that produced the
+    torque.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
 
@@ -160,14 +160,14 @@ class Log:
         return self.rows(keep, self.source)
 
     def rows(self, keep: slice | NDArray[np.bool_], source: str) -> Log:
-        """Return the samples that ``keep`` picks, a slice or a mask (N), as a log called ``source``.
+        """Return the samples selected by ``keep``, a slice or a mask (N), as a log called ``source``.
 
         Raises InputError where fewer than two samples remain.
         """
         return replace(self, t=self.t[keep], source=source, **self._cut((keep,)))
 
     def _cut(self, index: tuple[Any, ...]) -> dict[str, Any]:
-        """Return the part of every channel that the index picks."""
+        """Return every channel at the index."""
         channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command")}
         return {name: None if value is None else value[index] for name, value in channels.items()}
 
@@ -184,11 +184,11 @@ class Log:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A log's motion with its derivatives: what a smoother makes of a ``Log``, or the truth of a simulation.
+    """A log's motion with its derivatives: the result of a smoother, or the exact motion of a simulation.
 
     ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
-    used; ``smoothing`` says in words and numbers how the derivatives were made (for the report); ``time_offset`` (s) is
-    how much later than the stamps of the torque the motion was recorded.
+    used; ``smoothing`` describes, for the report, how the derivatives were computed; ``time_offset`` (s) is how much
+    later than its torque the motion was stamped. Raises InputError as ``Log`` does.
     """
 
     t: Array
@@ -231,12 +231,10 @@ class Motion:
         return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))
 
     def shifted(self, time_offset: float, rows: NDArray[np.intp] | None = None) -> Motion:
-        """Return the motion as it is ``time_offset`` (s) later than each torque: at t + ``time_offset``, with the
-        torque of t.
+        """Return the motion at t + ``time_offset`` (s), paired with the torque at t.
 
-        Between samples ddq is taken as a straight line, as that of a cubic spline is, and dq and q are its integrals.
-        The mask loses the samples whose motion lies outside the recording. ``rows`` (increasing indices, at least two)
-        picks samples.
+        ddq is interpolated linearly between samples, as in a cubic spline, and integrated for dq and q. Samples whose
+        motion lies outside the recording are masked out. ``rows`` (increasing indices, at least two) selects samples.
         """
         if time_offset == 0.0 and rows is None:
             return self
@@ -256,8 +254,8 @@ class Motion:
 def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:
     """Return the indices of usable samples of each motion, evenly spread: every k-th, about ``most`` in all.
 
-    They are between ``most`` and twice as many where there are more than that. None lies within ``margin`` (s) of an
-    end of its motion.
+    Where more are usable, the number is between ``most`` and twice that. No sample lies within ``margin`` (s) of an end
+    of its motion.
     """
     every = max(1, sum(int(motion.mask.sum()) for motion in motions) // most)
     inside = [one.mask & (one.t >= one.t[0] + margin) & (one.t <= one.t[-1] - margin) for one in motions]
@@ -265,7 +263,7 @@ def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list
 
 
 def pieces(part: slice, count: int, share: float) -> list[slice]:
-    """Return that share of a stretch of samples in ``count`` pieces, evenly spread, where neighbours must stay so."""
+    """Return ``count`` evenly spread pieces of consecutive samples that hold the given share of a stretch."""
     length = part.stop - part.start
     size, step = int(share * length / count), length // count
     return [slice(part.start + k * step, part.start + k * step + size) for k in range(count)]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, channels, check_log, inspect_log, require, split_gaps
+from dynident.checks import Finding, channels, check_log, check_log_fully, require, split_gaps
 from dynident.errors import InputError, Severity
 from dynident.log import Log
 
@@ -115,7 +115,7 @@ def test_split_gaps_returns_an_uninterrupted_log_unchanged():
 
 
 def told(one: Log) -> dict[str, str]:
-    return {finding.topic: finding.message for finding in inspect_log(one, dict.fromkeys(one.joints, "revolute"))}
+    return {finding.topic: finding.message for finding in check_log_fully(one, dict.fromkeys(one.joints, "revolute"))}
 
 
 @pytest.mark.parametrize(("hold", "advice"), [(2, "one row in 2"), (4, "one row in 4")])
@@ -134,7 +134,7 @@ def test_an_encoder_in_slow_motion_is_not_stale():
 
 def test_a_rest_of_the_whole_arm_is_named_with_its_time():
     q = np.sin(2 * np.minimum(T, 2.5)) + np.random.default_rng(6).normal(0, 1e-6, N)
-    assert "stands still from 2.5 to 4 s" in told(log(q=q[:, None]))["rest"]
+    assert "is at rest from 2.5 to 4 s" in told(log(q=q[:, None]))["rest"]
     assert channels(log(q=q[:, None]))[0].still == pytest.approx(1.5 / 4, abs=0.05)
 
 

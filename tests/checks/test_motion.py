@@ -65,7 +65,7 @@ def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
 
     assert "motor current" in words(300)
     assert "motor current" not in words(12)
-    assert "motor's side" in words(1e-3)
+    assert "motor side" in words(1e-3)
 
 
 def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:

@@ -38,7 +38,7 @@ FLAWS = {
     ),
     "massless": (arm(fore=link("fore")), "warning", "massless", "fore", "no mass in the file"),
     "millimetres": (arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", "millimetres"),
-    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "0.41 m from"),
+    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "gyration of 0.41"),
     "grams": (
         arm(link("upper", 2e3, (0.15, 0, 0), tensor=1e3 * ROD), link("fore", 4e3, (0.12, 0, 0), tensor=2e3 * ROD)),
         "warning", "total mass", "", "6004 kg",
@@ -75,7 +75,7 @@ def test_a_sound_arm_has_none() -> None:
 
 
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
-    assert {one.severity for one in found(FLAWS["negative mass"][0], grave=Severity.WARNING)} == {"warning"}
+    assert {one.severity for one in found(FLAWS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 
 
 def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:
@@ -98,9 +98,9 @@ def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
 def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
     bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
     effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
-    assert "no effort limit of s, e" in effort.message
-    assert "no velocity limit of s, e" in velocity.message
-    assert "of s:" in found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message
+    assert "no effort limit for s, e" in effort.message
+    assert "no velocity limit for s, e" in velocity.message
+    assert "for s:" in found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message
 
 
 def test_both_formats_say_the_same() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import inspect_log, timing
+from dynident.checks import check_log_fully, timing
 from dynident.log import Log
 
 N, STEP = 4000, 0.005
@@ -22,7 +22,7 @@ def log(stamped: np.ndarray, sampled: np.ndarray, noise: float = 1e-6) -> Log:
 
 def topics(one: Log) -> dict[str, str]:
     kinds = dict.fromkeys(one.joints, "revolute")
-    return {finding.topic: f"{finding.severity}: {finding.message}" for finding in inspect_log(one, kinds)}
+    return {finding.topic: f"{finding.severity}: {finding.message}" for finding in check_log_fully(one, kinds)}
 
 
 def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
@@ -40,7 +40,7 @@ def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
 def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
     hidden = log(EVEN + JITTER, EVEN, noise=0.1)
     assert timing(hidden).even == pytest.approx(1, abs=0.05)
-    assert "do not tell" in topics(hidden)["jitter"]
+    assert "do not show whether" in topics(hidden)["jitter"]
 
 
 def test_an_even_time_axis_has_no_findings() -> None:

@@ -46,7 +46,7 @@ def test_a_turned_sign_is_a_question(tmp_path: Path) -> None:
     write_log(tmp_path)
     done = run("check", configure(tmp_path, torque={"slider": {"column": "force", "gain": -1, "unit": "N"}}))
     assert done.exit_code == 0
-    assert "is the sign of the torque turned?" in done.output
+    assert "is the sign of the torque reversed?" in done.output
 
 
 def test_robot_files_alone(tmp_path: Path) -> None:

@@ -218,7 +218,7 @@ class TestExport:
     def test_what_cannot_be_written_is_said(self, slider: Path) -> None:
         done = run("export", slider, "--format", "urdf", "--out", slider.parent / "x.urdf")
         assert done.exit_code == 1
-        assert "not made of a robot file" in done.output
+        assert "does not come from a robot file" in done.output
         assert not (slider.parent / "x.urdf").exists()
 
     def test_an_unknown_format_is_said(self, slider: Path) -> None:

@@ -63,7 +63,7 @@ def test_rank_deficiency_names_exactly_the_columns_tied(which: tuple[str, ...], 
     fit = fitted(dependent(*which), data()[1])
     assert set(fit.groups) == set(groups)
     assert fit.rank == COLUMNS - len(groups)
-    assert np.flatnonzero(fit.directions.lost).tolist() == sorted(k for group in groups for k in group)
+    assert np.flatnonzero(fit.directions.undetermined).tolist() == sorted(k for group in groups for k in group)
     assert fit.condition > 1e12
 
 
@@ -75,7 +75,7 @@ def test_other_columns_are_fitted_as_if_one_of_each_group_was_not_there(
     fit = fitted(X, y)
     kept = [k for k in range(COLUMNS) if k not in {group[-1] for group in groups}]
     clean = fitted(X[:, kept], y)
-    sure = [k for k in kept if not fit.directions.lost[k]]
+    sure = [k for k in kept if not fit.directions.undetermined[k]]
     place = [kept.index(k) for k in sure]
     assert clean.rank == len(kept)
     np.testing.assert_allclose(fit.value[sure], clean.value[place], rtol=1e-10)

@@ -45,8 +45,8 @@ def test_values_that_are_not_identified_stay_those_of_the_file():
     [
         (from_physical(-1.0, [0, 0, 0.1], np.eye(3)), "negative mass"),
         (from_physical(1.0, [0, 0, 0.1], np.diag([1.0, 1.0, 3.0])), "triangle"),
-        (np.zeros(10), "border"),
-        (from_physical(1.0, [0, 0, 0.1], np.zeros((3, 3))), "border"),
+        (np.zeros(10), "singular"),
+        (from_physical(1.0, [0, 0, 0.1], np.zeros((3, 3))), "singular"),
     ],
 )
 def test_impossible_bodies_are_refused_by_robot_files_only(body, words):
@@ -71,5 +71,5 @@ def test_the_other_format_is_refused():
     with pytest.raises(ModelError, match="`urdf`"):
         identified_mjcf(arm(ARM))
     joints = RigidBodies(ARM).joints
-    with pytest.raises(ModelError, match="not made of a robot file"):
+    with pytest.raises(ModelError, match="does not come from a robot file"):
         identified_urdf(Identified(Model((Viscous(joints),)), np.ones(3)))

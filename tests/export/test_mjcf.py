@@ -41,4 +41,4 @@ def test_a_welded_body_whose_inertia_comes_from_shapes_gets_none():
     made = export(arm(text), Mjcf(), STATES)
     assert made.ready, made.refusal
     assert '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>' in made.written.text
-    assert any("'tool': the file left" in note for note in made.written.notes)
+    assert any("'tool': the file computes its inertia" in note for note in made.written.notes)

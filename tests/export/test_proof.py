@@ -63,7 +63,7 @@ def test_a_failed_proof_is_a_refusal(monkeypatch):
     monkeypatch.setattr(Urdf, "write", lambda _, one: replace(identified_urdf(one), text=ARM))
     made = export(arm(), Urdf(), STATES)
     assert not made.ready
-    assert "does not give the identified torque" in made.refusal
+    assert "does not reproduce the identified torque" in made.refusal
     assert "Pinocchio" in made.refusal
 
 

@@ -19,7 +19,7 @@ def test_urdf_says_what_it_leaves_out():
 
 def test_locked_joints_are_told():
     written = identified_urdf(arm(joints_used=("shoulder", "rail"), locked={"twist": 0.4}))
-    assert any("'twist' stood still" in note for note in written.notes)
+    assert any("'twist' were fixed" in note for note in written.notes)
 
 
 def test_a_link_without_inertia_gets_one():

@@ -129,7 +129,7 @@ def test_only_robot_files_can_tilt() -> None:
 
 def test_a_base_that_lies_on_its_side_is_not_a_tilt() -> None:
     model, motion = tilted(0.6, 0.0)
-    with pytest.raises(ConfigError, match="give `gravity` as it is"):
+    with pytest.raises(ConfigError, match="set `gravity`, and check the zeros"):
         find_base_tilt(model, [motion], LeastSquares())
 
 

@@ -118,7 +118,7 @@ def test_positions_beyond_two_pi_are_asked_about():
     assert all("degrees?" in one.question for one in found.position.values())
     turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
     assert {one.unit for one in turning.position.values()} == {"rad"}
-    assert all("beyond what the joint can do" in one.question for one in turning.position.values())
+    assert all("exceeds the range of the joint" in one.question for one in turning.position.values())
     endless = map_columns(table(q=wave(9.0), tau=wave(1.0)), [JointFacts("wheel", "revolute", Limits(effort=2.0))])
     assert "multi_turn" in endless.position["wheel"].question or endless.position["wheel"].unit == "deg"
 

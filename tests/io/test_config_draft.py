@@ -206,10 +206,12 @@ def test_what_identify_would_warn_of_is_shown(arm, tmp_path):
     write(tmp_path / "a.csv", **{"elbow.effort": np.zeros(N)})
     assert "the torque is 0 throughout" in run("init", arm, "a.csv").output
     write(tmp_path / "a.csv", **{"elbow.effort": np.where(T == 1, np.nan, 1.0)})
-    assert "as it is, the configuration cannot be used" in run("init", arm, "a.csv", "--force").output
+    assert "the configuration cannot be used yet" in run("init", arm, "a.csv", "--force").output
 
 
-@pytest.mark.parametrize(("robot", "words"), [("arm.urdf", "no joint that turns"), ("no.urdf", "cannot be read")])
+@pytest.mark.parametrize(
+    ("robot", "words"), [("arm.urdf", "no revolute or prismatic joint"), ("no.urdf", "cannot be read")]
+)
 def test_a_robot_that_cannot_move_is_refused(tmp_path, monkeypatch, robot, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.urdf").write_text(urdf(link("base", 1.0)))
@@ -279,21 +281,21 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
     write(tmp_path / "a.csv")
     run("init", arm, "a.csv")
     assert (tmp_path / "identify.yaml").read_text() == textwrap.dedent("""\
-        # For `dynident identify`. Every guess has its reason beside it; `# ?` asks you to confirm or correct one.
+        # For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`.
         model:
           file: arm.urdf
-          joints: [shoulder, elbow]  # 'other_finger': bound to a joint that stands still
-          lock:  # joints that are not identified, and where they stand
+          joints: [shoulder, elbow]  # 'other_finger': coupled to a fixed joint
+          lock:  # joints that are not identified, and their positions
             finger: 0.02
-          # terms: [viscous, coulomb, offset]  # without rotor inertias: where torque sensors sit behind the gears
+          # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the gears
 
         time: { column: time, unit: s }  # about 200 Hz
 
-        position:  # the columns carry the names of the joints; the unit is judged by the values and the limits in the robot file
+        position:  # the columns have the names of the joints; the unit is judged by the values and the limits in the robot file
           shoulder: { column: shoulder.position, unit: rad }
           elbow: { column: elbow.position, unit: rad }
 
-        torque:  # the columns carry the names of the joints; the unit is judged by the values and the limits in the robot file
+        torque:  # the columns have the names of the joints; the unit is judged by the values and the limits in the robot file
           shoulder: { column: shoulder.effort, unit: N m }
           elbow: { column: elbow.effort, unit: N m }
         # not used: 'shoulder.command'
@@ -301,9 +303,9 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
         train:  # the first 70 % of the only log
           - file: a.csv
             window: [null, 2.80]  # s
-        validation:  # its rest; another motion says more
+        validation:  # its rest; another motion is a better test
           - file: a.csv
             window: [2.80, null]  # s
 
-        estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares
+        estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares
         """)  # noqa: E501

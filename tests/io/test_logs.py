@@ -114,17 +114,17 @@ def test_rows_written_twice_are_left_out(tmp_path):
     text = "\n".join([header, *(row for k, row in enumerate(rows) for _ in range(1 + (k % 50 == 7)))])
     reading = read(tmp_path, text)
     assert len(reading.logs[0]) == 200
-    assert reading.warnings == ("a: 4 rows that repeat the one before, time and all, are left out.",)
+    assert reading.warnings == ("a: 4 rows that repeat the previous one, including its time, are left out.",)
 
 
 def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
     text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
-    assert "the arm stands still from 0 to" in read(tmp_path, text).warnings[0]
+    assert "the arm is at rest from 0 to" in read(tmp_path, text).warnings[0]
     assert read(tmp_path, text, "min_speed: 0.01").warnings == ()
 
 
 def test_a_window_past_the_end_is_a_warning(tmp_path):
-    assert "reaches past the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
+    assert "extends beyond the recording" in read(tmp_path, recording(), spec=", window: [0, 3]").warnings[0]
 
 
 def test_gaps_can_be_split(tmp_path):

@@ -64,7 +64,7 @@ def test_messages_out_of_order_and_twice_are_mended_and_told(tmp_path, kind):
     np.testing.assert_array_equal(table.column("a.position"), np.arange(10))
     assert [note.partition(": ")[2].split(" were")[0] for note in table.notes] == [
         "3 messages out of order",
-        "1 messages that",
+        "1 duplicate messages",
     ]
 
 
@@ -149,7 +149,7 @@ def test_a_bag_whose_states_are_empty_is_refused(tmp_path):
 def test_a_folder_that_is_no_bag_is_refused(tmp_path):
     path = write_bag(tmp_path, "mcap", ramp(2))
     (path.parent / "metadata.yaml").unlink()
-    with pytest.raises(InputError, match=r"without metadata.yaml, so no ROS 2 bag.*Known: 'arm.mcap'"):
+    with pytest.raises(InputError, match=r"without metadata.yaml, so it is not a ROS 2 bag.*Known: 'arm.mcap'"):
         read_columns(path.parent)
     with pytest.raises(InputError, match="there is no such file"):
         read_columns(tmp_path / "arm" / "lost.mcap")

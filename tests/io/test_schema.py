@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 import yaml
+from dynident.parts import ESTIMATORS, SMOOTHERS
 
 from dynident.io.schema import SCHEMAS, config_schema, result_schema
-from dynident.parts import ESTIMATORS, SMOOTHERS
 from tests.cli.test_cli import settings
 from tests.io.keeps import wrong
 

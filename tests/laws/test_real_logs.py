@@ -156,7 +156,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
         "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
         "panda": ("do not use", "the mass matrix is not positive definite"),
         "tx40": ("do not use", "joint_5"),
-        "double_pendulum": ("good for control", "no free simulation was asked for"),
+        "double_pendulum": ("good for control", "no free simulation was run"),
     }
     word, reason = expected[example]
     assert verdict["word"] == word

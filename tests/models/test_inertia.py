@@ -123,7 +123,10 @@ def test_thin_bodies_pass(moments):
         (lambda: from_pseudo(np.eye(3)), r"pseudo-inertia has shape \(3, 3\), expected \(..., 4, 4\)"),
         (lambda: from_physical(1.0, np.zeros(2), np.eye(3)), r"centre of mass has shape \(2,\)"),
         (lambda: from_physical(1.0, np.zeros(3), np.triu(np.ones((3, 3)))), "is not symmetric"),
-        (lambda: consistency_violations(np.zeros((2, 10))), r"one body at a time, got parameters of shape \(2, 10\)"),
+        (
+            lambda: consistency_violations(np.zeros((2, 10))),
+            r"expected the ten parameters of one body, got shape \(2, 10\)",
+        ),
     ],
 )
 def test_errors(call, message):

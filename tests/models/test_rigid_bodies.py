@@ -139,7 +139,7 @@ def test_unknown_inertia_is_not_zero():
     inertial = '<inertial mass="0.7" pos="0.02 0 0.03" diaginertia="0.003 0.004 0.002"/>'
     shaped = RigidBodies(ARM_MJCF.replace(inertial, '<geom type="mesh" mesh="shell"/>'))
     assert [p.value for p in shaped.parameters[20:]] == [None] * 10
-    assert shaped.notes == ("robot: body 'wrist': the file gives no inertia, but shapes to compute it from.",)
+    assert shaped.notes == ("robot: body 'wrist': the file gives no inertia, only shapes to compute it from.",)
     bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
     assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
     assert bare.notes == ("robot: body 'wrist': the file gives no inertia.",)
@@ -269,9 +269,9 @@ def test_bad_robot_files(text, options, message):
 
 END = "</worldbody></mujoco>"
 BAD_MJCF = {
-    "include": ("<default>", '<include file="x.xml"/><default>', "<include> is not read; save the compiled model"),
-    "frame": ('<body name="slide"', '<frame/><body name="slide"', "<frame> is not read"),
-    "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not read"),
+    "include": ("<default>", '<include file="x.xml"/><default>', "<include> is not supported; save the compiled model"),
+    "frame": ('<body name="slide"', '<frame/><body name="slide"', "<frame> is not supported"),
+    "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not supported"),
     "two joints": ("<inertial mass", '<joint name="x"/><joint name="y"/><inertial mass', "has 2 joints; give each"),
     "nameless joint": ('<joint name="twist"', "<joint", "of body 'wrist': it has no name"),
     "nameless body": ('<body name="tool"', "<body", "a body has no name"),

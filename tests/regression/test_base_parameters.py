@@ -233,7 +233,7 @@ class Product(Drag):
 
 def test_what_is_compared_must_belong_together() -> None:
     free, arm = single(), two_link_arm()
-    with pytest.raises(ModelError, match="about the same parameters"):
+    with pytest.raises(ModelError, match="must have the same parameters"):
         compare(structural_base_parameters(free), structural_base_parameters(arm), free)
 
 

@@ -37,7 +37,7 @@ def test_what_is_determined_acts_and_what_is_free_does_not() -> None:
     X = np.column_stack([X, X[:, 0] + X[:, 2]])
     found = rank_of(factor(X))
     assert found.rank == 3
-    assert found.lost.tolist() == [True, False, True, True]
+    assert found.undetermined.tolist() == [True, False, True, True]
     assert np.abs(X @ found.free).max() < 1e-12
     assert np.linalg.matrix_rank(X @ found.determined) == 3
     assert found.condition > 1e12
@@ -57,10 +57,10 @@ def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameter
     inverse = found.inverse
     np.testing.assert_allclose(S @ inverse @ S, S, atol=1e-9 * S.max())
     assert found.rank == 3
-    assert found.lost.tolist() == [True, False, True, True]
-    assert np.abs(inverse[1, found.lost]).max() > 0
+    assert found.undetermined.tolist() == [True, False, True, True]
+    assert np.abs(inverse[1, found.undetermined]).max() > 0
     covariance = found.covariance(2.0)
-    assert np.isinf(np.diag(covariance)[found.lost]).all()
+    assert np.isinf(np.diag(covariance)[found.undetermined]).all()
     assert covariance[1, 1] == 2.0 * inverse[1, 1]
     assert np.count_nonzero(covariance[1]) == 1
 

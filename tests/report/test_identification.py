@@ -41,7 +41,7 @@ def test_page_tells_the_findings_in_sentences(identification):
     assert "7 parameters of 2 joints from 2 logs. Training: swing.csv; held out: reach.csv." in page
     assert "on held-out motion it leaves 5.1\u00a0% of the torque unexplained" in page
     assert "6 of 7 parameters have a standard error of at most 10\u00a0%; less certain: theta3." in page
-    assert "Status of the fit: not determined alone: theta3." in page
+    assert "Status of the fit: not determined individually: theta3." in page
     assert "elbow hardly moves" in page
 
 

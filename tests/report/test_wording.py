@@ -69,7 +69,7 @@ def test_every_choice_has_words() -> None:
 
 
 def test_a_noun_without_words_is_an_error() -> None:
-    with pytest.raises(TypeError, match="no words are known for dict"):
+    with pytest.raises(TypeError, match="there is no text for dict"):
         words({})
 
 
@@ -80,16 +80,15 @@ def test_a_noun_without_words_is_an_error() -> None:
         (
             notes.RankDeficient(3, 5, ("Fc",), (("v1", "v2"),)),
             (
-                "rank 3 of 5; no effect on the torque in these data: Fc (move the joints that excite them); cannot be "
-                "told apart: v1, v2 (only combinations of them act on the torque; remove or fix all but one, or excite "
-                "them differently)"
+                "rank 3 of 5; no effect on the torque in these data: Fc (move the joints that excite them); only "
+                "combinations are identifiable: v1, v2 (remove or fix all but one, or excite them differently)"
             ),
         ),
         (notes.RankDeficient(10, 20), "rank 10 of 20"),
-        (notes.DecidedByPrior(20), "20 parameters are decided by the prior where the data leave them free"),
-        (notes.NotIdentifiable(1), "1 parameter is decided by neither data nor prior where the data leave them free"),
-        (notes.NotByData(4), "4 parameters are not decided by the data alone"),
-        (notes.NotAlone(("a", "b")), "not determined alone: a, b"),
+        (notes.DecidedByPrior(20), "20 parameters are determined by the prior, not by the data"),
+        (notes.NotIdentifiable(1), "1 parameter is determined by neither data nor prior"),
+        (notes.NotByData(4), "4 parameters are not determined by the data alone"),
+        (notes.NotAlone(("a", "b")), "not determined individually: a, b"),
         (
             notes.HeldByConstraints((("Ia_elbow", 8.04), ("forearm.mx", 3.5))),
             (
@@ -98,35 +97,38 @@ def test_a_noun_without_words_is_an_error() -> None:
                 "wrong. Their standard errors count this"
             ),
         ),
-        (notes.PriorApproached(2e-3), "the prior is only approached: the barrier method stopped 2.0e-03 from it"),
+        (
+            notes.PriorApproached(2e-3),
+            "the prior was not reached exactly: the barrier method stopped at a duality gap of 2.0e-03",
+        ),
         (
             notes.NotConverged(60, 3.21),
-            "not converged after 60 steps: the likelihood may still rise by a factor of exp(3.2)",
+            "not converged after 60 steps: the likelihood may still increase by a factor of exp(3.2)",
         ),
-        (notes.Failed("no luck"), "maximum likelihood failed, this is the least-squares start: no luck"),
-        (notes.MovingStart(1e-4), "the recordings do not start from rest (likelihood ratio, p = 1.0e-04)"),
-        (notes.Averaged(3), "of 3 neighbouring samples the mean was taken"),
+        (notes.Failed("no luck"), "maximum likelihood failed, so this is its least-squares start: no luck"),
+        (notes.MovingStart(1e-4), "the recordings do not start from rest (likelihood ratio test, p = 1.0e-04)"),
+        (notes.Averaged(3), "each 3 neighbouring samples were averaged"),
         (
             notes.SmoothSigns((0.0123, 0.4)),
-            "the sign of velocities in friction was made smooth, tanh(dq / width), with widths 0.012, 0.4",
+            "the sign of the velocity in friction was replaced by tanh(dq / width), with widths 0.012, 0.4",
         ),
         (
             notes.NotWhite(0.456),
             (
-                "the torque's residuals are not white (correlation of neighbours 0.46): the model leaves out more than "
-                "noise, so compare with least squares on held-out motion"
+                "the torque residuals are not white (correlation between neighbouring samples 0.46): they are more "
+                "than noise, so compare with least squares on held-out motion"
             ),
         ),
         (
             notes.ScatterLarger("Fc", 1.66),
             (
-                "standard errors take residuals for white noise; by their scatter along the recordings that of Fc is "
+                "standard errors assume white residuals; from the scatter of the residuals over time, that of Fc is "
                 "1.7 times as large"
             ),
         ),
         (
             UnexcitedParameters(("Fv_b", "Fc_b"), ("b",), still=("b",)),
-            "Fv_b; Fc_b: not excited by these data; move b (standing still in these data: b).",
+            "Fv_b; Fc_b: not excited by these data; move b (at rest in these data: b).",
         ),
         (UnexcitedParameters(("x",), ("a", "b")), "x: not excited by these data; move a, b each by itself."),
         (
@@ -134,27 +136,26 @@ def test_a_noun_without_words_is_an_error() -> None:
             "x: not excited by these data; move a, b at the same time.",
         ),
         (Reversals(), "friction around reversals"),
-        (FrictionLevel(), "friction whose level is not that of the fit (it follows the sign of the velocity)"),
+        (FrictionLevel(), "a wrong level of friction (it follows the sign of the velocity)"),
         (Ripple(26.04), "a ripple at 26 Hz"),
-        (LowFrequency(), "something slower than 5 Hz, that is the model or its parameters"),
-        (HighFrequency(), "something faster than 5 Hz, that is noise, ripple, elasticity or a time offset"),
-        (RunsAway(0.1234), "the simulated position runs away after 0.123 s"),
+        (LowFrequency(), "an error of the model or its parameters (mostly below 5 Hz)"),
+        (HighFrequency(), "noise, ripple, elasticity or a time offset (mostly above 5 Hz)"),
+        (RunsAway(0.1234), "the simulated position diverges after 0.123 s"),
         (Singular(), "the mass matrix is singular"),
         (Broken("no torque"), "no torque"),
         (
             TimeOffset(0.005, 4.0, 2.0),
-            "positions come 5 ms later than torques; taken into account, the training error is 2 % instead of 4 %",
+            "positions are stamped 5 ms later than torques; with it, the training error is 2 % instead of 4 %",
         ),
         (
             TimeOffset(-0.005, 4.0, 2.0),
-            "torques come 5 ms later than positions; taken into account, the training error is 2 % instead of 4 %",
+            "torques are stamped 5 ms later than positions; with it, the training error is 2 % instead of 4 %",
         ),
-        (TimeOffset(0.0, 4.0, 4.0), "none that lowers the training error (4 %)"),
+        (TimeOffset(0.0, 4.0, 4.0), "none: no time offset lowers the training error (4 %)"),
         (
             BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
             (
-                "the base is tilted by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); taken into account, "
-                "the "
+                "the base is tilted by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); with it, the "
                 "training error is 2 % instead of 4 %"
             ),
         ),
@@ -169,10 +170,10 @@ def test_a_noun_without_words_is_an_error() -> None:
         (Origin(Measure.SCATTER), "scatter between neighbouring samples"),
         (Origin(None, ("a",)), "as given"),
         (Origin(Measure.SCATTER, ("a",)), "as given for a; else scatter between neighbouring samples"),
-        (why.NegativeValues(tuple("abcdefg")), "negative values that physics forbids: a, b, c, d, e and 2 more"),
+        (why.NegativeValues(tuple("abcdefg")), "negative values, which are not physical: a, b, c, d, e and 2 more"),
         (
             why.JointErrorsTooLarge("fast", (("a", 40.0), ("b", 26.4)), 25.0),
-            "on fast single joints have a torque error above 25 %: a 40 %, b 26.4 %",
+            "on fast some joints have a torque error above 25 %: a 40 %, b 26.4 %",
         ),
         (
             why.UnfilteredErrorTooLarge("fast", 26.0, 25.0),
@@ -181,30 +182,30 @@ def test_a_noun_without_words_is_an_error() -> None:
         (why.TorqueErrorTooLarge("fast", 11.0, 10.0), "the torque error on fast is 11 %, above 10 %"),
         (
             why.NotCarriedOver("fast", 2.51),
-            "the error on fast is 2.5 times that of the training: it does not carry over",
+            "the error on fast is 2.5 times the training error: the model does not generalise",
         ),
         (
             why.Repeats((("b", "a"),)),
-            "b repeats the motion of a: nothing shows how the model does on another motion",
+            "b repeats the motion of a: the error on another motion is not known",
         ),
         (
             why.SilentTorque(("a", "b")),
-            "the torque of a, b is zero in all of the training: nothing shows it",
+            "the torque of a, b is zero in all training logs",
         ),
         (why.MassMatrixNotPositive(-0.1), "the mass matrix is not positive definite (eigenvalue -0.1)"),
-        (why.MostlyUnexcited(3, 7), "the data do not show 3 of 7 base parameters"),
+        (why.MostlyUnexcited(3, 7), "the data do not excite 3 of 7 base parameters"),
         (
             why.PartlyUnexcited(1, 7),
-            "the data do not show 1 of 7 base parameters: what excites them is not predicted",
+            "the data do not excite 1 of 7 base parameters: motions that do are not predicted",
         ),
         (why.FreeRunFails(("a", "b"), Singular()), "the free simulation of a, b fails: the mass matrix is singular"),
         (
             why.FreeRunAstray("fast", "a", 30.0, Driver.TORQUE, 0.5),
-            "the free simulation of fast is off by 30 % of the way of a within 0.5 s of the measured torque",
+            "the free simulation of fast has an error of 30 % of the motion of a within 0.5 s of the measured torque",
         ),
         (
             why.FreeRunAstray("fast", "a", 2.0, Driver.CONTROLLER, None),
-            "the free simulation of fast is off by 2 % of the way of a in the controller's loop",
+            "the free simulation of fast has an error of 2 % of the motion of a in the controller's loop",
         ),
         (
             Sharpen("M", 5.0, 4.0, 43.2, Excitation.ACCELERATE, "a"),
@@ -242,7 +243,7 @@ def test_the_mass_matrix_says_where_it_is_weakest() -> None:
 def test_lines_say_how_serious_a_note_is() -> None:
     assert note_lines([Remark("stale."), notes.Averaged(3)]) == [
         Line("Warning: stale.", Severity.WARNING),
-        Line("Note: of 3 neighbouring samples the mean was taken", Severity.INFO),
+        Line("Note: each 3 neighbouring samples were averaged", Severity.INFO),
     ]
 
 
@@ -258,12 +259,12 @@ def test_a_good_model_in_three_sentences() -> None:
         "unexplained, in training 3 %."
     )
     assert second == (
-        "Its mass matrix is positive definite in all poses tried, and its free simulation is off by at most 2.5 % of "
-        "the way (a, fast)."
+        "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at most "
+        "2.5 % "
+        "of the motion (a, fast)."
     )
     assert third == (
-        "What is left of the torque is largest in a (fast) and points to friction around reversals and a ripple at "
-        "26 Hz."
+        "The torque residual is largest in a (fast) and points to friction around reversals and a ripple at 26 Hz."
     )
 
 
@@ -272,8 +273,8 @@ def test_reasons_stand_in_the_second_sentence_two_of_them_in_full() -> None:
     first, second, _ = advice.sentences(verdict(Use.CONTROL, *given, unfiltered=(20.0, 5.0)))
     assert first.endswith("after the low-pass of the fit (training 3 %), and 20 % of it as measured (5 %).")
     assert second == (
-        "Not for simulation: no free simulation was asked for; the bodies' inertias were not held to what is "
-        "physically possible; and 1 more."
+        "Not for simulation: no free simulation was run; the bodies' inertias were not constrained to be physically "
+        "consistent; and 1 more."
     )
 
 
@@ -281,6 +282,6 @@ def test_what_is_not_known_is_said() -> None:
     nothing = Verdict(Use.DO_NOT_USE, (why.NoHoldOut(),), (), None, None, None)
     assert advice.sentences(nothing) == (
         "Do not use this model yet: no log was held out.",
-        "Against its use: no log was held out, so nothing shows how the model does on unseen motion.",
-        "Nothing can be said of what is left of the torque.",
+        "Against its use: no log was held out, so the error on unseen motion is not known.",
+        "The torque residual could not be tested.",
     )

@@ -48,7 +48,7 @@ def test_a_spline_too_wide_for_the_log_is_said() -> None:
 def test_a_joint_that_double_precision_cannot_smooth_is_named() -> None:
     t = np.arange(60_000) * 1e-6
     made = Log(t, np.sin(40 * t)[:, None] * [1.0, 2.0], np.zeros((len(t), 2)), ("wrist", "hand"), "run")
-    with pytest.raises(InputError, match="run: joint 'wrist' cannot be smoothed like this"):
+    with pytest.raises(InputError, match="run: joint 'wrist' cannot be smoothed with these settings"):
         Spline(Fixed(lam=20000.0**4 * 1e-18))(made)
 
 

@@ -289,7 +289,7 @@ def test_exactly_one_of_p_and_lam() -> None:
 def test_more_smoothing_than_double_precision_resolves_is_refused() -> None:
     n = 60_000
     t = np.arange(n) * 1e-6
-    with pytest.raises(InputError, match="cannot be smoothed like this"):
+    with pytest.raises(InputError, match="cannot be smoothed with these settings"):
         smooth(t, np.sin(40 * t), Fixed(lam=20000.0**4 * 1e-18))
 
 

@@ -182,7 +182,7 @@ def test_rows_of_another_version_are_computed_again(tmp_path: Path) -> None:
 def test_a_foreign_table_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "other.parquet"
     pl.DataFrame({"a": [1]}).write_parquet(path)
-    with pytest.raises(InputError, match=r"other\.parquet: is no table of a study"):
+    with pytest.raises(InputError, match=r"other\.parquet: is not a table of a study"):
         run_study([Still()], [Mean()], LEVELS, 2, path=path)
     assert pl.read_parquet(path).columns == ["a"]
 

@@ -133,7 +133,7 @@ def test_a_model_that_cannot_be_simulated_is_told_and_does_not_stop() -> None:
 
 def test_what_is_missing_is_refused() -> None:
     still = resting(T, np.zeros((1001, 1)), ("slider",))
-    with pytest.raises(ConfigError, match="needs the controller, or `restart`"):
+    with pytest.raises(ConfigError, match="needs a controller, or `restart`"):
         free_run(slider(), SLIDER, still)
     with pytest.raises(InputError, match="the controller has joints"):
         free_run(slider(), SLIDER, replace(still, joints=("other",)), cascade(T, T))

@@ -102,7 +102,7 @@ def test_single_samples_cannot_be_filtered() -> None:
 
 
 def test_no_usable_sample() -> None:
-    with pytest.raises(InputError, match="morning: no sample is left to judge the model on"):
+    with pytest.raises(InputError, match="morning: no usable sample is left for validation"):
         validate(MODEL, THETA, motion([[1, 1]] * 3, [[1, 1]] * 3, [0, 0, 0]))
 
 

@@ -1,4 +1,4 @@
-"""What accuracy is possible: the Cramer-Rao bound of a simulation, and the bound for a recording with its sensors."""
+"""Accuracy bounds: the Cramer-Rao bound for a simulated motion, and for a recording with its sensors."""
 
 from dynident.bounds.accuracy import (
     CHANGES,

@@ -1,4 +1,4 @@
-"""What accuracy any unbiased method could reach with a robot, a motion and sensors, and what better ones would buy."""
+"""The accuracy that any unbiased method can reach with a robot, a motion and sensors, and with better ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["CHANGES", "AccuracyBound", "Measure", "Noise", "Origin", "TorqueNois
 
 Array = NDArray[np.float64]
 TorqueNoise = Literal["residual", "sensor"]
-# what would be bought: how many times smaller sigma_q and sigma_tau, and how many times the record
+# improvements: divisors of sigma_q and sigma_tau, and multiple of the length of the record
 CHANGES: Mapping[str, tuple[float, float, float]] = {
     "now": (1.0, 1.0, 1.0),
     "bit": (2.0, 1.0, 1.0),
@@ -39,7 +39,7 @@ CHANGES: Mapping[str, tuple[float, float, float]] = {
 
 
 class Measure(StrEnum):
-    """What a noise was measured by: the residual of the fit, or the scatter between neighbouring samples."""
+    """How a noise level was estimated: from the residual of the fit, or the scatter between neighbouring samples."""
 
     RESIDUAL = "residual"
     SCATTER = "scatter"
@@ -47,7 +47,7 @@ class Measure(StrEnum):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a noise is from: ``measured`` (None: of no joint), but ``given`` for the joints named."""
+    """Source of a noise level: ``measured`` (None: for no joint), except for the joints in ``given``."""
 
     measured: Measure | None = Measure.SCATTER
     given: tuple[str, ...] = ()
@@ -55,7 +55,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Standard deviations (n) of positions ``q`` (rad, m) and torques ``tau`` (N m, N), and where they are from.
+    """Standard deviations (n) of positions ``q`` (rad, m) and torques ``tau`` (N m, N), and their sources.
 
     ``sensor`` (n) is the torque's own noise, from differences of neighbouring samples.
     """
@@ -71,14 +71,14 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class AccuracyBound:
-    """The Cramer-Rao bound of the r base parameters of a model, about what one identification found.
+    """The Cramer-Rao bound of the r base parameters of a model, at the parameters of an identification.
 
-    ``names`` of the base parameters as formulas of the ``parameters`` (p), ``alone`` (r) whether it is one parameter
-    by itself, ``value`` (r) and ``units``; ``std`` maps "now" and each change of ``CHANGES`` to the least standard
-    deviations (r), infinite for what the record does not show. ``known`` (r) is the least one if all others were
-    known; ``partner`` (r) is the index of the parameter it is hardest told from, ``correlation`` (r) theirs. ``fit``
-    (r) are the standard errors of the identification itself, which allow for correlated residuals where that is known,
-    nan where it has none.
+    ``names`` of the base parameters as formulas in the ``parameters`` (p), ``alone`` (r) whether it is a single
+    parameter, ``value`` (r) and ``units``; ``std`` maps "now" and each change of ``CHANGES`` to the least standard
+    deviations (r), infinite for what the record does not excite. ``known`` (r) is the least one if all others were
+    known; ``partner`` (r) is the index of the most correlated parameter, ``correlation`` (r) their correlation. ``fit``
+    (r) are the standard errors of the identification, valid for correlated residuals where possible, nan where it has
+    none.
     """
 
     identification: Identification
@@ -130,7 +130,7 @@ class AccuracyBound:
 
     @property
     def inflation(self) -> Array:
-        """How many times larger (r) the least standard deviation is than if all other parameters were known."""
+        """Ratio (r) of the least standard deviation to that if all other parameters were known."""
         return self.std["now"] / self.known
 
 
@@ -144,13 +144,22 @@ def accuracy_bound(
     torque: TorqueNoise = "residual",
     progress: Callable[[str], None] = lambda _: None,
 ) -> AccuracyBound:
-    """Return the bound for a model and its training logs; the smoothed motion stands in for the true one.
+    """Return the bound for a model and its training logs; the smoothed motion is taken for the true one.
 
-    ``recipe`` smooths the logs and fits the parameters about which the bound is taken; where its estimator has a quick
-    stand-in, that does. The deviations are those of ``noise_of``, but for joints named in ``sigma_q`` (rad, m; by
-    default what the spline is told) and ``sigma_tau`` (N m, N), or one number for all. Noise is taken as white, every
-    usable sample counts, and nothing is known of the start. Raises the errors of ``identify``, and ConfigError for a
-    deviation that is not positive or for an unknown joint.
+    ``recipe`` smooths the logs and fits the parameters at which the bound is evaluated, with the fast substitute of its
+    estimator where it has one. The standard deviations are those of ``noise_of``, except where ``sigma_q`` (rad, m;
+    default: the ``sigma`` of the spline) and ``sigma_tau`` (N m, N) give them, by joint or as one number for all. Noise
+    is taken as white, all usable samples count, and the initial state is unknown. Raises the errors of ``identify``,
+    and ConfigError for a deviation that is not positive or for an unknown joint.
+
+    >>> from dynident.models import record, simulate
+    >>> from dynident.models.gallery import pendulum
+    >>> model = pendulum()
+    >>> motion = simulate(model, model.values, lambda t: [np.sin(3.0 * t)], np.linspace(0.0, 4.0, 801))
+    >>> log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    >>> bound = accuracy_bound(model, [log], sigma_q=1e-4, sigma_tau=0.01)
+    >>> bound.names, bool((bound.relative < 1.0).all())  # %
+    (('J', 'h'), True)
     """
     recipe = recipe or Recipe()
     recipe = replace(recipe, estimator=quick(recipe.estimator))
@@ -159,7 +168,7 @@ def accuracy_bound(
     found = identify(model, plain, (), replace(recipe, restart=None), progress=progress)
     joints = tuple(joint.name for joint in model.joints)
     if sigma_q is None:
-        sigma_q = _told(recipe)
+        sigma_q = _spline_noise(recipe)
     sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
     progress("computing the bound")
     motions = tuple(one.motion for one in found.validations)
@@ -169,8 +178,8 @@ def accuracy_bound(
     return _bounded(found, motions, basis, sensors, recipe.min_speeds(joints))
 
 
-def _told(recipe: Recipe) -> Mapping[str, float] | float | None:
-    """Return the position noise that the smoothing spline is told, None where it estimates it."""
+def _spline_noise(recipe: Recipe) -> Mapping[str, float] | float | None:
+    """Return the position noise given to the smoother, None where it estimates it."""
     first = recipe.smoothers[0]
     return first.sigma if isinstance(first, KnowsNoise) else None
 
@@ -225,7 +234,7 @@ def _fit_std(found: Identification, basis: BaseParameters) -> Array:
 
 
 def _add(sums: dict[str, Array], matrix: NormalMatrix) -> None:
-    """Add one stretch's information to that of each change; a longer record repeats it."""
+    """Add one stretch's information to that of each change; a longer record multiplies it."""
     once: dict[tuple[float, float], Array] = {}
     for name, (finer_q, finer_tau, times) in CHANGES.items():
         if (finer_q, finer_tau) not in once:
@@ -240,11 +249,11 @@ def noise_of(
     sigma_q: Mapping[str, float] | float | None = None,
     sigma_tau: Mapping[str, float] | float | None = None,
 ) -> Noise:
-    """Return the noise of the sensors on the training logs, as measured, where it is not given.
+    """Return the noise of the sensors on the training logs, estimated where it is not given.
 
-    Positions: the scatter between neighbouring samples. Torques: the residual of the fit, which holds the model's
-    misfit too, or with ``torque`` "sensor" the scatter between neighbouring samples. Scatter is never less than that of
-    rounding, step / sqrt(12). Raises ConfigError for an unknown joint.
+    Positions: the scatter between neighbouring samples. Torques: the residual of the fit, which includes the misfit of
+    the model, or with ``torque`` "sensor" the scatter between neighbouring samples. The scatter is at least that of
+    quantisation, step / sqrt(12). Raises ConfigError for an unknown joint.
     """
     joints = found.validations[0].motion.joints
     position = _mean([_position(log) for log in logs], logs)
@@ -259,7 +268,7 @@ def noise_of(
 def _given(
     name: str, wanted: Mapping[str, float] | float | None, joints: tuple[str, ...], sizes: Array, by: Measure
 ) -> tuple[Array, Origin]:
-    """Return the deviations (n), measured ``sizes`` but for the wanted ones, and where they are from."""
+    """Return the deviations (n), measured ``sizes`` except where given, and their source."""
     if wanted is None:
         return sizes, Origin(by)
     values = dict.fromkeys(joints, float(wanted)) if not isinstance(wanted, Mapping) else dict(wanted)
@@ -282,13 +291,13 @@ def _position(log: Log) -> Array:
 
 
 def _scatter(log: Log) -> Array:
-    """Return the torque's noise (n) by the median of differences, which jumps of dry friction do not disturb."""
+    """Return the torque's noise (n) by the median of differences, which is robust to jumps of Coulomb friction."""
     steps = np.array([channel.torque_resolution for channel in channels(log)])
     return _rounded(steady_noise(log.tau, 1e-12), steps)
 
 
 def _rounded(noise: Array, steps: Array) -> Array:
-    """Return the noise (n), but no less than the rounding to steps (n) gives; nan stands for no steps."""
+    """Return the noise (n), at least that of quantisation in steps (n); nan for no quantisation."""
     return np.asarray(np.maximum(noise, np.nan_to_num(steps) / np.sqrt(12)))
 
 

@@ -32,7 +32,7 @@ def cramer_rao_bound(
     rest: bool = False,
     substeps: int = 4,
 ) -> Array:
-    """Return the covariance (p, p) that no unbiased estimator can go below, in the parameters' units.
+    """Return the least covariance (p, p) of any unbiased estimator, in the parameters' units.
 
     The arguments are those of ``information``, for one motion or several, whose informations add. Raises ModelError
     where the motions do not determine every parameter, and as ``information`` does.
@@ -53,9 +53,9 @@ def cramer_rao_bound(
     if found.groups:
         lone = [model.names[group[0]] for group in found.groups if len(group) == 1]
         if lone:
-            raise ModelError(f"{model.name}: these motions say nothing of {', '.join(lone)}; no bound exists.")
+            raise ModelError(f"{model.name}: these motions do not excite {', '.join(lone)}; no bound exists.")
         tied = ", ".join(model.names[k] for k in found.groups[0])
-        raise ModelError(f"{model.name}: these motions do not tell {tied} apart; no bound exists.")
+        raise ModelError(f"{model.name}: these motions determine only combinations of {tied}; no bound exists.")
     return found.inverse
 
 

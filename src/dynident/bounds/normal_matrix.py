@@ -1,4 +1,4 @@
-"""The normal matrix of eq. (7) about a smoothed motion: what positions and torques say of motion and parameters.
+"""The normal matrix of eq. (7) about a smoothed motion: the information of positions and torques.
 
 The motion is sought among all cubic splines with a knot at every sample: its acceleration, and with it the torque, is
 free at each of them. Coefficients are ordered by sample, then by joint; three of them act on a sample, so that their
@@ -26,15 +26,15 @@ __all__ = ["NormalMatrix", "normal_matrices"]
 
 Array = NDArray[np.float64]
 CHUNK = 2048  # samples whose products are held at once
-SHORTEST = 8  # samples of an uninterrupted stretch; fewer say next to nothing
+SHORTEST = 8  # least number of samples of an uninterrupted stretch
 
 
 @dataclass(frozen=True, eq=False)
 class NormalMatrix:
     """The normal matrix of one uninterrupted recording of N samples: m = (N + 2) n coefficients, r parameters.
 
-    ``position`` and ``torque`` (3 n, m) are the lower bands of what the two measurements say of the coefficients,
-    ``border`` (m, r) and ``corner`` (r, r) what the torques say of the parameters.
+    ``position`` and ``torque`` (3 n, m) are the lower bands of the information of the two measurements on the
+    coefficients, ``border`` (m, r) and ``corner`` (r, r) that of the torques on the parameters.
     """
 
     position: Array
@@ -45,7 +45,7 @@ class NormalMatrix:
     __repr__ = brief
 
     def information(self, finer_q: float = 1.0, finer_tau: float = 1.0) -> Array:
-        """Return the information (r, r) of the parameters, with sigma_q and sigma_tau so many times smaller."""
+        """Return the information (r, r) of the parameters, with sigma_q and sigma_tau divided by these factors."""
         a, b = finer_q**2, finer_tau**2
         arrow = Arrow(a * self.position + b * self.torque, b * self.border)
         return np.asarray(b * self.corner - arrow.profiled)
@@ -63,8 +63,8 @@ def normal_matrices(
     """Yield the normal matrix of each uninterrupted stretch of usable samples of ``motion``, about theta (p).
 
     ``sigma_q`` (rad, m) and ``sigma_tau`` (N m, N) are one number or one per joint. ``columns`` (r) of the regressor
-    are the parameters, those that lead base parameters say; None takes all. Torques of a joint slower than
-    ``min_speed`` (n) do not count. Raises ConfigError for a deviation that is not positive, and ModelError where the
+    are the parameters, for example those that lead base parameters; None takes all. Torques of a joint slower than
+    ``min_speed`` (n) are not used. Raises ConfigError for a deviation that is not positive, and ModelError where the
     model fails.
     """
     n = len(model.joints)

@@ -2,10 +2,10 @@
 
 Of logs (``time``, ``channels``): gaps, jitter, dead or saturated channels, wrong units; pure functions of a ``Log``.
 Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, excitation and limits, sign and scale of the
-torque, the direction of gravity. ``check`` runs all of them. An error is what would give wrong numbers, a warning
-what to look at."""
+torque, the direction of gravity. ``run_checks`` runs all of them. An error would give wrong numbers, a warning should
+be looked at."""
 
-from dynident.checks.channels import ChannelFacts, channels, check_log, inspect_log, moving_span, rest
+from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, moving_span, rest
 from dynident.checks.check import CheckResult, run_checks
 from dynident.checks.finding import Finding, Topic, require
 from dynident.checks.motion import Excitation, ExcitedRank
@@ -26,8 +26,8 @@ __all__ = [
     "Topic",
     "channels",
     "check_log",
+    "check_log_fully",
     "check_robot",
-    "inspect_log",
     "link_facts",
     "moving_span",
     "require",

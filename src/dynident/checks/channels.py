@@ -1,4 +1,4 @@
-"""What a log says of its channels: joints that stand still, wrong units, quantised, repeated or saturated values."""
+"""Checks of the channels of a log: joints at rest, wrong units, quantised, repeated or saturated values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynident.errors import InputError, Severity
 from dynident.log import Log
 from dynident.splines import noise_sigma
 
-__all__ = ["ChannelFacts", "channels", "check_log", "inspect_log"]
+__all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
 
 Array = NDArray[np.float64]
 
@@ -32,11 +32,11 @@ _REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 %
 
 @dataclass(frozen=True)
 class ChannelFacts:
-    """The facts on one joint of a log, in SI units: ``span`` of the position and ``rms`` of the torque.
+    """Statistics of one joint of a log, in SI units: ``span`` of the position and ``rms`` of the torque.
 
     ``resolution`` and ``torque_resolution`` are the smallest steps, nan where the values lie on no grid; ``noise`` and
     ``torque_noise`` the estimates of ``noise_sigma``; ``repeats`` the share of positions, in motion, that are exactly
-    the one before; ``still`` the share of the time without motion.
+    the previous one; ``still`` the share of the time without motion.
     """
 
     joint: str
@@ -51,7 +51,7 @@ class ChannelFacts:
 
 
 def channels(log: Log) -> tuple[ChannelFacts, ...]:
-    """Return the facts on each joint of a log, which must have at least 6 samples."""
+    """Return statistics of each joint of a log, which must have at least 6 samples."""
     noise, torque_noise = noise_sigma(log.t, log.q), noise_sigma(log.t, log.tau)
     still = _rests(log).mean(axis=0)
     return tuple(
@@ -75,12 +75,13 @@ def check_log(
 ) -> tuple[Finding, ...]:
     """Return all findings on a log, those on time first, then joint by joint.
 
-    ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may turn
-    without end. ``torque`` False leaves the torques alone. Raises InputError where a joint of the log has no kind.
+    ``kinds`` maps each joint of the log to "revolute" or "prismatic"; joints named in ``multi_turn`` may make any
+    number of turns. With ``torque`` False the torques are not checked. Raises InputError where a joint of the log has
+    no kind.
     """
     missing = [name for name in log.joints if name not in kinds]
     if missing:
-        raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; say revolute or prismatic.")
+        raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     findings = [*time.samples(log), *time.gaps(log), *time.jitter(log)]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
@@ -90,10 +91,10 @@ def check_log(
     return tuple(findings)
 
 
-def inspect_log(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()) -> tuple[Finding, ...]:
-    """Return the findings of ``check_log`` and those that take longer: stamps, lost samples, stale positions, rests.
+def check_log_fully(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()) -> tuple[Finding, ...]:
+    """Return the findings of ``check_log`` and of the slower checks: stamps, lost samples, stale positions, rests.
 
-    Each has the log's source. Raises the errors of ``check_log``.
+    Each finding names the log's source. Raises the errors of ``check_log``.
     """
     found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
@@ -110,7 +111,7 @@ def _still(q: Array) -> Iterator[Finding]:
             Severity.WARNING,
             None,
             f"the position never moves ({levels} distinct values near {q[0]:.6g}): nothing about this joint's own "
-            "motion can be identified. Look whether the right column is named, or take another window.",
+            "motion can be identified. Check that the right column is named, or use another window.",
             Topic.STILL,
         )
 
@@ -121,14 +122,15 @@ def _degrees(t: Array, q: Array) -> Iterator[Finding]:
         yield Finding(
             Severity.ERROR,
             None,
-            f"the position spans {span:.4g} rad at up to {speed:.4g} rad/s, more than an arm does; is it in degrees? "
-            "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn so.",
+            f"the position spans {span:.4g} rad at up to {speed:.4g} rad/s, more than a robot arm does; is it in "
+            "degrees? "
+            "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn that far.",
             Topic.DEGREES,
         )
 
 
 def _peak_speed(t: Array, q: Array) -> float:
-    """Return the 99th percentile of the speed over 20 ms: single samples are too noisy to judge by."""
+    """Return the 99th percentile of the speed over 20 ms: from sample to sample it is too noisy."""
     lag = int(np.clip(round(_SPEED_LAG / float(np.median(np.diff(t)))), 1, len(t) - 1))
     return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
 
@@ -141,7 +143,7 @@ def _quantised(q: Array) -> Iterator[Finding]:
             Severity.WARNING,
             None,
             f"the position is quantised in steps of {resolution:.4g}, and most samples differ by fewer than "
-            f"{_COARSE:.0f} of them: the error is not white noise, so check a noise level estimated from it.",
+            f"{_COARSE:.0f} of them: the error is not white noise, so do not rely on a noise level estimated from it.",
             Topic.QUANTISED,
         )
 
@@ -152,18 +154,18 @@ def _torque(tau: Array) -> Iterator[Finding]:
         yield Finding(
             Severity.WARNING,
             None,
-            f"the torque is {low:.6g} throughout; look whether the right column is named and was recorded.",
+            f"the torque is {low:.6g} throughout; check that the right column is named and was recorded.",
             Topic.DEAD,
         )
         return
     for extreme in (low, high):
         count = int(np.count_nonzero(tau == extreme))
-        if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: an arm let go, not a limit
+        if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: motors off, not a limit
             yield Finding(
                 Severity.WARNING,
                 None,
                 f"{count} of {len(tau)} torques are exactly the extreme value {extreme:.6g}: saturated? "
-                "A torque cut off at a limit biases the fit; leave these parts out with windows.",
+                "A saturated torque biases the fit; leave these parts out with windows.",
                 Topic.SATURATED,
             )
 
@@ -181,7 +183,7 @@ def _resolution(x: Array) -> float:
 
 
 def _repeats(q: Array, reach: int = 5) -> float:
-    """Return the share of positions that equal the one before, among those amid a motion of many smallest steps."""
+    """Return the share of positions equal to the previous one, while the joint moves by many smallest steps."""
     steps = np.abs(np.diff(q))
     moved = steps[steps > 1e-9 * np.ptp(q)]
     if len(moved) < MINIMUM_SAMPLES or len(q) <= 2 * reach:
@@ -196,16 +198,17 @@ def _stale(q: Array) -> Iterator[Finding]:
     share = _repeats(q)
     if share > _STALE:
         every = round(1 / (1 - share)) if share < 1 else 0
-        cure = (
-            f"Keep one row in {every} only, the first with each new value."
+        remedy = (
+            f"Keep only one row in {every}, the first with each new value."
             if every > 1
             else "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
         )
         yield Finding(
             Severity.WARNING,
             None,
-            f"{100 * share:.2g} % of the positions are exactly the one before although the joint moves: the encoder is "
-            f"read less often than it is logged. {cure}",
+            f"{100 * share:.2g} % of the positions exactly repeat the previous one although the joint moves: the "
+            "encoder "
+            f"is read less often than it is logged. {remedy}",
             Topic.STALE,
         )
 
@@ -220,7 +223,7 @@ def _rests(log: Log) -> NDArray[np.bool_]:
 
 
 def moving_span(log: Log) -> tuple[float, float]:
-    """Return from when to when (s) the arm moves, leaving out long rests of the whole arm at the ends."""
+    """Return the start and end (s) of the motion, without long rests of the whole arm at the ends of the log."""
     start, stop = float(log.t[0]), float(log.t[-1])
     if len(log) < time.MINIMUM_SAMPLES:
         return start, stop
@@ -235,7 +238,7 @@ def moving_span(log: Log) -> tuple[float, float]:
 
 
 def rest(log: Log) -> Iterator[Finding]:
-    """Yield where the whole arm stands still for long."""
+    """Yield a warning where the whole arm is at rest for long."""
     rests = np.asarray(_rests(log).all(axis=1))
     size = len(log) // len(rests)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], rests, [0]])))
@@ -247,7 +250,7 @@ def rest(log: Log) -> Iterator[Finding]:
         yield Finding(
             Severity.WARNING,
             None,
-            f"the arm stands still from {start:.3g} to {stop:.3g} s: there friction takes any value up to its largest. "
-            "Leave it out with a window, or set `min_speed`.",
+            f"the arm is at rest from {start:.3g} to {stop:.3g} s: static friction there can take any value up to its "
+            "limit. Leave this part out with a window, or set `min_speed`.",
             Topic.REST,
         )

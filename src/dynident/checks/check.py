@@ -1,11 +1,11 @@
-"""Puts together what is said of a robot file, of the logs, and of the motions in view of the model."""
+"""All checks together: of the robot file, of the logs, and of the motions with the model."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
-from dynident.checks.channels import ChannelFacts, channels, inspect_log
+from dynident.checks.channels import ChannelFacts, channels, check_log_fully
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
@@ -22,15 +22,15 @@ from dynident.regression import Regression, one_thread
 __all__ = ["CheckResult", "run_checks"]
 
 PLAIN = LeastSquares()
-WORTH = 0.03  # share of the error that a tilted base must explain to be worth a word
+WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """All findings on a robot file or a configuration, the gravest first, and the facts behind them.
+    """All findings on a robot file or a configuration, the most severe first, and the figures behind them.
 
     ``timings`` and ``channels`` are by log, ``excitations`` and ``agreements`` by joint over the training motions,
-    ``rank`` is None and all of them are empty where there are no logs that can be used.
+    ``links`` by link of the robot file. Without usable logs ``rank`` is None and the others are empty.
     """
 
     findings: tuple[Finding, ...]
@@ -66,10 +66,24 @@ def run_checks(
     found: Sequence[Finding] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> CheckResult:
-    """Examine a model's robot file and its logs, by role ("train", "validation") and name, matched by joint names.
+    """Check the robot file of a model and its logs before a fit.
 
-    ``found`` is what reading has found already. The motions are smoothed as the recipe says. A log with an error is
-    left out of what is said of the motion; a stage that fails is a finding. ``multi_turn`` as in ``check_log``.
+    ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
+    them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
+    add, from reading the files; ``progress`` is called with a few words before each step. Logs with an error are left
+    out of the checks of the motion. A stage that fails is a finding, so that none of its errors is raised; raises
+    InputError where a log lacks a joint of the model.
+
+    >>> import numpy as np
+    >>> from dynident.models import simulate
+    >>> from dynident.models.gallery import pendulum
+    >>> from dynident.models.simulation import record
+    >>> model, t = pendulum(), np.linspace(0.0, 10.0, 2001)
+    >>> motion = simulate(model, model.values, lambda t: [np.sin(3.0 * t)], t)
+    >>> log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    >>> result = run_checks(model, {"train": {"swing": log}})
+    >>> result.failed, result.rank.on_data
+    (False, 2)
     """
     joints = tuple(joint.name for joint in model.joints)
     findings = [*found, *_of_file(model, joints)]
@@ -91,35 +105,35 @@ def _recorded(
     findings: list[Finding],
     progress: Callable[[str], None],
 ) -> tuple[CheckResult, list[Log]]:
-    """Return the examination with what each log says, and the training logs without an error; adds to the findings."""
+    """Return the result of checking each log, and the training logs without an error; adds to the findings."""
     kinds = {joint.name: joint.kind for joint in model.joints}
     timings, facts, sound = {}, {}, []
     for role, named in logs.items():
         for name, log in named.items():
-            progress(f"examining {name}")
+            progress(f"checking {name}")
             log = replace(log.select(tuple(kinds)), source=name)
-            said = inspect_log(log, kinds, multi_turn)
-            findings += said
+            found = check_log_fully(log, kinds, multi_turn)
+            findings += found
             timings[name] = timing(log)
             if len(log) >= MINIMUM_SAMPLES:
                 facts[name] = channels(log)
-            if role == "train" and not any(one.severity == "error" for one in said):
+            if role == "train" and not any(one.severity == "error" for one in found):
                 sound.append(log)
     return CheckResult((), timings, facts, links=_links(model)), sound
 
 
 def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
-    """Return the findings on the robot file of a model; its inertias are only nominal, so none of them is an error."""
+    """Return the findings on the robot file of a model; none is an error, because its inertias are only nominal."""
     found: list[Finding] = []
     for term in (term for term in model.terms if isinstance(term, HasRobotFile)):
-        found += check_robot(term.file, joints, grave=Severity.WARNING)
+        found += check_robot(term.file, joints, inconsistent=Severity.WARNING)
         if term.file.gravity not in (None, term.gravity):
-            words = f"the file's gravity {term.file.gravity} is not read; {term.gravity} m/s^2 is used."
+            words = f"the file's gravity {term.file.gravity} is ignored; {term.gravity} m/s^2 is used."
             found.append(
                 Finding(
                     Severity.WARNING,
                     None,
-                    f"{words} Set `gravity` if the arm is mounted so.",
+                    f"{words} Set `gravity` if the arm is mounted that way.",
                     Topic.GRAVITY,
                     source=term.source,
                 )
@@ -139,11 +153,11 @@ def _moving(
     findings: list[Finding],
     progress: Callable[[str], None],
 ) -> CheckResult:
-    """Return the examination with what the smoothed training logs say; adds to the findings."""
+    """Return the result with the checks of the smoothed training logs; adds to the findings."""
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
     pairing = pair(model, logs, candidates, recipe.time_offset, PLAIN, min_speed, progress=progress)
-    progress("examining the motion")
+    progress("checking the motion")
     motions = tuple(pairing.smoother(log) for log in logs)
     if pairing.time_offset is not None:
         findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.DELAY))
@@ -159,24 +173,24 @@ def _moving(
 def _of_motion(
     model: Model, motions: Sequence[Motion], excitations: Sequence[Excitation], agreements: Sequence[Agreement]
 ) -> Iterator[Finding]:
-    """Yield what is said of gravity, and of each joint by its limits and its torque."""
+    """Yield the findings on gravity, and on each joint's limits and torque."""
     downward = list(gravity_findings(model, motions))
     yield from downward
     for joint, moved, torque in zip(model.joints, excitations, agreements, strict=True):
         yield from limit_findings(moved, model.limits.get(joint.name), joint.effort)
-        if not downward:  # the file's torques are meant under its own gravity
+        if not downward:  # the nominal torques hold only for the right gravity
             yield from agreement_findings(torque, joint.effort)
 
 
 def _tilt(
     model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
 ) -> Iterator[Finding]:
-    """Say where a base that does not stand level would explain much of the error."""
+    """Yield a note where a tilt of the base would explain much of the error."""
     if recipe.base_tilt or not any(isinstance(term, HasGravity) for term in model.terms):
         return
     try:
         found = find_base_tilt(model, motions, PLAIN, min_speed)
-    except DynidentError:  # more than a base_tilt: what is wrong there is said by other findings
+    except DynidentError:  # not a small tilt: other findings name the fault
         return
     if found.after < (1.0 - WORTH) * found.before:
         yield Finding(Severity.INFO, None, found, Topic.LEAN)

@@ -1,4 +1,4 @@
-"""A remark on a log, a robot file or both: how serious it is, where, what it is and what to do."""
+"""A finding on a log, a robot file or both: severity, place, what is wrong and what to do."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Finding", "Topic", "require"]
 
 
 class Topic(StrEnum):
-    """What a finding is about: a lasting name for programs."""
+    """What a finding is about: a stable name for programs."""
 
     ABOUT_ORIGIN = "about origin"
     CONDITION = "condition"
@@ -55,11 +55,11 @@ class Topic(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One remark: ``severity``, the ``joint`` it concerns (None: all of them), and what it is and what to do.
+    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and a message with the remedy.
 
-    ``message`` is a sentence, or a note with the figures, which ``report`` puts into words. ``topic`` gathers like
-    remarks, None where there are none; ``source`` is the log or file, ``link`` the link that it is about, each empty
-    where it is about none.
+    ``message`` is a sentence, or a note with the figures, which ``report`` puts into words. ``topic`` groups findings
+    of the same kind, None where there is no group; ``source`` is the log or file and ``link`` the link concerned, each
+    empty where there is none.
     """
 
     severity: Severity
@@ -74,7 +74,7 @@ class Finding:
 
 
 def require(findings: Iterable[Finding], source: str) -> None:
-    """Raise InputError with every finding that is an error, one a line; return where there is none."""
+    """Raise InputError that lists every finding that is an error, one per line; do nothing where there is none."""
     errors = [str(finding) for finding in findings if finding.severity is Severity.ERROR]
     if errors:
         raise InputError(f"{source}: " + "\n  ".join(errors))

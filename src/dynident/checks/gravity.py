@@ -1,4 +1,4 @@
-"""Which way is down? The direction of gravity that the torques ask for, against the one that was assumed."""
+"""The direction of gravity that fits the torques, against the one that was assumed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["gravity_findings"]
 
 Array = NDArray[np.float64]
 
-ANGLE = 40.0  # deg from which on another direction is asked about; what is less is a tilt, or wrong inertias
+ANGLE = 40.0  # deg from which another direction is asked about; smaller angles are a tilt, or wrong inertias
 CLEAR = 0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
 BETTER = 0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
 SEEN = 0.02  # share of the largest singular value below which the motion does not show a direction
@@ -26,10 +26,11 @@ FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are w
 
 
 def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Finding]:
-    """Yield a question where the torques follow the robot file's inertias under a gravity that points elsewhere.
+    """Yield a question where the robot file's inertias fit the torques under another direction of gravity.
 
-    Fitted are one factor of the inertial torque and the three components of gravity, over all joints, each scaled by
-    its torque, beside friction, rotor and offset of each joint. Nothing is said where they do not tell.
+    One factor of the inertial torque and the three components of gravity are fitted over all joints, each scaled by
+    its torque, together with friction, rotor inertia and offset of each joint. Nothing is yielded where the motion
+    does not determine them.
     """
     terms = [term for term in model.terms if isinstance(term, HasGravity)]
     assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
@@ -41,9 +42,9 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
         yield Finding(
             Severity.WARNING,
             None,
-            f"which way is down? The torques go with a gravity of about ({vector}) m/s^2 in the root link's frame, "
-            f"not with ({', '.join(f'{x:.4g}' for x in assumed)}). Set `gravity` if the arm hangs or is mounted so; "
-            "else look at the signs of all torques and positions, and at `zero`.",
+            f"is gravity right? The torques fit a gravity of about ({vector}) m/s^2 in the root link's frame, "
+            f"not ({', '.join(f'{x:.4g}' for x in assumed)}). Set `gravity` if the arm is mounted that way; "
+            "otherwise check the signs of all torques and positions, and `zero`.",
             Topic.GRAVITY,
         )
 
@@ -95,10 +96,10 @@ def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
 
 
 def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
-    terms = tuple(term.under(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
+    terms = tuple(term.with_gravity(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
     return replace(model, terms=terms)
 
 
 def _without(series: Array, others: Array) -> Array:
-    """Return the columns without what the others explain of them."""
+    """Return the columns minus their projection on the others."""
     return np.asarray(series - others @ np.linalg.lstsq(others, series)[0])

@@ -1,4 +1,4 @@
-"""What a motion shows: how far, fast and often each joint moves, against its limits, and which parameters it shows."""
+"""Excitation: how far, fast and often each joint moves, its limits, and which base parameters the motion excites."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ SLOW = 0.02  # of the peak speed: below, a joint hardly moves
 OVER = 1.02  # x the limit
 BEYOND = 0.02  # share of the range (or rad, m) past a limit of position
 MOVING = 1e-3  # rad/s or m/s: peak speed of a joint that moves at all
-FEW = 2  # reversals below which friction and offset are hard to tell apart
-ILL = 1e4  # condition of the base parameters from which on they are poorly told apart
+FEW = 2  # reversals below which friction and offset are strongly correlated
+ILL = 1e4  # condition number of the base parameters above which they are strongly correlated
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """How a joint moves, over all training motions: rad or m, and seconds.
+    """How a joint moves over all training motions, in rad or m and s.
 
     ``peak`` and ``rms`` of velocity and acceleration (the peak is the 99.9th percentile), ``reversals`` of direction,
     and the share of samples that are ``slow``, below 2 % of the peak velocity; ``torque`` is the peak effort.
@@ -70,7 +70,7 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
 
 
 def _peak(x: Array) -> float:
-    """Return the 99.9th percentile of the size: a single sample is no peak."""
+    """Return the 99.9th percentile of the absolute value, which ignores single outliers."""
     return float(np.percentile(np.abs(x), 99.9))
 
 
@@ -79,20 +79,20 @@ def _rms(x: Array) -> float:
 
 
 def _reversals(dq: Array, floor: float) -> int:
-    """Return how often the velocity changes sign, noise below ``floor`` apart."""
+    """Return how often the velocity changes sign, speeds below ``floor`` ignored."""
     signs = np.sign(dq[np.abs(dq) > floor])
     return int(np.count_nonzero(np.diff(signs)))
 
 
 def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Iterator[Finding]:
-    """Yield where a joint turns too little, or leaves the limits of the robot file; ``effort`` is the torque's unit."""
+    """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = found.joint
     if found.reversals < FEW and found.peak_speed > MOVING:
         yield Finding(
             Severity.WARNING,
             joint,
-            f"the joint turns back {found.reversals} times only: friction, offset and gravity are then hard to tell "
-            "apart. Record a motion to and fro.",
+            f"the joint reverses only {found.reversals} times: friction, offset and gravity are then strongly "
+            "correlated. Record a motion that goes back and forth.",
             Topic.REVERSALS,
         )
     if limits is not None:
@@ -110,7 +110,7 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
             Severity.WARNING,
             found.joint,
             f"the position runs from {found.lower:.4g} to {found.upper:.4g}, the file allows {limits.lower:.4g} to "
-            f"{limits.upper:.4g}. Look at the unit, the sign and `zero`, or at the file's limits.",
+            f"{limits.upper:.4g}. Check the unit, the sign and `zero`, or the file's limits.",
             Topic.POSITION_LIMIT,
         )
 
@@ -121,7 +121,7 @@ def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
             Severity.WARNING,
             found.joint,
             f"the velocity reaches {found.peak_speed:.4g}, the robot file allows {limits.velocity:.4g} (rad/s or m/s). "
-            "Look at the unit of position and time; or the positions are too noisy for this smoother.",
+            "Check the units of position and time; or the positions are too noisy for this smoother.",
             Topic.VELOCITY_LIMIT,
         )
 
@@ -136,7 +136,7 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
             Severity.WARNING,
             found.joint,
             f"the torque reaches {found.torque:.4g} {unit}, the robot file allows {limit:.4g}. "
-            + ("Is it a motor current, or in another unit?" if far else "Look at the unit and gain, or at the file."),
+            + ("Is it a motor current, or in another unit?" if far else "Check the unit and gain, or the file."),
             Topic.EFFORT_LIMIT,
         )
     elif found.torque < 1e-3 * limit:
@@ -144,16 +144,17 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
             Severity.WARNING,
             found.joint,
             f"the torque stays below {found.torque:.3g} {unit}, a thousandth of the robot file's limit {limit:.4g}. Is "
-            "it of the motor's side of the gear, in another unit, or the limit a placeholder?",
+            "it on the motor side of the gear, in another unit, or is the limit a placeholder?",
             Topic.EFFORT_LIMIT,
         )
 
 
 @dataclass(frozen=True)
 class ExcitedRank:
-    """What the training motions show of a model's ``count`` parameters: rank and condition, and what is ``missing``.
+    """Rank and condition of a model's ``count`` parameters in the training motions, and what is ``missing``.
 
-    ``structural`` is the rank that any motion could show; ``condition`` that of the base parameters, columns scaled.
+    ``on_data`` is the rank in these motions, ``structural`` the largest rank of any motion; ``condition`` is the
+    condition number of the base parameters, with scaled columns.
     """
 
     count: int
@@ -164,7 +165,7 @@ class ExcitedRank:
 
 
 def excited_rank(model: Model, regression: Regression) -> ExcitedRank:
-    """Return the rank on the data against the rank of the structure."""
+    """Return the rank on the data and the structural rank."""
     on_data = base_parameters(regression.triangular_factors.stacked(), model.parameters)
     structural = structural_base_parameters(model)
     values = on_data.singular_values
@@ -174,14 +175,14 @@ def excited_rank(model: Model, regression: Regression) -> ExcitedRank:
 
 
 def rank_findings(found: ExcitedRank) -> Iterator[Finding]:
-    """Yield which base parameters the motions do not show, and which joints to move."""
+    """Yield the base parameters that the motions do not excite, and the joints to move."""
     for one in found.missing:
         yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
     if found.condition > ILL and not found.missing:
         yield Finding(
             Severity.WARNING,
             None,
-            f"the {found.on_data} base parameters are hard to tell apart in these motions (condition "
+            f"the {found.on_data} base parameters are strongly correlated in these motions (condition number "
             f"{found.condition:.2g}): move more joints at the same time, faster, and over more of their range.",
             Topic.CONDITION,
         )

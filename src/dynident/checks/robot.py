@@ -1,4 +1,4 @@
-"""What a robot file says of its links and joints that no robot can have, or that looks like a placeholder."""
+"""Checks of a robot file: impossible inertias and limits, wrong units, placeholders."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPREAD = 0.6  # radius of gyration over the size of the link; a rod has 0.29, tw
 SMALLEST = 0.15  # m: size of a link without a known length, motors and all
 OFFSET = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
 LIGHTEST, HEAVIEST = 0.05, 5000.0  # kg: masses of whole arms
-CURE = "Take it from CAD, or identify it with `kind: consistent`."
+REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class LinkFacts:
 
 
 def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
-    """Return the facts on all links that have a mass, in the order of the file."""
+    """Return mass, centre and moments of all links that have a mass, in the order of the file."""
     found = []
     for name, theta in file.links.items():
         if theta is not None and theta[0] != 0:
@@ -46,17 +46,17 @@ def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:
 
 
 def check_robot(
-    file: RobotFile, joints: Sequence[str] | None = None, grave: Severity = Severity.ERROR
+    file: RobotFile, joints: Sequence[str] | None = None, inconsistent: Severity = Severity.ERROR
 ) -> tuple[Finding, ...]:
-    """Return the findings on a robot file: its links, the ``joints`` that are to move (None: all), the whole.
+    """Return the findings on a robot file: on its links, on the ``joints`` that move (None: all), and on the whole.
 
-    ``grave`` is the severity of inertias that no body can have: an error for who wants to simulate the file, a warning
-    where its values are only nominal.
+    ``inconsistent`` is the severity of inertias that no body can have: an error where the file is to be simulated, a
+    warning where its values are only nominal.
     """
     facts = link_facts(file)
     moving = [joint for joint in file.joints if joint.kind != "fixed" and (joints is None or joint.name in joints)]
     found = [
-        *_impossible(file, grave),
+        *_impossible(file, inconsistent),
         *_massless(file, moving),
         *_far(facts),
         *_spread(file, [fact for fact in facts if fact.link not in _rigid(file, file.root)]),
@@ -69,14 +69,15 @@ def check_robot(
     return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
 
 
-def _impossible(file: RobotFile, grave: Severity) -> Iterator[Finding]:
+def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for flaw in () if theta is None else consistency_violations(theta):
-            yield Finding(grave, None, f"{flaw}. No body has such an inertia. {CURE}", Topic.IMPOSSIBLE, link=name)
+            message = f"{flaw}. No body can have such an inertia. {REMEDY}"
+            yield Finding(severity, None, message, Topic.IMPOSSIBLE, link=name)
 
 
 def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
-    """Yield the moving bodies without mass, and links that leave theirs to be computed or have a mass at a point."""
+    """Yield the moving bodies without mass, links whose inertia comes from shapes, and point masses."""
     for joint in moving:
         carried = _rigid(file, joint.child)
         given = [file.links[name] for name in carried]
@@ -84,8 +85,8 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
             yield Finding(
                 Severity.WARNING,
                 joint.name,
-                f"what the joint moves ({', '.join(carried)}) has no mass in the file: simulators refuse it, and a "
-                f"prior has nothing to say. {CURE}",
+                f"the links that the joint moves ({', '.join(carried)}) have no mass in the file: simulators reject "
+                f"this, and it gives no prior. {REMEDY}",
                 Topic.MASSLESS,
                 link=joint.child,
             )
@@ -94,8 +95,8 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
             yield Finding(
                 Severity.INFO,
                 None,
-                "the file gives no inertia, but shapes to compute it from, which is not done here; save the compiled "
-                "model from MuJoCo to have it written out.",
+                "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the "
+                "compiled model from MuJoCo, which writes the inertia out.",
                 Topic.SHAPES,
                 link=name,
             )
@@ -103,7 +104,8 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
             yield Finding(
                 Severity.INFO,
                 None,
-                f"{theta[0]:.4g} kg without an inertia about the centre of mass: a point, perhaps rounded to zero.",
+                f"{theta[0]:.4g} kg without an inertia about the centre of mass: a point mass, or an inertia rounded "
+                "to zero.",
                 Topic.POINT,
                 link=name,
             )
@@ -124,15 +126,15 @@ def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             yield Finding(
                 Severity.WARNING,
                 None,
-                f"its centre of mass is {distance:.4g} m from its frame. In millimetres, or from another frame? "
-                "A URDF wants metres in the link's own frame.",
+                f"its centre of mass is {distance:.4g} m from its frame. Is it in millimetres, or in another frame? "
+                "A URDF gives metres in the link's own frame.",
                 Topic.FAR,
                 link=fact.link,
             )
 
 
 def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    """Yield the links whose inertia needs a mass spread wider than the link is long."""
+    """Yield the links whose radius of gyration is too large for their length."""
     for fact in facts:
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         size = _size(file, fact)
@@ -140,50 +142,50 @@ def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             yield Finding(
                 Severity.WARNING,
                 None,
-                f"its largest moment {fact.moments[-1]:.3g} kg m^2 needs the {fact.mass:.3g} kg to lie "
-                f"{gyration:.2g} m from the centre of mass, on a link of about {size:.2g} m. Is it about another "
-                "point, or a placeholder? As a prior it would mislead.",
+                f"its largest moment {fact.moments[-1]:.3g} kg m^2 means a radius of gyration of {gyration:.2g} m for "
+                f"its {fact.mass:.3g} kg, on a link of about {size:.2g} m. Is it about another point, or a "
+                "placeholder? It would be a misleading prior.",
                 Topic.SPREAD,
                 link=fact.link,
             )
 
 
 def _size(file: RobotFile, fact: LinkFacts) -> float:
-    """Return about how long a link is: to the joints at it, or twice to its centre of mass."""
+    """Return the approximate length of a link: to its joints, or twice the distance to its centre of mass."""
     lengths = [float(np.linalg.norm(x.placement[:3, 3])) for x in file.joints if fact.link in (x.parent, x.child)]
     return max([SMALLEST, 2 * float(np.linalg.norm(fact.centre)), *lengths])
 
 
 def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    """Yield a question where most tensors would fit bodies as well if they were about the frame's origin."""
-    told, fits = [], []
+    """Yield a question where most tensors would be physically consistent also if taken about the frame's origin."""
+    judged, fits = [], []
     for fact in facts:
         lever = fact.mass * float(fact.centre @ fact.centre)
         theta = file.links[fact.link]
         if theta is None or fact.mass <= 0 or lever < OFFSET * fact.moments[-1] or not fact.moments[-1] > 0:
             continue
-        told.append(fact.link)
+        judged.append(fact.link)
         shifted = to_physical(theta)[2] - _point(fact)
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             fits.append(fact.link)
-    if len(fits) >= 2 and 2 * len(fits) > len(told):
+    if len(fits) >= 2 and 2 * len(fits) > len(judged):
         yield Finding(
             Severity.WARNING,
             None,
-            f"the inertias of {', '.join(fits)} are as large as if they were about the links' frames. A robot file "
-            "wants them about the centre of mass: was that forgotten? Then take off m c^2 (parallel axes).",
+            f"the inertias of {', '.join(fits)} are as large as if they were about the origins of the links' frames. A "
+            "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel axes).",
             Topic.ABOUT_ORIGIN,
         )
 
 
 def _point(fact: LinkFacts) -> Array:
-    """Return the tensor (3, 3) about the frame's origin of the link's mass, put into its centre."""
+    """Return the tensor (3, 3) about the frame's origin of a point mass at the link's centre of mass."""
     c = fact.centre
     return np.asarray(fact.mass * (float(c @ c) * np.eye(3) - np.outer(c, c)))
 
 
 def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
-    """Yield links of the same mass and moments; those on one parent, as the fingers of a gripper, may well be alike."""
+    """Yield links of the same mass and moments, except on one parent, as the fingers of a gripper are."""
     alike: dict[tuple[float, ...], list[LinkFacts]] = {}
     for fact in facts:
         alike.setdefault((fact.mass, *np.round(fact.moments, 9).tolist()), []).append(fact)
@@ -194,9 +196,9 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             continue
         same = f"have the same mass {group[0].mass:.4g} kg and the same moments:"
         if len(group) == len(facts) > 2:
-            yield Finding(Severity.WARNING, None, f"all links {same} placeholders? {CURE}", Topic.COPIED)
+            yield Finding(Severity.WARNING, None, f"all links {same} placeholders? {REMEDY}", Topic.COPIED)
         else:
-            words = f"{', '.join(names)} {same} copied, or simple shapes? As a prior they say little."
+            words = f"{', '.join(names)} {same} copied, or simple shapes? They are a weak prior."
             yield Finding(Severity.INFO, None, words, Topic.COPIED)
 
 
@@ -204,20 +206,22 @@ def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
     if facts and not LIGHTEST <= total <= HEAVIEST:
         yield Finding(
-            Severity.WARNING, None, f"all links together have {total:.4g} kg. Are the masses in kg?", Topic.TOTAL_MASS
+            Severity.WARNING,
+            None,
+            f"the total mass of all links is {total:.4g} kg. Are the masses in kg?",
+            Topic.TOTAL_MASS,
         )
 
 
 def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
         for words in _impossible_limits(joint.limits):
-            yield Finding(
-                Severity.WARNING, joint.name, f"{words}: simulators take it at its word. Correct it.", Topic.LIMITS
-            )
-    for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # velocity has no place there
+            message = f"{words}: simulators use it as given. Correct it."
+            yield Finding(Severity.WARNING, joint.name, message, Topic.LIMITS)
+    for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
         bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if bare:
-            words = f"no {name} limit of {', '.join(bare)}: recordings cannot be compared with it."
+            words = f"no {name} limit for {', '.join(bare)}: recordings cannot be checked against it."
             yield Finding(Severity.INFO, None, words, Topic.LIMITS)
 
 

@@ -1,4 +1,4 @@
-"""What the time stamps of a log say: gaps, lost samples, and whether the stamps or the sampling jitter."""
+"""Checks of the time stamps of a log: gaps, lost samples, and whether the stamps or the sampling jitter."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["MINIMUM_SAMPLES", "Timing", "gaps", "jitter", "lost", "samples", "sp
 Array = NDArray[np.float64]
 
 MINIMUM_SAMPLES = 30
-"""Fewest samples of a log that are worth smoothing."""
+"""Least number of samples of a log that can be smoothed."""
 
-_GAP = 12.0  # x the median step: a robot's scheduler may lose a few samples, a smoother bridges those
+_GAP = 12.0  # x the median step: a smoother bridges the few samples that a robot's scheduler may lose
 _JITTER = 0.1  # rms of the steps about their median, as a fraction of it
 _REGULAR = 0.9  # share of steps within 10 % of the median from which on a step of 1.5 medians is a lost sample
 _MANY = 0.01  # share of lost samples to warn of
-_BETTER = 0.8  # ratio of noises below which one time axis is clearly the better one
+_BETTER = 0.8  # ratio of noises below which one time axis is clearly better
 _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
 
 
@@ -33,10 +33,10 @@ _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
 class Timing:
     """The time axis of a log: number of ``samples``, ``length`` (s), median ``step`` (s), rms ``jitter`` over the step.
 
-    ``rate`` (Hz) is that of the straight line through the stamps, samples that are missing counted.
-    ``shortest`` and ``longest`` are steps in s; ``missing`` samples are lost in steps of several medians. ``even`` is
-    the noise that the positions would have if they were equally spaced, over the noise at the stamps, in the joint in
-    which the two differ most; ``slots`` the same for stamps rounded to whole steps. 1 where there is no difference.
+    ``rate`` (Hz) is the slope of the straight line through the stamps, with missing samples counted. ``shortest`` and
+    ``longest`` are steps in s; ``missing`` is the number of samples lost in longer steps. ``even`` is the noise of the
+    positions if they were equally spaced, relative to that at the stamps, for the joint in which the two differ most;
+    ``slots`` is the same for stamps rounded to whole steps. Both are 1 where there is no difference.
     """
 
     samples: int
@@ -52,10 +52,10 @@ class Timing:
 
 
 def timing(log: Log) -> Timing:
-    """Return the facts on a log's time axis.
+    """Return the statistics of a log's time axis.
 
-    The noise is that of ``noise_sigma``: divided differences cancel the motion only on the true time axis, so that the
-    axis with the lower noise is nearer to the instants at which the positions were taken.
+    The noise is that of ``noise_sigma``: divided differences cancel the motion only on the true time axis, so the axis
+    with the lower noise is closer to the instants at which the positions were sampled.
     """
     steps = np.diff(log.t)
     median = float(np.median(steps))
@@ -82,13 +82,13 @@ def timing(log: Log) -> Timing:
 
 
 def _rms(steps: Array) -> float:
-    """Return the rms of the steps about their median, as a fraction of it, without the gaps."""
+    """Return the rms deviation of the steps from their median, as a fraction of it, without the gaps."""
     median = np.median(steps)
     return float(np.sqrt(np.mean((steps[steps <= _GAP * median] - median) ** 2)) / median)
 
 
 def _whole_steps(ratio: Array) -> Array:
-    """Return how many sampling steps each step (in medians) spans: more than one only where samples were lost."""
+    """Return how many sampling periods each step (in medians) spans: more than one where samples were lost."""
     calm = np.mean(np.abs(ratio - 1) < 0.1) >= _REGULAR
     return np.asarray(np.where(ratio > (1.5 if calm else 2.5), np.round(ratio), 1.0))
 
@@ -131,7 +131,7 @@ def samples(log: Log) -> Iterator[Finding]:
 
 
 def gaps(log: Log) -> Iterator[Finding]:
-    """Yield an error where samples are missing for longer than a smoother bridges."""
+    """Yield an error where a gap is too long for a smoother."""
     long = _long_steps(log)
     if len(long):
         steps, first = np.diff(log.t), long[0]
@@ -140,7 +140,7 @@ def gaps(log: Log) -> Iterator[Finding]:
             None,
             f"a gap of {steps[first]:.4g} s after t = {log.t[first]:.6g} s "
             f"({steps[first] / np.median(steps):.0f} times the median step; {len(long)} such gaps in all). "
-            "Leave it out with a window, or set `gaps: split` to smooth each piece on its own.",
+            "Leave it out with a window, or set `gaps: split` to smooth each piece separately.",
             Topic.GAP,
         )
 
@@ -154,48 +154,49 @@ def jitter(log: Log) -> Iterator[Finding]:
             Severity.WARNING,
             None,
             f"the time steps vary by {100 * jitter:.0f} % about {median:.4g} s (from {steps.min():.3g} to "
-            f"{steps.max():.3g} s). Where the clock that stamps is not the one that samples, this is position noise.",
+            f"{steps.max():.3g} s). Where the clock of the stamps is not that of the sampling, this acts as position "
+            "noise.",
             Topic.JITTER,
         )
 
 
 def stamps(facts: Timing) -> Iterator[Finding]:
-    """Yield which time axis to take: the stamps, or equal spacing, whichever leaves less noise in the positions."""
+    """Yield which time axis to use: the stamps, or equal spacing, whichever leaves less noise in the positions."""
     best = min(facts.even, facts.slots)
-    told = f"the time steps vary by {100 * facts.jitter:.2g} % rms, and the positions"
+    vary = f"the time steps vary by {100 * facts.jitter:.2g} % rms, and the positions"
     if best < _BETTER:
-        cure = f"Set `time: {{ rate: {facts.rate:.6g} }}` instead of the column, and judge by the held-out error"
+        remedy = f"Set `time: {{ rate: {facts.rate:.6g} }}` instead of the column, and compare the held-out error"
         if facts.missing and facts.slots < 0.9 * facts.even:  # equal spacing would shift all that follows a loss
-            cure = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
+            remedy = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
         yield Finding(
             Severity.WARNING,
             None,
-            f"{told} are {_times(1 / best)} less noisy if they were equally spaced: the sampling is regular "
-            f"and the stamps are not. {cure}.",
+            f"{vary} would be {_times(1 / best)} less noisy with equal spacing: the sampling is regular and the stamps "
+            f"are not. {remedy}.",
             Topic.STAMPS,
         )
     elif facts.jitter > _JITTER:
-        axis = "do not tell whether the stamps or the sampling is at fault"
+        axis = "do not show whether the stamps or the sampling jitter"
         if facts.even > 1.02:
-            axis = f"are {_times(facts.even)} noisier if they were equally spaced: the sampling itself jitters"
+            axis = f"would be {_times(facts.even)} noisier with equal spacing: the sampling itself jitters"
         yield Finding(
             Severity.INFO,
             None,
-            f"{told} {axis}. Keep the stamps, and a spline, which needs no equal spacing.",
+            f"{vary} {axis}. Keep the stamps, and use the spline smoother, which needs no equal spacing.",
             Topic.JITTER,
         )
 
 
 def lost(facts: Timing) -> Iterator[Finding]:
-    """Yield how many samples are missing between the others."""
+    """Yield the number of samples missing between the others."""
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
         yield Finding(
             Severity.WARNING if share > _MANY else Severity.INFO,
             None,
             f"about {facts.missing} samples ({100 * share:.2g} %) are lost, in steps of up to "
-            f"{facts.longest / facts.step:.0f} times the median: a spline bridges them, as long as the time is taken "
-            "from the stamps and not from a `rate`.",
+            f"{facts.longest / facts.step:.0f} times the median: a spline bridges them if the time is taken from "
+            "the stamps and not from a `rate`.",
             Topic.LOST,
         )
 

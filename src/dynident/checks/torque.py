@@ -1,4 +1,4 @@
-"""Does the torque go with the motion? Its sign and scale against the robot file's inertias, asked as questions."""
+"""Sign and scale of the measured torque against the torque of the robot file's inertias, reported as questions."""
 
 from __future__ import annotations
 
@@ -18,21 +18,24 @@ __all__ = ["Agreement", "agreement", "agreement_findings", "nominal", "nuisance"
 Array = NDArray[np.float64]
 
 SAMPLES = 2000  # of all motions: enough to see a sign
-NONE, ASKED = 0.3, 2.0  # a correlation below NONE is none, where the file asks for ASKED times the torque that is there
-CLEAR = 0.6  # partial correlation from which on a sign is believed
-SCALE = 3.0  # factor from which on a scale is asked about, where the correlation is beyond STRONG
+NONE, ASKED = (
+    0.3,
+    2.0,
+)  # |correlation| below NONE counts as none, where the nominal torque is over ASKED times the measured one
+CLEAR = 0.6  # partial correlation from which a sign is trusted
+SCALE = 3.0  # factor from which a scale is questioned, where the correlation is beyond STRONG
 STRONG = 0.85
 ALONE = 1e-3  # share of the nominal torque that rotor and friction cannot explain, below which nothing is compared
-DRIVES = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to be believed
+DRIVES = 0.2  # share of rms torque times rms speed by which friction must drive the joint, to count
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The torque of one joint against the nominal one: ``scale`` times it fits best, beside friction and a rotor.
+    """The measured torque of one joint against the nominal one; ``scale`` times the nominal torque fits best.
 
-    ``correlation`` is the partial one, without what friction, rotor and offset explain; both are nan where the file
-    has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power that is lost to friction, are
-    those of a fit of this joint on its own. ``asked`` is the rms of the nominal torque over that of the measured one.
+    ``scale`` and ``correlation`` (partial) are taken with friction, rotor inertia and offset projected out; both are
+    nan where the file has no inertias. ``rotor`` (kg m^2 or kg) and ``friction``, the share of the power dissipated by
+    friction, are those of a fit of this joint alone. ``asked`` is the rms of the nominal over the measured torque.
     """
 
     joint: str
@@ -44,7 +47,7 @@ class Agreement:
 
 
 def agreement(model: Model, motions: Sequence[Motion]) -> tuple[Agreement, ...]:
-    """Return for each joint of the model how its measured torque goes with the motion."""
+    """Return for each joint of the model how its measured torque agrees with the nominal one."""
     q, dq, ddq, tau = thinned(motions)
     asked_for = nominal(model, q, dq, ddq)
     asked_for = np.zeros_like(q) if asked_for is None else asked_for
@@ -68,7 +71,7 @@ def _speed(dq: Array, joint: int) -> float:
 
 
 def nuisance(q: Array, dq: Array, ddq: Array, joint: int) -> Array:
-    """Return the columns (M, 4) of what a joint has beside its bodies: rotor, viscous and Coulomb friction, offset."""
+    """Return the regressor columns (M, 4) of rotor inertia, viscous and Coulomb friction, and offset of a joint."""
     sign = np.tanh(dq[:, joint] / (0.05 * _speed(dq, joint)))
     return np.column_stack([ddq[:, joint], dq[:, joint], sign, np.ones(len(q))])
 
@@ -90,7 +93,7 @@ def nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array | None:
 
 
 def _partial(x: Array, y: Array, others: Array) -> tuple[float, float, float]:
-    """Return slope, correlation and relative size of x against y, without what the other columns explain of each."""
+    """Return slope, correlation and relative size of x against y, with the other columns projected out of both."""
     left, rest = (series - others @ np.linalg.lstsq(others, series)[0] for series in (x, y))
     a, b = float(np.linalg.norm(left)), float(np.linalg.norm(rest))
     if a < ALONE * float(np.linalg.norm(x)) or b == 0:
@@ -100,32 +103,32 @@ def _partial(x: Array, y: Array, others: Array) -> tuple[float, float, float]:
 
 
 def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
-    """Yield a question where sign or scale of a torque look wrong; ``unit`` is that of the torque."""
+    """Yield a question where the sign or scale of a torque looks wrong; ``unit`` is that of the torque."""
     against = not found.correlation > 0 and found.rotor < 0 and found.friction < -DRIVES
     if found.correlation < -CLEAR or against:
-        why = f"it goes against the torque of the robot file's inertias (correlation {found.correlation:.2f})"
+        why = f"it opposes the torque of the robot file's inertias (correlation {found.correlation:.2f})"
         if against:
-            why = "friction and inertia of the joint come out negative"
+            why = "friction and inertia of the joint are estimated as negative"
         yield Finding(
             Severity.WARNING,
             found.joint,
-            f"is the sign of the torque turned? By the motion, {why}. Look at the signs of `gain` and "
-            "`transmission`, and whether position and torque count the same way round.",
+            f"is the sign of the torque reversed? In this motion {why}. Check the signs of `gain` and "
+            "`transmission`, and that position and torque have the same positive direction.",
             Topic.SIGN,
         )
     elif found.correlation > STRONG and not 1 / SCALE < found.scale < SCALE:
         yield Finding(
             Severity.WARNING,
             found.joint,
-            f"the torque is {found.scale:.3g} times what the robot file's inertias ask for. A gear ratio, a torque "
-            f"constant or a unit that is missing in `gain`? It should be in {unit}.",
+            f"the torque is {found.scale:.3g} times that of the robot file's inertias. Is a gear ratio, a torque "
+            f"constant or a unit missing in `gain`? It should be in {unit}.",
             Topic.SCALE,
         )
     elif abs(found.correlation) < NONE and found.asked > ASKED:
         yield Finding(
             Severity.WARNING,
             found.joint,
-            "does this torque belong to this joint? It hardly follows the robot file's gravity and inertia, which ask "
-            f"for {found.asked:.2g} times as much change (correlation {found.correlation:.2f}). Look at the column.",
+            "does this torque belong to this joint? It hardly correlates with the torque of the robot file's inertias, "
+            f"which is {found.asked:.2g} times as large (correlation {found.correlation:.2f}). Check the column.",
             Topic.FOREIGN,
         )

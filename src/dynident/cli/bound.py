@@ -1,4 +1,4 @@
-"""``dynident bound``: what any method could reach with this robot, this motion and these sensors."""
+"""``dynident bound``: the accuracy that any method can reach with this robot, motion and sensors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["bound"]
 
 
-@click.command(short_help="Say what accuracy any method could reach.")
+@click.command(short_help="Show the best accuracy that any method can reach.")
 @click.argument("config", type=FILE)
 @click.option("--sigma-q", multiple=True, help="Position noise (rad, m): a number, or joint=number; repeat it.")
 @click.option("--sigma-tau", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
@@ -29,8 +29,8 @@ def bound(
     config: Path, sigma_q: tuple[str, ...], sigma_tau: tuple[str, ...], torque: str, out: Path | None,
     json_file: Path | None,
 ) -> None:  # fmt: skip
-    """Say how accurately any unbiased method could know each parameter from the training logs of CONFIG (YAML), what
-    limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would buy.
+    """Show how accurately any unbiased method can determine each parameter from the training logs of CONFIG (YAML),
+    what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
     """
     from dynident.io.project import read_project
     from dynident.io.results import probe_folder, write_json, write_text
@@ -57,7 +57,7 @@ def bound(
 
 
 def _noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:
-    """Return what an option gives: one number, numbers by joint, or nothing."""
+    """Return the value of an option: one number, numbers by joint, or None."""
     from dynident.errors import ConfigError
 
     by_joint: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""``dynident check``: what is wrong with recordings and robot files, and what to do about it."""
+"""``dynident check``: find errors in recordings and robot files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 __all__ = ["check"]
 
 
-@click.command(short_help="Say what is wrong with recordings and robot files.")
+@click.command(short_help="Find errors in recordings and robot files.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
-@click.option("--json", "json_file", type=FILE, help="File for the findings and the facts behind them.")
+@click.option("--json", "json_file", type=FILE, help="JSON file for the findings and their figures.")
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
-    """Examine each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone; say
-    what is wrong and what to do about it. The exit code is 1 where an error is found.
+    """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
+    print what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
     from dynident.io.results import probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
@@ -43,7 +43,7 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 
 
 def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
-    """Examine one file; one that cannot be used is an error among the findings, so that the others are examined."""
+    """Check one file; one that cannot be used is an error among the findings, so that the others are checked."""
     from dynident.checks import CheckResult, Finding, Topic
     from dynident.errors import DynidentError, Severity
     from dynident.io.project import read_project

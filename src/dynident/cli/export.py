@@ -1,4 +1,4 @@
-"""``dynident export``: a saved result as a file for other programs."""
+"""``dynident export``: write a saved result for other programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["export"]
 
 
 class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic in newer versions
-    """A kind of the exporters, which are looked up only where they are asked for."""
+    """A kind of exporter, looked up only when it is needed."""
 
     name = "format"
 
@@ -35,7 +35,7 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 @click.option("--format", "kind", type=_Format(), required=True, help="Format.")
 @click.option("--out", type=FILE, required=True, help="File to write.")
 def export(result: Path, kind: str, out: Path) -> None:
-    """Write the model in RESULT (the result.json of identify), proven on random states before it is written."""
+    """Write the model in RESULT (the result.json of identify), after a check of its torque at random states."""
     import numpy as np
 
     from dynident.errors import ModelError

@@ -36,9 +36,9 @@ def identify(config: Path, out: Path | None) -> None:
         probe_folder(out)
     with status() as say:
         found = run(config, progress=say)
-        say("writing the model and loading it again")
+        say("writing and verifying the model")
         made = exports(found) if out else ()
-    # written before anything is printed: who reads the terminal may leave early
+    # written before anything is printed: the reader of a pipe may close it early
     written = _write(out, found, made) if out else []
     screen = console()
     verdict, steps = verdict_text(found)

@@ -1,4 +1,4 @@
-"""``dynident init``: from a robot file and logs to a configuration."""
+"""``dynident init``: draft a configuration from a robot file and logs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     """Write a configuration for `dynident identify`, with columns and units guessed from LOGS.
 
     ROBOT is a URDF or MJCF file, or gallery:NAME. The first log is fitted and the last one held out. Files that make
-    one log together are joined by a plus: q.csv+tau.csv.
+    one log together are joined by a plus sign: q.csv+tau.csv.
     """
     from dynident.errors import InputError
     from dynident.io.column_mapping import map_columns
@@ -48,7 +48,7 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
 
 
 def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
-    """Print what is to be filled in and to be confirmed, and what comes next."""
+    """Print what to fill in and to confirm, and the next command."""
     screen = console()
 
     def show(text: str, style: str | None = None) -> None:
@@ -75,4 +75,4 @@ def _trial(text: str, out: Path) -> list[str]:
         project = parse_project(text, out)
         return [*project.warnings, *project.logs()[1]]
     except DynidentError as error:
-        return [f"as it is, the configuration cannot be used: {error}"]
+        return [f"the configuration cannot be used yet: {error}"]

@@ -51,7 +51,7 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
         screen.print(terminal(prediction_table(measured, saved.model.joints)))
     unknown = [one.name for one, known in found if not known]
     if unknown and not out:
-        raise ConfigError(f"{', '.join(unknown)}: without torques there is nothing to compare; give --out a file.")
+        raise ConfigError(f"{', '.join(unknown)}: there are no torques to compare with; give --out a file.")
     if out:
         tell(screen, "Torques", write_table(out, prediction_frame(found)))
 

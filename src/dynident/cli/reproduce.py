@@ -1,4 +1,4 @@
-"""``dynident reproduce``: the article's study."""
+"""``dynident reproduce``: run the article's study again."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["reproduce"]
     help="Methods, separated by commas; also spline-early (the transient dropped before smoothing) and ml (maximum "
     "likelihood).",
 )  # fmt: skip
-@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes that share the runs.")
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Number of worker processes.")
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
 @click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
 def reproduce(
@@ -46,7 +46,7 @@ def reproduce(
             found = article.reproduce(scenario, runs, seed, names, path=table, executor=executor, progress=progress)
     except KeyboardInterrupt:
         if table:
-            click.echo(f"What was finished is kept in {table}: run the same command again to go on.", err=True)
+            click.echo(f"Finished runs are kept in {table}: run the same command again to continue.", err=True)
         raise
     screen = console()
     screen.print(study_text(found))

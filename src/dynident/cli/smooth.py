@@ -1,4 +1,4 @@
-"""``dynident smooth``: columns of a file, smoothed and differentiated."""
+"""``dynident smooth``: smooth and differentiate columns of a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["smooth"]
 @click.option("--column", "columns", multiple=True, help="Column to smooth; repeat it. Default: all but the time.")
 @click.option(
     "--rule", type=click.Choice(["constraint", "gcv", "reml", "interpolate"]), default="constraint", show_default=True,
-    help="How much to smooth: S = n with the noise, cross-validation, likelihood, or not at all.",
+    help="How much to smooth: S = n with the noise, cross-validation, restricted likelihood, or not at all.",
 )  # fmt: skip
 @click.option("--sigma", type=float, help="Standard deviation of the noise; estimated where it is not given.")
 @click.option("--lam", type=float, help="A fixed smoothing parameter instead of a rule.")

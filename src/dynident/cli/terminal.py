@@ -1,4 +1,4 @@
-"""What commands show: the console, a progress bar, a status line; all silent where nobody watches."""
+"""Output of the commands: the console, a progress bar, a status line; the last two only in a terminal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
 
 
 def tell(console: Console, what: str, path: Path) -> None:
-    """Say where a file was written."""
+    """Print where a file was written."""
     console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
 
 

@@ -1,4 +1,4 @@
-"""Errors that a user can cause, and notes: what a stage has to say about its result, as data."""
+"""Errors that a user can cause, and notes on a result, as data."""
 
 from dynident.errors.brief import brief, changed, listed
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices

@@ -1,4 +1,4 @@
-"""The errors dynident raises on purpose: each message names the wrong value, where it is, and how to mend it."""
+"""The errors dynident raises on purpose: each message names the wrong value, where it is, and how to correct it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ModelError(DynidentError):
 
 
 def choices(wrong: str, known: Iterable[str]) -> str:
-    """Word the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Known: ...``."""
+    """Return a sentence with the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Known: ...``."""
     names = list(known)
     near = get_close_matches(wrong, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""

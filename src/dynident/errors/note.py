@@ -1,4 +1,4 @@
-"""What a stage has to say about its result, as data: ``report`` makes the words."""
+"""Notes that a stage attaches to its result, as data: ``report`` puts them into words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Note", "Remark", "Severity"]
 
 
 class Severity(StrEnum):
-    """How serious a finding or a note is: what gives wrong numbers, what to look at, what is good to know."""
+    """How serious a finding or a note is: it gives wrong numbers, should be looked at, or is for information."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -19,13 +19,13 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Note:
-    """Base of all notes; the type says how serious it is, the fields hold the figures."""
+    """Base of all notes; the type determines the severity, the fields hold the figures."""
 
     severity: ClassVar[Severity] = Severity.WARNING
 
 
 @dataclass(frozen=True)
 class Remark(Note):
-    """A warning that comes as text, from a reader of files or from a configuration."""
+    """A warning given as text, from reading a file or a configuration."""
 
     text: str

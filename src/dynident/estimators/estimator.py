@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 class Provenance(StrEnum):
-    """What decided a parameter: the data, the prior, a bound that it lies at, or nothing."""
+    """What determines a parameter: the data, the prior, an active bound, or nothing."""
 
     DATA = "data"
     PRIOR = "prior"
@@ -43,10 +43,10 @@ class Provenance(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What an estimator may need: the model, the motions to fit, their linear problem, and the logs as measured.
+    """The input of an estimator: the model, the motions to fit, their linear problem, and the logs as measured.
 
-    ``logs`` may be empty: the positions of the motions then stand for the measured ones. The motions are those that the
-    logs show ``time_offset`` (s) late; the logs themselves are as stamped.
+    ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs
+    are stamped ``time_offset`` (s) later than the torque; the motions are corrected for it, the logs are not.
     """
 
     model: Model
@@ -152,12 +152,12 @@ class Estimate:
 
     @property
     def converged(self) -> bool:
-        """Whether the search, if there was one, ended at its optimum."""
+        """Whether the iteration, if there was one, converged."""
         return not any(isinstance(note, Unsettled) for note in self.notes)
 
 
 class Estimator(Protocol):
-    """Frozen configuration; the data come only in the call."""
+    """A frozen dataclass of settings; calling it with the data gives the estimate."""
 
     def __call__(self, problem: Problem) -> Estimate:
         """Estimate the parameters of the problem's model."""
@@ -165,12 +165,12 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class HasQuick(Protocol):
-    """An estimator with a stand-in for searches that try many values, such as that of the time offset."""
+    """An estimator with a fast substitute for searches over many trial values, such as that of the time offset."""
 
     def quick(self) -> Estimator:
-        """Return an estimator of the same kind of error, as fast as least squares."""
+        """Return an estimator that minimises a similar error, as fast as least squares."""
 
 
 def quick(estimator: Estimator) -> Estimator:
-    """Return the stand-in of an estimator for searches: its own, or itself where it has none."""
+    """Return the fast substitute of an estimator for searches, or itself where it has none."""
     return estimator.quick() if isinstance(estimator, HasQuick) else estimator

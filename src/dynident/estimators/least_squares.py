@@ -1,4 +1,4 @@
-"""Ordinary least squares, eq. (11), from a triangular factor, with its covariance and an honest rank."""
+"""Ordinary least squares, eq. (11), from a triangular factor, with its covariance and rank."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Weights = Literal["equal", "per_joint"]
 class LeastSquaresSolution:
     """A least-squares solution: ``value`` (p) (of least norm in scaled columns where the rank is deficient).
 
-    ``rss`` is the sum of squared residuals, ``directions`` the rank and what goes with it.
+    ``rss`` is the sum of squared residuals, ``directions`` the rank with the directions that it determines.
     """
 
     value: Array
@@ -52,7 +52,7 @@ class LeastSquaresSolution:
 
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
-        """Parameters that cannot be told apart, by index."""
+        """Groups of parameters of which only combinations are identifiable, by index."""
         return self.directions.groups
 
 
@@ -80,15 +80,15 @@ def joint_weights(
 ) -> Array:
     """Return the weight (n) of each joint: one, or with "per_joint" one over the standard deviation of its residual.
 
-    The deviations are those of the fit with the previous weights, from equal ones on, until they change by less than
-    1 % or ``iterations`` are done: feasible generalised least squares, Gautier and Poignet (2001).
+    Starting from equal weights, the deviations are those of the fit with the previous weights, until they change by
+    less than 1 % or ``iterations`` are done: feasible generalised least squares, Gautier and Poignet (2001).
     """
     n = len(triangular.factors)
     found = np.ones(n)
     if weights == "equal":
         return found
     size = np.sqrt(np.square(triangular.factors[:, :, -1]).sum(axis=1) / np.maximum(triangular.rows, 1))
-    # a joint that the model explains to rounding must not outweigh all others
+    # a joint with residuals at rounding level must not outweigh all others
     floor = 1e-7 * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     for _ in range(iterations):
         theta = solve(*weighted(triangular, found, parameters, tolerance)).value
@@ -112,7 +112,7 @@ def weighted(
 
 
 def check_weights(weights: str, iterations: int) -> None:
-    """Raise ConfigError unless the settings of ``joint_weights`` can be used."""
+    """Raise ConfigError for invalid settings of ``joint_weights``."""
     if weights not in get_args(Weights):
         raise ConfigError(f"weights = {weights!r} of the joints; {choices(weights, get_args(Weights))}")
     if iterations < 1:
@@ -121,11 +121,11 @@ def check_weights(weights: str, iterations: int) -> None:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """theta = (X' X)^-1 X' y, eq. (11), all joints weighing the same, or with ``weights`` "per_joint" as their noise.
+    """Ordinary least squares, theta = (X' X)^-1 X' y, eq. (11); with ``weights`` "per_joint" weighted by joint.
 
-    The rank is that of ``rank_of``, ``tolerance`` its limit (None: the precision of the model). The covariance is
+    The rank is that of ``rank_of`` with ``tolerance`` (None: the precision of the model). The covariance is
     s^2 (X' X)^-1 with s^2 the residual variance: it holds for independent errors of equal variance and an exactly known
-    regressor; correlated residuals make it too small.
+    regressor; with correlated residuals it is too small. Calling it with a ``Problem`` gives an ``Estimate``.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -154,7 +154,7 @@ class LeastSquares:
             )
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; where the rank is deficient a note names the parameters that cannot be told apart."""
+        """Estimate; for a deficient rank a note names the parameters of which only combinations are identifiable."""
         triangular, model = problem.regression.triangular_factors, problem.model
         parameters = model.parameters
         weights = joint_weights(triangular, self.weights, self.iterations, parameters, self.tolerance)

@@ -1,4 +1,4 @@
-"""The notes that an estimate carries: what the data left open, how a likelihood ended, what was done to the data."""
+"""The notes of an estimate: what the data do not determine, how an iteration ended, how the data were changed."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Undetermined(Note):
-    """Base of what the rank leaves open; of a robot's inertial parameters that is no news, as no motion shows all."""
+    """Base of the notes on a deficient rank, which is normal for inertial parameters: no motion determines all."""
 
 
 @dataclass(frozen=True)
 class Unsettled(Note):
-    """Base of the ends of a search that is not at its optimum."""
+    """Base of the notes on an iteration that did not converge."""
 
 
 @dataclass(frozen=True)
 class RankDeficient(Undetermined):
     """The data determine ``rank`` combinations of so many ``parameters``.
 
-    ``without_effect`` names those with no effect on the torque, ``tied`` the groups that cannot be told apart, where
-    the estimator looks for them.
+    ``without_effect`` names those with no effect on the torque, ``tied`` the groups of which only combinations are
+    identifiable; both are empty where the estimator does not compute them.
     """
 
     rank: int
@@ -60,21 +60,21 @@ class NotAlone(Undetermined):
 
 @dataclass(frozen=True)
 class NotByData(Undetermined):
-    """So many parameters are not decided by the data alone."""
+    """``count`` parameters are not determined by the data alone."""
 
     count: int
 
 
 @dataclass(frozen=True)
 class DecidedByPrior(Undetermined):
-    """So many parameters are decided by the prior where the data leave them free."""
+    """``count`` parameters are determined by the prior where the data do not determine them."""
 
     count: int
 
 
 @dataclass(frozen=True)
 class NotIdentifiable(Undetermined):
-    """So many parameters are decided by neither data nor prior where the data leave them free."""
+    """``count`` parameters are determined by neither data nor prior."""
 
     count: int
 
@@ -89,14 +89,14 @@ class HeldByConstraints(Note):
 
 @dataclass(frozen=True)
 class PriorApproached(Undetermined):
-    """The barrier method stopped at a duality ``gap`` from the parameters nearest to the prior."""
+    """The barrier method stopped at a duality ``gap`` before the parameters nearest to the prior."""
 
     gap: float
 
 
 @dataclass(frozen=True)
 class NotConverged(Unsettled):
-    """The search ended after ``iterations`` steps; the log-likelihood may still rise by ``gain``."""
+    """The iteration stopped after ``iterations`` steps; the log-likelihood may still increase by ``gain``."""
 
     iterations: int
     gain: float
@@ -111,14 +111,14 @@ class Failed(Unsettled):
 
 @dataclass(frozen=True)
 class NotWhite(Note):
-    """The torque's residuals have a ``correlation`` of neighbouring samples: the model leaves out more than noise."""
+    """The torque residuals have a ``correlation`` between neighbouring samples: they are more than noise."""
 
     correlation: float
 
 
 @dataclass(frozen=True)
 class ScatterLarger(Note):
-    """By the residuals' scatter in time the standard error of a ``parameter`` is ``ratio`` times as large."""
+    """The standard error of a ``parameter`` is ``ratio`` times as large by the scatter of the residuals over time."""
 
     parameter: str
     ratio: float
@@ -126,7 +126,7 @@ class ScatterLarger(Note):
 
 @dataclass(frozen=True)
 class MovingStart(Note):
-    """The likelihood ratio says, with so small a ``p_value``, that the recordings do not start from rest."""
+    """The recordings do not start from rest, by a likelihood ratio test with this ``p_value``."""
 
     severity: ClassVar[Severity] = Severity.INFO
     p_value: float
@@ -134,7 +134,7 @@ class MovingStart(Note):
 
 @dataclass(frozen=True)
 class Averaged(Note):
-    """Of ``group`` neighbouring samples the mean was taken."""
+    """The mean of each ``group`` of neighbouring samples was used."""
 
     severity: ClassVar[Severity] = Severity.INFO
     group: int
@@ -142,7 +142,7 @@ class Averaged(Note):
 
 @dataclass(frozen=True)
 class SmoothSigns(Note):
-    """The sign of velocities in friction was made smooth, tanh(dq / width), with these ``widths`` (rad/s or m/s)."""
+    """The sign of the velocity in friction was replaced by tanh(dq / width), with these ``widths`` (rad/s or m/s)."""
 
     severity: ClassVar[Severity] = Severity.INFO
     widths: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""The identified model as files that other programs read: pure functions from an identification to proven texts."""
+"""The identified model as files for other programs: pure functions from an identification to verified texts."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ ROBOT: Mapping[str, Exporter] = {one.format: one for one in (Urdf(), Mjcf())}
 
 
 def exports(found: Identification) -> tuple[Export, ...]:
-    """Return the robot's own file with the values found, where there is one, the parameters, and a NumPy module.
+    """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
-    Each is proven on samples of the logs, or says why it cannot be.
+    Each is verified on samples of the logs, or has the reason why it cannot be written.
     """
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
@@ -54,7 +54,17 @@ def exports(found: Identification) -> tuple[Export, ...]:
 
 
 def export(identified: Identified, exporter: Exporter, states: States) -> Export:
-    """Return the text of an exporter with its proof on the states q, dq, ddq (N, n), or why there is none."""
+    """Return the text of an exporter with its verification at the states q, dq, ddq (N, n).
+
+    Where the format cannot hold the model, or the text does not reproduce its torque, ``Export.refusal`` is the reason.
+
+    >>> import numpy as np
+    >>> from dynident.models.gallery import pendulum
+    >>> model = pendulum()
+    >>> written = export(Identified(model, model.values), Yaml(), random_states(1, np.random.default_rng(0)))
+    >>> written.ready, written.file
+    (True, 'parameters.yaml')
+    """
     file = exporter.file(identified)
     try:
         written = exporter.write(identified)
@@ -65,7 +75,7 @@ def export(identified: Identified, exporter: Exporter, states: States) -> Export
         return Export(exporter.format, file, written, proof)
     words = ", ".join(f"{name} {value:.2g}" for name, value in proof.readers.items())
     reason = (
-        f"the text, loaded again, does not give the identified torque: relative difference {words}, allowed is "
+        f"the text, loaded again, does not reproduce the identified torque: relative difference {words}, allowed is "
         f"{proof.limit:g}. {' '.join(proof.skipped)}"
     )
     return Export(exporter.format, file, written, proof, reason.strip())

@@ -1,7 +1,7 @@
-"""Edits an XML text in place: what is not changed stays as it was, byte by byte.
+"""Edits an XML text in place: what is not edited is preserved byte by byte.
 
 The standard library's trees lose comments, quotes and the order of attributes when they are written. Here expat only
-tells where elements stand; an edit replaces the bytes of one attribute or element.
+locates the elements; an edit replaces the bytes of one attribute or element.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Text:
         return roots[0]
 
     def set(self, node: Node, values: Mapping[str, str]) -> None:
-        """Give attributes new values; those that the element lacks are added behind its others."""
+        """Set attributes; those that the element lacks are added after its others."""
         spans = {
             match[1].decode(): match.span(2) for match in _ATTRIBUTE.finditer(self._bytes, node.start, node.inside)
         }
@@ -92,32 +92,32 @@ class Text:
         if added:
             self._replace(last, last, added)
 
-    def sharpen(self, node: Node, key: str, count: int = 3) -> None:
-        """Write the last ``count`` numbers (rad) of an attribute as the angles that they are read as."""
+    def write_exact_angles(self, node: Node, key: str, count: int = 3) -> None:
+        """Write the last ``count`` numbers (rad) of an attribute as the exact angles used in the model."""
         words = node.attributes.get(key, "").split()
         new = [repr(exact(word)) if exact(word) != float(word) else word for word in words[-count:]]
         if new != words[-count:]:
             self.set(node, {key: " ".join([*words[:-count], *new])})
 
     def drop(self, node: Node, keys: tuple[str, ...]) -> None:
-        """Take attributes away, as far as the element has them."""
+        """Remove attributes that the element has."""
         for match in _ATTRIBUTE.finditer(self._bytes, node.start, node.inside):
             if match[1].decode() in keys:
                 self._replace(*match.span(), "")
 
     def delete(self, node: Node) -> None:
-        """Take an element away, with the blanks before it."""
+        """Remove an element, with the whitespace before it."""
         start = node.start
         while self._bytes[start - 1 : start].isspace():
             start -= 1
         self._replace(start, node.end, "")
 
     def replace(self, node: Node, element: str) -> None:
-        """Put another element in the place of one."""
+        """Replace an element by another."""
         self._replace(node.start, node.end, element)
 
     def insert(self, parent: Node, *lines: str) -> None:
-        """Put an element, given in lines, before the first child of another, each line indented like that."""
+        """Insert an element, given in lines, before the first child of another, with the same indentation."""
         gap = self._gap(parent)
         block = "".join(gap + line for line in lines)
         if parent.empty:
@@ -136,7 +136,7 @@ class Text:
         self._edits.append((start, stop, new.encode()))
 
     def _gap(self, parent: Node) -> str:
-        """Return the line break and blanks before the first child, or what they would be."""
+        """Return the line break and whitespace before the first child, or what they would be."""
         if parent.children:
             return self._before(parent.children[0])
         before = self._before(parent)

@@ -1,4 +1,4 @@
-"""The protocol of an exporter: a model with the values found -> a text for other programs."""
+"""The protocol of an exporter: identified model -> a text for other programs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Exporter(Protocol):
 
     @property
     def readers(self) -> Mapping[str, Reader]:
-        """What loads a text again, by name: each returns the torque (N, n) of a text at states q, dq, ddq (N, n)."""
+        """Functions that load a text again, by name: each returns its torque (N, n) at states q, dq, ddq (N, n)."""
 
     def file(self, identified: Identified) -> str:
         """Return the usual name of the file."""
@@ -36,4 +36,4 @@ class Exporter(Protocol):
         """Return the text; ModelError where the format cannot hold the model."""
 
     def torque(self, identified: Identified, states: States) -> Array:
-        """Return the torque (N, n) of what the format can hold."""
+        """Return the torque (N, n) of the terms that the format can hold."""

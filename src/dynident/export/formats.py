@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Urdf:
-    """The robot's own URDF with the inertias, damping and friction found."""
+    """The robot's own URDF with the identified inertias, damping and friction."""
 
     format: ClassVar[str] = "urdf"
     readers: ClassVar[Mapping[str, Reader]] = {"Pinocchio": by_pinocchio, "dynident": by_dynident}
@@ -46,7 +46,7 @@ class Urdf:
 
 @dataclass(frozen=True)
 class Mjcf:
-    """The robot's own MJCF with the inertias, damping, friction and armature found."""
+    """The robot's own MJCF with the identified inertias, damping, friction and armature."""
 
     format: ClassVar[str] = "mjcf"
     readers: ClassVar[Mapping[str, Reader]] = {"MuJoCo": by_mujoco, "dynident": by_dynident}

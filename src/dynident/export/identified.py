@@ -1,4 +1,4 @@
-"""What exports write: a model with the values found, the drives of its joints, and the inertias of its links."""
+"""The content of exports: a model with identified values, the drives of its joints, and the inertias of its links."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from dynident.models.robot_file import ArmBody
 __all__ = ["Drives", "Identified", "Shares", "drives", "link_inertias"]
 
 Array = NDArray[np.float64]
-ADVICE = "identify with `estimator: {kind: consistent}` to have it; parameters.yaml and model.py hold any values"
-ALL = 0.999  # the fixed links keep their nominal inertias up to this share of what the body can spare
+ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
+ALL = 0.999  # the fixed links keep their nominal inertias up to this share of the largest consistent one
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +63,14 @@ class Identified:
         """The rigid bodies and their parameters (n, 10); ModelError where the model does not come from a robot file."""
         if (robot := self.robot) is not None:
             return robot, next(values for term, values in self.parts if term is robot).reshape(-1, 10)
-        raise ModelError(f"{self.model.name}: this model is not made of a robot file, so there is none to write.")
+        raise ModelError(f"{self.model.name}: this model does not come from a robot file, so there is none to write.")
 
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """What a robot file holds per joint: damping (N m s/rad), friction (N m) and armature (kg m^2), or for sliding.
+    """The joint attributes of a robot file: damping (N m s/rad), friction (N m), armature (kg m^2), or for sliding.
 
-    ``left_out`` are, in words, the parameters that no attribute holds; ``notes`` tell of values that the file keeps.
+    ``left_out`` describes the parameters that no attribute holds; ``notes`` the values that the file keeps.
     """
 
     damping: Mapping[str, float] = field(default_factory=dict)
@@ -89,10 +89,10 @@ class Drives:
 
 
 def drives(identified: Identified, *, armature: bool) -> Drives:
-    """Return what a robot file can hold of the terms besides the bodies; ``armature`` says whether it has a place
-    for rotor inertia. A value that is not identified is the file's own.
+    """Return the part of the other terms that a robot file can hold; ``armature``: whether it can hold rotor inertia.
+    A value that is not identified is the file's own.
 
-    Raises ModelError for a negative value: no simulator takes it.
+    Raises ModelError for a negative value, which simulators reject.
     """
     bodies, _ = identified.bodies
     # by type: files have damping * dq and friction * sign(dq), which another term of the same role need not be
@@ -123,14 +123,14 @@ def _add(sums: dict[str, float], term: PerJoint, values: Array) -> None:
 
 
 def _rules(term: Term) -> Iterator[str]:
-    """Say how friction changes its sign, where it is not as in the file."""
+    """Return a note on the sign in friction, where the file cannot hold it."""
     if isinstance(term, Coulomb) and (term.width or term.dead_band):
         rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
         yield f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)"
 
 
 def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """Say which values are the file's own."""
+    """Return notes on the values that are the file's own."""
     for name, values in nominal.items():
         for joint, value in values.items():
             if value and joint not in found[name]:
@@ -148,8 +148,8 @@ def _worded(term: Term, values: Array) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """How the identified bodies are spread over the links of the file: by link, its parameters (10) in its own frame,
-    None for a link that loses its inertia; links that keep what they have are not named. ``notes`` say why.
+    """The identified bodies divided among the links of the file: by link, its parameters (10) in its own frame, None
+    for a link that loses its inertia; unchanged links are not listed. ``notes`` give the reasons.
     """
 
     links: Mapping[str, Array | None]
@@ -157,11 +157,11 @@ class Shares:
 
 
 def link_inertias(bodies: RigidBodies, values: Array) -> Shares:
-    """Spread the parameters (n, 10) of the bodies over their links; the sums are exact.
+    """Divide the parameters (n, 10) of the bodies among their links; the sums are exact.
 
-    The other links of a body keep the inertias of the file, and its first link gets the rest. Where that rest would be
-    no body, the others keep the share that leaves half of what there is along the tightest direction.
-    Raises ModelError for a body that is none, as its pseudo-inertia is not positive definite.
+    The other links of a body keep the inertias of the file, and its first link gets the rest. Where that rest would not
+    be physically consistent, the others keep a share that leaves half of the body along the tightest direction. Raises
+    ModelError for a body whose pseudo-inertia is not positive definite.
     """
     links: dict[str, Array | None] = {}
     notes: list[str] = []
@@ -184,8 +184,8 @@ def link_inertias(bodies: RigidBodies, values: Array) -> Shares:
 
 def _require_physical(name: str, theta: Array) -> None:
     if smallest_eigenvalue(theta) <= 0:
-        why = "; ".join(consistency_violations(theta)) or "it lies on the border of what mass can do"
-        raise ModelError(f"body {name!r} cannot be real: {why}; {ADVICE}.")
+        why = "; ".join(consistency_violations(theta)) or "its pseudo-inertia is singular"
+        raise ModelError(f"body {name!r} is not physically consistent: {why}; {ADVICE}.")
 
 
 def _others(bodies: RigidBodies, body: ArmBody) -> dict[str, tuple[Array | None, Array]]:
@@ -194,7 +194,7 @@ def _others(bodies: RigidBodies, body: ArmBody) -> dict[str, tuple[Array | None,
 
 
 def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> float:
-    """Return t so that theta - t (sum of the others) is a body; 0 where one of the others is none itself."""
+    """Return t so that theta - t (sum of the others) is consistent; 0 where one of the others is not."""
     known = [moved(nominal, frame) for nominal, frame in others.values() if nominal is not None and nominal.any()]
     if not known:
         return 1.0
@@ -207,7 +207,7 @@ def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> fl
 def _shared_words(body: ArmBody, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
     for link, (nominal, _) in others.items():
         if nominal is None:
-            yield f"link {link!r}: the file left its inertia to its shapes; now {body.joint.child!r} has it"
+            yield f"link {link!r}: the file computes its inertia from shapes; now it is part of {body.joint.child!r}"
     weighty = [link for link, (nominal, _) in others.items() if nominal is not None and nominal.any()]
     if weighty and share < 1:
         kept = f"{100 * share:.3g} % of their inertias" if share else "no inertia"

@@ -1,4 +1,4 @@
-"""The identified model as an MJCF: the original text, with the inertias, frictions and rotor inertias that were found.
+"""The identified model as an MJCF: the original text, with the identified inertias, friction and rotor inertias.
 
 Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/XMLreference.html.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
-from dynident.export.urdf import standing, words
+from dynident.export.urdf import numbers_text, standing
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
@@ -30,7 +30,7 @@ def identified_mjcf(identified: Identified) -> Written:
     gravity of the identification, rounded angles as they were read, and without the compiler settings that would
     change inertias.
 
-    Raises ModelError where the model was read from no MJCF, and for a body or a friction that cannot be real.
+    Raises ModelError where the model does not come from an MJCF, and for inconsistent bodies or negative friction.
     """
     bodies, values = identified.bodies
     if bodies.format != "mjcf":
@@ -39,8 +39,8 @@ def identified_mjcf(identified: Identified) -> Written:
     text = Text(bodies.xml)
     if _in_radians(text):
         for node in (one for one in _nodes(text) if one.tag == "body"):
-            text.sharpen(node, "euler")
-            text.sharpen(node, "axisangle", 1)
+            text.write_exact_angles(node, "euler")
+            text.write_exact_angles(node, "axisangle", 1)
     _set_found(text, bodies, found, shares)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
@@ -75,8 +75,8 @@ def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> 
     element = NOTHING
     if theta is not None:
         mass, centre, tensor = to_physical(theta, body.attributes["name"])
-        full = words(tensor[place] for place in FULL)
-        element = f'<inertial pos="{words(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
+        full = numbers_text(tensor[place] for place in FULL)
+        element = f'<inertial pos="{numbers_text(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
     inertial = body.find("inertial")
     if inertial is None:
         text.insert(body, element)
@@ -90,21 +90,21 @@ def _set_drive(text: Text, joint: Node, found: Drives, name: str) -> None:
 
 
 def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
-    """Set it wherever it is given, as the last one counts; else in the first option, or in a new one."""
+    """Set gravity wherever it is given, as the last one counts; else in the first option, or in a new one."""
     options = [child for child in text.root.children if child.tag == "option"]
     stated = [option for option in options if "gravity" in option.attributes] or options[:1]
     for option in stated:
-        text.set(option, {"gravity": words(gravity)})
+        text.set(option, {"gravity": numbers_text(gravity)})
     if not stated:
-        text.insert(text.root, f'<option gravity="{words(gravity)}"/>')
+        text.insert(text.root, f'<option gravity="{numbers_text(gravity)}"/>')
 
 
 def _freed(text: Text) -> tuple[str, ...]:
-    """Take away what would change the inertias when the file is compiled, and say so."""
+    """Remove settings that would change the inertias when the file is compiled, and return a note on them."""
     gone: list[str] = []
     for compiler in (child for child in text.root.children if child.tag == "compiler"):
         keys = [key for key in ALTERING if key in compiler.attributes]
         keys += ["inertiafromgeom"] if compiler.attributes.get("inertiafromgeom") == "true" else []
         text.drop(compiler, tuple(keys))
         gone += keys
-    return (f"<compiler> {', '.join(gone)} taken away: the inertias are meant as they stand",) if gone else ()
+    return (f"<compiler> {', '.join(gone)} removed, so that the inertias are used as written",) if gone else ()

@@ -1,4 +1,4 @@
-"""The identified model as a Python module of its own that needs only NumPy: inverse dynamics, gravity, mass matrix."""
+"""The identified model as a stand-alone Python module that needs only NumPy: inverse dynamics, gravity, mass matrix."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ COULOMB = 2  # place of Coulomb friction among a motor's inertia, viscous, Coulo
 def identified_module(identified: Identified) -> Written:
     """Return the source of a module with ``inverse_dynamics``, ``gravity``, ``mass_matrix`` and ``friction``.
 
-    Rigid bodies are computed by the recursion of Newton and Euler (Featherstone 2008, "Rigid Body Dynamics
-    Algorithms", ch. 5) on the ten parameters as they were found, physical or not; symbolic energies by their printed
-    torques; friction, offset, rotor inertia and couplings as rows of motors; any other term by its ``numpy_source``.
-    Raises ModelError for a term without one: its formula is not known.
+    Rigid bodies are computed by the recursive Newton-Euler algorithm (Featherstone 2008, "Rigid Body Dynamics
+    Algorithms", ch. 5) from the ten identified parameters, physical or not; symbolic energies by their printed torques;
+    friction, offset, rotor inertia and coupled motors as rows of motors; any other term by its ``numpy_source``. Raises
+    ModelError for a term without one: its formula is not known.
     """
     names = [joint.name for joint in identified.model.joints]
     motors, rigid, others = _Motors(names), ["0.0 * q"], ["0.0 * q"]
@@ -57,7 +57,7 @@ def identified_module(identified: Identified) -> Written:
 
 
 class _Motors:
-    """Gathers friction, offset and rotor inertia: rows of motors, each turning with joints by coefficients."""
+    """Collects friction, offset and rotor inertia as rows of motors, each coupled to joints by coefficients."""
 
     def __init__(self, names: list[str]) -> None:
         self._names = names
@@ -158,7 +158,7 @@ def _tuple(words: Iterable[str]) -> str:
     return f"({', '.join(listed)}{',' if len(listed) == 1 else ''})"
 
 
-HEAD = '''"""Inverse dynamics of an identified robot; it needs NumPy alone. Written by dynident.
+HEAD = '''"""Inverse dynamics of an identified robot; needs only NumPy. Written by dynident.
 
 q, dq, ddq are arrays (n,) or (N, n): one column per joint of JOINTS, rad or m, and seconds; torques are N m or N.
 """
@@ -170,13 +170,13 @@ JOINTS = @JOINTS@
 '''
 
 MOTORS = """
-# By motor: coefficients of the joints it turns with; rotor inertia, viscous friction, Coulomb friction, constant
+# By motor: coefficients of the joints it is coupled to; rotor inertia, viscous friction, Coulomb friction, constant
 # torque; width of tanh(dq / width) in place of the sign, and dead band of the sign.
 MOTORS = [@ROWS@]
 """
 
-BODIES = '''# Bodies, each after the one it hangs on: column in q, index of that body (-1: the base), whether it slides,
-# axis, rotation and position of its joint frame there; mass, first moment and inertia about its joint frame.
+BODIES = '''# Bodies, each after its parent: column in q, index of the parent (-1: the base), whether it slides,
+# axis, rotation and position of its joint frame in the parent's; mass, first moment and inertia about its joint frame.
 BODIES_@K@ = [
 @ROWS@
 ]

@@ -1,4 +1,4 @@
-"""All parameters as YAML: values, standard errors, verdicts, units, and what they mean in which frame."""
+"""All parameters as YAML: values, standard errors, verdicts, units, meanings and frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRAME = (
 
 
 def identified_yaml(identified: Identified) -> Written:
-    """Return the parameters as YAML; it holds any values, and nothing is left out."""
+    """Return all parameters as YAML; it can hold any values."""
     model = identified.model
     data: dict[str, Any] = {
         "model": model.name,

@@ -1,4 +1,4 @@
-"""Loads a written model again, by readers that are independent where there are any, and compares its torque."""
+"""Verifies a written model: loads it again, by independent readers where there are any, and compares its torque."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def spread(motions: tuple[Motion, ...], count: int = 500) -> States:
 
 
 def random_states(joints: int, rng: np.random.Generator, count: int = 500) -> States:
-    """Return random q, dq, ddq (count, joints) of a few rad or m, per s and per s^2, where no motion is at hand."""
+    """Return random q, dq, ddq (count, joints) of a few rad or m, per s and per s^2, for use without a motion."""
     q, dq, ddq = rng.uniform(-3, 3, (3, count, joints))
     return q, dq, ddq
 
 
 def prove(written: Written, identified: Identified, states: States, exporter: Exporter) -> Proof:
-    """Return how well the torque of the text, loaded again, agrees with the model without what is left out.
+    """Compare the torque of the text, loaded again, with that of the model without the terms left out.
 
-    The exporter says who loads it, and what it can hold.
+    The exporter names the readers and the terms that it can hold.
     """
     expected = exporter.torque(identified, states)
     found: dict[str, float] = {}
@@ -47,10 +47,10 @@ def prove(written: Written, identified: Identified, states: States, exporter: Ex
             continue
         try:
             found[name] = _difference(reader(written.text, identified, states), expected)
-        except Exception as error:  # a foreign parser may raise anything
+        except Exception as error:  # another library's parser may raise anything
             reason = " ".join(str(error).split())
             if name in FOREIGN and _fails(reader, identified):
-                skipped.append(f"{name} can read neither this nor the original file: {reason}")
+                skipped.append(f"{name} can read neither this file nor the original: {reason}")
             else:
                 found[name] = float("inf")
                 skipped.append(f"{name} cannot read it: {reason}")
@@ -71,6 +71,6 @@ def _fails(reader: Reader, identified: Identified) -> bool:
     none: Array = np.zeros((0, len(bodies.joints)))
     try:
         reader(bodies.xml, identified, (none, none, none))
-    except Exception:  # a foreign parser may raise anything
+    except Exception:  # another library's parser may raise anything
         return True
     return False

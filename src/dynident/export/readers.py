@@ -25,7 +25,7 @@ SHAPES = (
 
 
 def by_numpy(source: str, _: Identified, states: States) -> Array:
-    """Run a module and ask its inverse dynamics."""
+    """Run a module and call its inverse dynamics."""
     namespace: dict[str, Any] = {"__name__": "model"}
     exec(compile(source, "model.py", "exec"), namespace)  # noqa: S102 - the text was written above, names are quoted
     return np.asarray(namespace["inverse_dynamics"](*states))
@@ -36,12 +36,12 @@ def by_yaml(text: str, identified: Identified, states: States) -> Array:
     values = {row["name"]: row["value"] for row in yaml.safe_load(text)["parameters"]}
     given = np.array([values[name] for name in identified.model.names])
     if (given != identified.value).any():  # of some, the torque says nothing
-        raise DynidentError("a value is another one")
+        raise DynidentError("a value differs")
     return identified.model.torque(*states, given)
 
 
 def by_dynident(text: str, identified: Identified, states: States) -> Array:
-    """Read the text as an identification would."""
+    """Read the text by dynident itself."""
     bodies, _ = identified.bodies
     names = tuple(joint.name for joint in bodies.joints)
     again = RigidBodies(text, names, bodies.locked, bodies.gravity, bodies.source)
@@ -56,7 +56,7 @@ def by_dynident(text: str, identified: Identified, states: States) -> Array:
 
 
 def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
-    """Read a URDF by Pinocchio's own reader; the joints that stand still do so in its full model."""
+    """Read a URDF by Pinocchio's own reader; fixed joints are held fixed in its full model."""
     import pinocchio as pin
 
     bodies, _ = identified.bodies
@@ -84,7 +84,7 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
 
 
 def _declared(text: str, root: str) -> str:
-    """Return a URDF whose root link is declared: exporters leave out the world that the base is welded to."""
+    """Return a URDF whose root link is declared: some exporters omit the world link that the base is fixed to."""
     edited = Text(text)
     if all(node.attributes.get("name") != root for node in edited.root.children if node.tag == "link"):
         edited.insert(edited.root, f"<link name={quoteattr(root)}/>")
@@ -92,7 +92,7 @@ def _declared(text: str, root: str) -> str:
 
 
 def by_mujoco(text: str, identified: Identified, states: States) -> Array:
-    """Read an MJCF, without its shapes, by MuJoCo; friction is taken from its model, as its own yields at rest."""
+    """Read an MJCF, without its shapes, by MuJoCo; friction is computed here, as MuJoCo's is soft at rest."""
     import mujoco
 
     bodies, _ = identified.bodies
@@ -116,7 +116,7 @@ def by_mujoco(text: str, identified: Identified, states: States) -> Array:
 
 
 def _bare(text: str) -> str:
-    """Return an MJCF without shapes and what refers to them: their files need not be there."""
+    """Return an MJCF without shapes and references to them, whose files may be missing."""
     edited = Text(text)
     todo = list(edited.root.children)
     while todo:

@@ -1,4 +1,4 @@
-"""The identified model as a URDF: the original text, with the inertias and joint frictions that were found."""
+"""The identified model as a URDF: the original text, with the identified inertias and joint friction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dynident.export.identified import Drives, Identified, Shares, drives, link_
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
-__all__ = ["identified_urdf", "words"]
+__all__ = ["identified_urdf", "numbers_text"]
 
 Array = NDArray[np.float64]
 EARTH = (0.0, 0.0, -9.81)
@@ -21,13 +21,13 @@ TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1,
 
 
 def identified_urdf(identified: Identified) -> Written:
-    """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified; all else stays, byte by byte.
+    """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified; all else is preserved byte by byte.
 
-    But for rounded angles of joints: they are written as what they were read as, such as pi for 3.14159.
+    The exception is rounded angles of joints: they are written exactly, as they were used, such as pi for 3.14159.
 
     Inertias are about the centre of mass with the axes of the link (the specification of ROS,
-    http://wiki.ros.org/urdf/XML). Raises ModelError where the model was read from no URDF, and for a body or a friction
-    that cannot be real.
+    http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for inconsistent
+    bodies or negative friction.
     """
     bodies, values = identified.bodies
     if bodies.format != "urdf":
@@ -45,13 +45,13 @@ def identified_urdf(identified: Identified) -> Written:
     return Written(str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares)))
 
 
-def words(values: Iterable[float]) -> str:
-    """Return numbers with all their digits, separated by blanks."""
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers with all their digits, separated by spaces."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def standing(bodies: RigidBodies, shares: Shares) -> tuple[str, ...]:
-    """Say which links belong to a body only while a joint stands still, and with which inertia."""
+    """Return notes on the links that belong to a body only while a joint is fixed, and on their inertia."""
     movable = {joint.child: joint.name for joint in bodies.file.joints if joint.kind != "fixed"}
     names = [
         f"{movable[link]!r}" for body in bodies.arm.chosen for link in body.links[1:] if link in movable
@@ -59,8 +59,9 @@ def standing(bodies: RigidBodies, shares: Shares) -> tuple[str, ...]:
     if not names:
         return ()
     sentence = (
-        f"the joints {', '.join(names)} stood still: the identified bodies hold what they carry, exactly only in that "
-        f"position; the links beyond them have inertias {'as noted' if shares.notes else 'as the file has them'}"
+        f"the joints {', '.join(names)} were fixed: the identified bodies include the links beyond them, which is "
+        "exact "
+        f"only in that position; these links have inertias {'as noted' if shares.notes else 'as the file has them'}"
     )
     return (sentence,)
 
@@ -74,13 +75,17 @@ def _set_inertia(text: Text, link: Node, theta: Array | None) -> None:
     mass, centre, tensor = to_physical(theta, link.attributes["name"])
     values = {key: repr(float(tensor[place])) for key, place in TENSOR.items()}
     if inertial is None:
-        parts = (f'<origin xyz="{words(centre)}"/>', f'<mass value="{float(mass)!r}"/>', _element("inertia", values))
+        parts = (
+            f'<origin xyz="{numbers_text(centre)}"/>',
+            f'<mass value="{float(mass)!r}"/>',
+            _element("inertia", values),
+        )
         text.insert(link, "<inertial>", *("  " + part for part in parts), "</inertial>")
         return
-    _set_origin(text, inertial, words(centre))
+    _set_origin(text, inertial, numbers_text(centre))
     for tag, attributes in (("mass", {"value": repr(float(mass))}), ("inertia", values)):
         element = inertial.find(tag)
-        if element is not None:  # the reader has refused an <inertial> without them
+        if element is not None:  # the parser rejects an <inertial> without them
             text.set(element, attributes)
 
 
@@ -101,7 +106,7 @@ def _element(tag: str, values: Mapping[str, str]) -> str:
 def _set_joint(text: Text, joint: Node, found: Drives, name: str | None) -> None:
     """Set the frame of a joint, and of one that moves, by its ``name``, the damping and friction."""
     if (origin := joint.find("origin")) is not None:
-        text.sharpen(origin, "rpy")
+        text.write_exact_angles(origin, "rpy")
     if name is not None:
         _set_dynamics(text, joint, found, name)
 

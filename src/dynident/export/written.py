@@ -1,4 +1,4 @@
-"""The nouns of an export: what was written, its proof, and both together with what a format could not take."""
+"""The results of an export: the text, its verification, and both together."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Export", "Proof", "Written"]
 
 @dataclass(frozen=True)
 class Written:
-    """The text of a model; ``left_out`` says in words what its format cannot hold, ``notes`` the rest."""
+    """The text of a model; ``left_out`` describes what its format cannot hold; ``notes`` are remarks."""
 
     text: str
     left_out: tuple[str, ...] = ()
@@ -23,10 +23,10 @@ class Written:
 
 @dataclass(frozen=True)
 class Proof:
-    """A written text, loaded again: its torque against that of the identified model without what is left out.
+    """The verification of a text: its torque, loaded again, against that of the model without the terms left out.
 
     ``readers`` is the norm of the difference by reader, relative to the norm of a joint's torque, at the worst joint,
-    over ``samples`` states; ``skipped`` says why other readers could not be asked.
+    over ``samples`` states; ``skipped`` says why other readers could not be used.
     """
 
     readers: Mapping[str, float]
@@ -47,7 +47,7 @@ class Proof:
 
 @dataclass(frozen=True)
 class Export:
-    """A file to be written, or, in ``refusal``, why it is not: the model cannot be put so, or the proof failed."""
+    """A file to be written, or, in ``refusal``, the reason why not: wrong for the format, or not verified."""
 
     format: str
     file: str
@@ -59,5 +59,5 @@ class Export:
 
     @property
     def ready(self) -> bool:
-        """Whether there is a text, and it is proven."""
+        """Whether there is a text, and it is verified."""
         return self.written is not None and self.proof is not None and self.proof.proven

@@ -1,7 +1,7 @@
-"""What torque and motion must agree on before a fit: the time offset between them, and how the base stands.
+"""Calibration before a fit: the time offset between torque and motion, and the base tilt.
 
-Both are nonlinear in the torque and few; the parameters of the model are eliminated at every trial value (variable
-projection; Golub and Pereyra 1973), so that only one to three unknowns are searched.
+Both are nonlinear; the parameters of the model are eliminated at every trial value (variable projection; Golub and
+Pereyra 1973), so that the search has only one to three unknowns.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ __all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_off
 
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
-FEWEST = 200  # samples below which no time offset is sought
+FEWEST = 200  # least number of samples to estimate a time offset
 TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032)  # s, of either sign; the search refines the best
 FINE = 2e-5  # s
-GAIN = 0.005  # share of the error that a time offset must take away to be believed
-STEEPEST = 0.2  # rad: a base that is tilted more was mounted so on purpose
-START = 1e-3  # rad: at zero tilt the links' masses that only a tilt shows have no effect yet
+GAIN = 0.005  # share of the error that a time offset must remove to be accepted
+STEEPEST = 0.2  # rad: a larger tilt is intended mounting
+START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
 @dataclass(frozen=True)
 class TimeOffset(Note):
-    """By how much the positions lag the torque, ``seconds``, and the training error (%) without and with it."""
+    """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction."""
 
     severity: ClassVar[Severity] = Severity.INFO
     seconds: float
@@ -45,8 +45,8 @@ class TimeOffset(Note):
 
 @dataclass(frozen=True)
 class BaseTilt(Note):
-    """How the base is tilted: rotations about the root link's x and y axes, in rad, with standard errors and errors
-    (%)."""
+    """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
+    error (%) ``before`` and ``after`` correction."""
 
     severity: ClassVar[Severity] = Severity.INFO
     x: float
@@ -58,7 +58,7 @@ class BaseTilt(Note):
 
 @dataclass(frozen=True)
 class Pairing:
-    """The smoother that pairs torque and motion; ``choice`` and ``time_offset`` behind it where they were sought."""
+    """The smoother that pairs torque and motion, with its ``choice`` and ``time_offset`` where they were estimated."""
 
     smoother: Smoother
     choice: Choice | None = None
@@ -68,17 +68,17 @@ class Pairing:
 def mounted(model: Model, x: float, y: float) -> Model:
     """Return the model on a base that is tilted by x and y (rad) about the axes of its root link.
 
-    Raises ConfigError where no term of the model knows of gravity.
+    Raises ConfigError where no term of the model has gravity.
     """
     from scipy.spatial.transform import Rotation
 
     back = Rotation.from_rotvec((-x, -y, 0.0))
     terms = tuple(
-        term.under(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
+        term.with_gravity(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
         for term in model.terms
     )
     if all(new is old for new, old in zip(terms, model.terms, strict=True)):
-        raise ConfigError(f"{model.name}: no term has a gravity that could be turned; only robot files have one.")
+        raise ConfigError(f"{model.name}: no term has a gravity that could be rotated; only robot files have one.")
     return replace(model, terms=terms)
 
 
@@ -109,7 +109,7 @@ def pair(
         late = [TimeShifted(unshifted(one), time_offset) for one in smoothers] if time_offset else smoothers
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
-    progress("finding the delay")
+    progress("estimating the time offset")
     found = find_time_offset(model, [best(log) for log in excerpts(logs)], estimator, min_speed)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
@@ -120,9 +120,9 @@ def find_time_offset(
 ) -> TimeOffset:
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
-    It is zero where that takes away less than 0.5 % of the error, and where the best value lies at the end of the
-    range: that is no time offset but another fault. ``min_speed`` (n) is that of the fit. Raises the errors of
-    ``Regression`` and the estimator.
+    It is zero where it removes less than 0.5 % of the error, and where the best value is at the end of the range, which
+    indicates another fault. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and the
+    estimator.
     """
     from scipy.optimize import minimize_scalar
 
@@ -172,13 +172,12 @@ def find_base_tilt(
     torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
     found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
     spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(level.size - 2, 1))
-    seen = np.abs(found.x) > 2.0 * spread  # what the motion does not show is left level
+    seen = np.abs(found.x) > 2.0 * spread  # a tilt that the motion does not excite is zero
     x, y = (float(v) for v in found.x * seen)
     if max(abs(x), abs(y)) > STEEPEST:
         raise ConfigError(
             f"the base would be tilted by {np.rad2deg(x):.3g} deg about x and {np.rad2deg(y):.3g} deg about y, more "
-            f"than "
-            "any mounting error; give `gravity` as it is, and look whether the joints' zeros and axes are right."
+            "than a mounting error; set `gravity`, and check the zeros and axes of the joints."
         )
     before, after = (100.0 * float(np.linalg.norm(r)) / torque for r in (level, residual(np.array([x, y]))))
     return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
@@ -197,5 +196,5 @@ def _error(regression: Regression, estimator: Estimator) -> float:
 
 
 def _samples(model: Model) -> int:
-    """Return how many samples of all motions a trial rests on."""
+    """Return the number of samples of all motions to use in a trial."""
     return ENTRIES // max(len(model.parameters), 10)

@@ -1,4 +1,4 @@
-"""Chooses among smoothers by what they are for: the cross-validated torque error on the training logs."""
+"""Chooses among smoothers by the cross-validated torque error on the training logs."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ __all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
 Array = NDArray[np.float64]
 SAMPLES, PIECES = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
 ROWS = 10_000  # samples of the regression on which the choice rests
-TIE = 0.005  # errors that differ by less say nothing; the candidate listed first is then taken
+TIE = 0.005  # relative difference below which errors count as equal; the first candidate is then taken
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The first smoother with about the least cross-validated torque error, and the ``errors`` (%) of all candidates.
+    """The first smoother with nearly the least cross-validated torque error, and the ``errors`` (%) of all candidates.
 
     The error of a candidate that cannot smooth these logs is infinite.
     """
@@ -47,11 +47,12 @@ def choose_smoother(
 ) -> Choice:
     """Return the candidate whose motion lets least squares predict the torque of left-out stretches of time best.
 
-    Position noise says how much smoothing g wants, not how much its derivatives do, and where it is not white it
-    does not even say that; the torque does. Every log is cut into ``folds`` stretches; each is predicted from all the
-    others, over the samples that every candidate vouches for, against the unfiltered torque. Of candidates within 0.5 %
-    of the least error the first is taken: list them from the least smoothing to the most. Raises the first error where
-    no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no candidate.
+    The position noise determines the best smoothing of the position, not of its derivatives, and only if it is white;
+    the torque error measures the derivatives. Every log is divided into ``folds`` stretches; each is predicted from all
+    others, over the samples that are reliable for every candidate, against the unfiltered torque. Of candidates within
+    0.5 % of the least error the first is taken: list them from the least smoothing to the most. Raises the first error
+    where no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no
+    candidate.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
@@ -91,7 +92,7 @@ def _tried(
 
 
 def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.bool_]]:
-    """Return which samples of each log every candidate vouches for; all of them where too few are left."""
+    """Return the samples of each log that are reliable for every candidate; all of them where too few are left."""
     masks = [np.logical_and.reduce([one.mask for one in motions]) for motions in zip(*made, strict=True)]
     if not all(mask.sum() >= least for mask in masks):  # the widest kernels leave too little in common
         masks = [np.ones(len(mask), dtype=bool) for mask in masks]
@@ -99,7 +100,7 @@ def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.b
 
 
 def excerpts(logs: Sequence[Log]) -> list[Log]:
-    """Return five pieces of each log, evenly spread, where all together are long: how noisy they are is seen there."""
+    """Return five pieces of each log, evenly spread, where the logs are long: enough to compare the smoothers."""
     share = min(1.0, SAMPLES / max(sum(map(len, logs)), 1))
     if share == 1.0:
         return list(logs)

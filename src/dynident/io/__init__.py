@@ -1,1 +1,1 @@
-"""The only room that opens files: measured logs, configurations and models in; results out."""
+"""The only package that opens files: it reads logs, configurations and models, and writes results."""

@@ -1,4 +1,4 @@
-"""Guesses at a configuration from the names and values of columns: each with its reason, or a question where unsure."""
+"""Proposes a configuration from the names and values of columns: each with its reason, or a question where unsure."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["ColumnMapping", "Signal", "map_columns", "widths"]
 
 Array = NDArray[np.float64]
 
-_DECIMALS = 6  # of locked positions: more than any gripper is known to
-_STILL = 1e-3  # rad or m: a locked joint that moves more is asked about
+_DECIMALS = 6  # digits of locked positions
+_STILL = 1e-3  # rad or m: a locked joint that moves more raises a question
 _SLACK = 1.05  # on limits of position
 _OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly joint torques
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A channel of a joint: its column (None: not found), its unit, and why, or what is to be confirmed."""
+    """A channel of a joint: its column (None: not found), its unit, and a question to confirm."""
 
     column: str | None
     unit: str
@@ -41,9 +41,9 @@ class Signal:
 class ColumnMapping:
     """Channels by joint, in the order of the robot file; joints that stand still, and at which position.
 
-    ``reasons`` tell how the columns of "position" and "torque" were matched; ``left`` are columns of the same length
-    that are not used, ``strangers`` those of them that are positions of no joint of the robot; ``gaps`` says whether
-    the stamps have any.
+    ``reasons`` say how the columns of "position" and "torque" were matched; ``left`` are unused columns of the same
+    length, ``strangers`` those of them that are positions of joints that the robot does not have; ``gaps``: whether the
+    stamps have any.
     """
 
     time: TimeColumn
@@ -57,7 +57,7 @@ class ColumnMapping:
 
 
 def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
-    """Return the widths of those text files, of one recording, that hold one number a line and several per stamp.
+    """Return the widths of the text files of a recording that hold one number per line and several per time stamp.
 
     The shortest column has one number per stamp; the others must hold a multiple.
     """
@@ -67,9 +67,9 @@ def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
 
 
 def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = False) -> ColumnMapping:
-    """Guess the channels of a recording for the joints of a robot; ``ros``: the units are those of JointState.
+    """Propose the channels of a recording for the joints of a robot; ``ros``: the units are those of JointState.
 
-    Never raises for want of a guess: what is not found is None, what is unsure carries a question.
+    Raises nothing where a column is missing: what is not found is None, what is uncertain has a question.
     """
     usable = [joint for joint in joints if not joint.follows]
     found = families(table.columns, [joint.name for joint in joints]) or headerless(table, len(usable))
@@ -136,7 +136,7 @@ def _degrees(turning: Sequence[tuple[JointFacts, Array]]) -> str:
     if in_rad or not in_deg:
         return ""
     span = max((float(np.ptp(q)) for _, q in turning if len(q)), default=0.0)
-    return f"a range of {span:.3g} is too much for rad: degrees? Or motors before their gears (see `transmission`)?"
+    return f"a range of {span:.3g} is too much for rad: is it in degrees, or before the gear (see `transmission`)?"
 
 
 def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal:
@@ -145,7 +145,7 @@ def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal
     unit, doubt = match.family.units.get(column, ""), ""
     if unit in known:
         if _geared(joint, known[unit] * q):
-            doubt = "it moves farther than the joint can: of the motor, before the gear (see `transmission`)?"
+            doubt = "it moves further than the joint can: is it of the motor side of the gear (see `transmission`)?"
     elif degrees and joint.kind == "revolute":
         unit, doubt = "deg", degrees
     else:
@@ -154,12 +154,12 @@ def _position(joint: JointFacts, q: Array, match: Match, degrees: str) -> Signal
 
 
 def _asked(*questions: str) -> str:
-    """Return the questions that are none but empty as one."""
+    """Join the questions that are not empty."""
     return "; ".join(filter(None, questions))
 
 
 def _fits(joint: JointFacts, q: Array, factor: float) -> bool:
-    """Whether positions times ``factor``, in rad or m, are what the joint can do."""
+    """Whether positions times ``factor``, in rad or m, are within what the joint can reach."""
     if not len(q):
         return True
     low, high = factor * float(q.min()), factor * float(q.max())
@@ -177,17 +177,19 @@ def _geared(joint: JointFacts, q: Array) -> bool:
 
 
 def _doubt(joint: JointFacts, q: Array) -> str:
-    """Return what is to be asked about a position in rad or m whose unit is not in its name."""
+    """Return the question about a position in rad or m whose unit is not in its name."""
     if not len(q):
         return "the column is empty"
     span, low, high = float(np.ptp(q)), f"{q.min():.3g}", f"{q.max():.3g}"
     if joint.kind == "prismatic":
-        return "" if _fits(joint, q, 1.0) else f"{low} to {high} is more than the joint can do in m: mm?"
+        return "" if _fits(joint, q, 1.0) else f"{low} to {high} is more than the joint can move in m: is it in mm?"
     if _fits(joint, q, 1.0):
-        return "" if span > 0.02 or span == 0 else f"the joint moves by {span:.2g} only: rad?"
+        return "" if span > 0.02 or span == 0 else f"the joint moves by only {span:.2g}: is it in rad?"
     if joint.limits.lower is None and span > 2 * math.pi:
-        return f"the range {span:.3g} exceeds 2 pi: does it turn so far (then `multi_turn: true`), or is it degrees?"
-    return f"{low} to {high} is beyond what the joint can do in rad: degrees, encoder counts, another zero, or a motor?"
+        return (
+            f"the range {span:.3g} exceeds 2 pi: does it turn that far (then `multi_turn: true`), or is it in degrees?"
+        )
+    return f"{low} to {high} exceeds the range of the joint in rad: degrees, encoder counts, another zero, or a motor?"
 
 
 def _unknown(joint: JointFacts, dimensions: Mapping[str, str]) -> Signal:
@@ -212,7 +214,7 @@ def _torques(table: DataTable, joints: Sequence[JointFacts], match: Match | None
 
 
 def _current(joint: JointFacts, match: Match) -> Signal:
-    """Return the torque of a joint by its motor current, with what its gain is."""
+    """Return the torque channel of a joint from its motor current, with the meaning of its gain."""
     column, unit = match.columns[joint.name], _si(joint, TORQUES)
     per = match.family.units.get(column, "A or mA")
     return Signal(column, unit, match.question, f"torque constant times gear ratio, {unit} per {per}")
@@ -253,9 +255,9 @@ def _unit_reason(family: Family, ros: bool) -> str:
 def _lock(
     table: DataTable, joints: Sequence[JointFacts], used: set[str], recorded: Mapping[str, Signal]
 ) -> dict[str, tuple[float, str]]:
-    """Return where the joints stand that are not identified, in rad or m, and what is to be asked about it.
+    """Return the positions, in rad or m, of the joints that are not identified, and questions about them.
 
-    A joint that follows one that stands still needs no value.
+    A joint that follows a fixed one needs no value.
     """
     lock: dict[str, tuple[float, str]] = {}
     for joint in joints:
@@ -272,7 +274,7 @@ def _lock(
 
 
 def _rest(joint: JointFacts, column: Array, unit: str) -> tuple[float, str]:
-    """Return where a recorded joint stands, and what is to be asked where it moves."""
+    """Return the position of a recorded joint, and a question where it moves."""
     q = column * UNITS[POSITIONS[joint.kind]][unit]
     if not len(q):
         return 0.0, ""

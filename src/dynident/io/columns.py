@@ -1,4 +1,4 @@
-"""What the names of columns say: quantity, joint, number, unit, and whether it was measured or commanded."""
+"""Parses the names of columns: quantity, joint, number, unit, and whether it was measured or commanded."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _BREAK = re.compile(r"[\W_]+|(?<=[a-z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)
 
 @dataclass(frozen=True)
 class Named:
-    """What the name of a column says; ``family`` is what it shares with the same quantity of other joints."""
+    """The parsed name of a column; ``family`` is what it shares with the same quantity of other joints."""
 
     column: str
     role: str
@@ -96,7 +96,7 @@ def tokens(name: str) -> tuple[str, ...]:
 
 
 def read_name(column: str, joints: Iterable[str]) -> Named:
-    """Return what a column's name says, given the names of the robot's joints."""
+    """Parse a column's name, given the names of the robot's joints."""
     words = tokens(column)
     joint, rest = _joint(words, joints)
     spelled, unit_words = _unit(column)
@@ -143,7 +143,7 @@ def _family(members: Sequence[Named], keys: Sequence[str | int | None]) -> Famil
 
 
 def _complete(some: Mapping[str | int | None, Named], others: Mapping[str | int | None, Named]) -> bool:
-    """Whether two families are one quantity of different joints, of which one slides, say: mm beside deg, N beside N m.
+    """Whether two families are one quantity of different joints, such as mm and deg, or N and N m.
 
     Columns that have numbers only must differ in the dimension of their unit.
     """
@@ -178,7 +178,7 @@ def _joint(words: tuple[str, ...], joints: Iterable[str]) -> tuple[str | None, t
 
 
 def _role(words: Sequence[str]) -> str:
-    """Return the first role that a word tells; a lone letter t or i is one only at the side of nothing else."""
+    """Return the first role given by a word; a single letter t or i counts only if it is the whole name."""
     said = [word for word in words if not word.isdecimal()]
     for role, known in _ROLES.items():
         if any(word in known and (word not in ("t", "i") or said[0] == word) for word in said):

@@ -40,7 +40,7 @@ def read_config(path: str | Path) -> Config:
 
 
 def parse_config(text: str, folder: str | Path = ".", source: str = "configuration") -> Config:
-    """Return the configuration in a YAML text, as ``read_config`` does with a file."""
+    """Return the configuration in a YAML text, as ``read_config`` does for a file."""
     data = _load_yaml(text, source)
     try:
         return _named(Config.model_validate(data, context={"folder": folder}), source)
@@ -49,7 +49,7 @@ def parse_config(text: str, folder: str | Path = ".", source: str = "configurati
 
 
 def config_warnings(config: Config) -> tuple[str, ...]:
-    """Return in words what is seldom meant: channels that read the same, and logs that were fitted as well as held out.
+    """Return warnings on probable mistakes: channels with the same column, and logs both fitted and held out.
 
     Raises nothing: a configuration that cannot be used is refused by ``read_config``.
     """
@@ -77,7 +77,7 @@ def _torques_of_positions(config: Config) -> Iterator[str]:
 
 
 def _overlaps(config: Config) -> Iterator[str]:
-    """Say which validation logs share time and a file with a training log; windows that only touch do not."""
+    """Return warnings on validation logs that overlap in time with a training log; windows may touch."""
     for held, fitted in product(config.validation, config.train):
         if {path.resolve() for path in held.file.values()} & {path.resolve() for path in fitted.file.values()}:
             pairs = product(held.window or ((None, None),), fitted.window or ((None, None),))

@@ -1,4 +1,4 @@
-"""A configuration drafted from a robot file and logs: YAML to be read by people, with a reason for each guess."""
+"""A configuration drafted from a robot file and logs: commented YAML, with a reason for each proposal."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _PLAIN = re.compile(r"[A-Za-z_./][A-Za-z0-9_./-]*")  # names that YAML takes as 
 _BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log
 _LARGEST = 1e100  # of values that can have been measured
-_STILL = "; the arm stands still outside, where friction is not known"
+_STILL = "; outside, the arm is at rest, where friction is not determined"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def draft_config(
     """
     page = _Page([], [], [])
     page.line(
-        "# For `dynident identify`. Every guess has its reason beside it; `# ?` asks you to confirm or correct one."
+        "# For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`."
     )
     _model(page, robot, joints, mapping, folder)
     _time(page, mapping)
@@ -76,9 +76,9 @@ def draft_config(
     _unused(page, mapping, sources[0].table)
     _logs(page, mapping, sources, folder)
     if mapping.gaps:
-        page.line("gaps: split  # the stamps have gaps; each piece is smoothed on its own")
+        page.line("gaps: split  # the stamps have gaps; each piece is smoothed separately")
     page.line("")
-    page.line("estimator: { kind: consistent }  # every body physical, friction not negative; or least_squares")
+    page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(mapping.strangers)}."
     faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
     notes = (*((strange,) if mapping.strangers else ()), *faults)
@@ -88,14 +88,14 @@ def draft_config(
 
 @dataclass(frozen=True)
 class _Page:
-    """Lines written so far, and what they leave open."""
+    """Lines written so far, with their open questions."""
 
     lines: list[str]
     questions: list[str]
     blanks: list[str]
 
     def line(self, text: str, where: str = "", question: str = "") -> None:
-        """Write a line; its question goes behind it as a comment, and into the list."""
+        """Write a line with its question as a comment, and add the question to the list."""
         self.lines.append(f"{text}  # ? {question}" if question else text)
         if question:
             self.questions.append(f"{where}: {question}")
@@ -106,7 +106,7 @@ class _Page:
         self.questions.append(f"{where}: {question}")
 
     def want(self, where: str, wanted: str, indent: str = "  ") -> None:
-        """Say what the user must write in the lines below, which are comments until then."""
+        """Write what the user must fill in below, in lines that are comments until then."""
         self.lines.append(f"{indent}# ? fill in, and delete the # before the lines: {wanted}")
         self.blanks.append(f"{where}: {wanted}")
 
@@ -121,13 +121,14 @@ def _model(page: _Page, robot: str, joints: Sequence[JointFacts], mapping: Colum
     page.line(f"  joints: [{', '.join(map(_scalar, mapping.position))}]")
     left = [joint for joint in joints if joint.name not in mapping.position and joint.name not in mapping.lock]
     if left:
-        page.lines[-1] += f"  # {_listed([joint.name for joint in left])}: bound to a joint that stands still"
+        page.lines[-1] += f"  # {_listed([joint.name for joint in left])}: coupled to a fixed joint"
     if mapping.lock:
-        page.line("  lock:  # joints that are not identified, and where they stand")
+        page.line("  lock:  # joints that are not identified, and their positions")
     for name, (value, question) in mapping.lock.items():
         page.line(f"    {_scalar(name)}: {value:.12g}", f"model.lock.{name}", question)
     page.line(
-        "  # terms: [viscous, coulomb, offset]  # without rotor inertias: where torque sensors sit behind the gears"
+        "  # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the "
+        "gears"
     )
 
 
@@ -192,14 +193,14 @@ def _logs(page: _Page, mapping: ColumnMapping, sources: Sequence[Source], folder
         *train, last = sources
         page.line("train:")
         page.lines.extend(line for source in train for line in (*_log(source, folder), *_moving(mapping, source.table)))
-        page.line("validation:  # held out: to judge the fit, on another motion at best")
+        page.line("validation:  # held out, to judge the fit; best on another motion")
         page.lines.extend((*_log(last, folder), *_moving(mapping, last.table)))
         return
     start, stop, cut = _span(mapping, sources[0].table)
     page.line(f"train:  # the first {100 * _TRAIN:.0f} % of the only log")
     for role, window in (("train", f"[{start}, {cut}]"), ("validation", f"[{cut}, {stop}]")):
         if role == "validation":
-            page.line("validation:  # its rest; another motion says more")
+            page.line("validation:  # its rest; another motion is a better test")
         page.lines.extend(_log(sources[0], folder))
         if cut != "null":
             page.line(f"    window: {window}  # s{_STILL if window.count('null') == 0 else ''}")
@@ -223,13 +224,13 @@ def _log(source: Source, folder: Path) -> Iterator[str]:
         yield from (f"      {_scalar(key)}: {_scalar(_relative(path, folder))}" for key, path in source.files.items())
     if source.widths:
         widths = ", ".join(f"{_scalar(key)}: {width}" for key, width in source.widths.items())
-        yield f"    width: {{ {widths} }}  # one number a line: this many make a row"
+        yield f"    width: {{ {widths} }}  # one number per line; this many form a row"
 
 
 def _span(mapping: ColumnMapping, table: DataTable) -> tuple[str, str, str]:
-    """Return where the arm begins and ends to move, and where a single log is cut in two, in s and few digits.
+    """Return start and end of the motion, and the time at which a single log is divided, in s, rounded.
 
-    The first two are "null" where it moves from the start, or to the end; all are where the times are not known.
+    The first two are "null" where the arm moves from the start, or to the end; all are where the times are not known.
     """
     rows = _times_and_positions(mapping, table)
     if len(rows) < 2 or not rows[-1, 0] > rows[0, 0]:
@@ -256,7 +257,7 @@ def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Return the path from a folder, with forward slashes; as it is where there is no way (another drive)."""
+    """Return the path relative to a folder, with forward slashes; unchanged on another drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
@@ -264,7 +265,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _scalar(name: str) -> str:
-    """Return a name as YAML, in quotes where it could be taken for something else."""
+    """Return a name as YAML, quoted where YAML would read it as another type."""
     if _PLAIN.fullmatch(name) and isinstance(yaml.safe_load(name), str):
         return name
     return yaml.safe_dump(name, default_style='"', allow_unicode=True, width=math.inf).strip()

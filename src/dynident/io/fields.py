@@ -1,6 +1,6 @@
 """The kinds of values that settings hold: numbers, names, files, windows, and units with their factor to SI.
 
-Each reader raises ValueError in words that fit after the path of the setting.
+Each reader raises ValueError with a message to be appended to the path of the setting.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def unit_factor(unit: str, dimension: str, where: str) -> float:
 
 
 def interval_words(interval: Interval) -> str:
-    """Word a window for the name of a log, as ``0-20 s``."""
+    """Return a window as text for the name of a log, such as ``0-20 s``."""
     start, stop = interval
     return f"{start or 0:.12g}-{'end' if stop is None else f'{stop:.12g} s'}"
 
@@ -110,7 +110,7 @@ def _count(value: object) -> int:
 def _name(value: object) -> str:
     """Read a name; header-less columns are named by numbers, which need no quotes."""
     if isinstance(value, bool) or not isinstance(value, int | str) or not str(value).strip():
-        raise ValueError("a name is expected (in quotes, where YAML takes it for something else)")
+        raise ValueError("a name is expected (in quotes, where YAML reads it as another type)")
     return str(value)
 
 
@@ -160,7 +160,7 @@ def _windows(value: object) -> tuple[Interval, ...]:
 
 def _window(pair: object) -> Interval:
     if not isinstance(pair, list | tuple) or len(pair) != 2:
-        raise ValueError("a window is [start, stop] in s, where null leaves an end open")
+        raise ValueError("a window is [start, stop] in s; null leaves an end open")
     start, stop = (None if end is None else _number(end) for end in pair)
     if start is not None and stop is not None and start >= stop:
         raise ValueError(f"a window must stop after it starts, but {start:g} >= {stop:g} s")
@@ -171,7 +171,7 @@ def _check_disjoint(windows: list[Interval]) -> None:
     ordered = sorted(windows, key=lambda pair: pair[0] or 0.0)
     for (_, stop), (start, _) in pairwise(ordered):
         if stop is None or stop > (start or 0.0):
-            raise ValueError("windows of one file must not overlap: their samples would count twice")
+            raise ValueError("windows of one file must not overlap: their samples would be used twice")
 
 
 def _files(value: object, info: ValidationInfo) -> dict[str, Path]:
@@ -209,7 +209,7 @@ Windows = Annotated[
 
 
 class Section(BaseModel):
-    """A frozen group of settings; an unknown key is refused with the known ones."""
+    """A frozen group of settings; an unknown key is an error that lists the known ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

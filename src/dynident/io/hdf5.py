@@ -1,6 +1,6 @@
 """Numeric arrays of HDF5 files and of MATLAB files of version 7.3, by the library h5py (extra ``hdf5``).
 
-Nothing outside the file is opened: links to other files, and data that lie in them, are told in words.
+Nothing outside the file is opened: links to other files, and data in them, are reported as such.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ def is_hdf5(data: bytes) -> bool:
 
 
 def parse_hdf5(data: bytes, source: str) -> dict[str, NDArray[Any] | str]:
-    """Return the arrays of a file by name (``group/name``); what is not an array of numbers comes as words.
+    """Return the arrays of a file by name (``group/name``), and a description of what is not a numeric array.
 
-    Arrays that MATLAB wrote are turned as MATLAB shows them. Raises InputError where the extra is not installed,
-    and nearly anything where the file is damaged.
+    Arrays written by MATLAB are transposed to MATLAB's own shape. Raises InputError where the extra is not installed,
+    and almost any exception where the file is damaged.
     """
     try:
         import h5py
@@ -62,7 +62,7 @@ def parse_hdf5(data: bytes, source: str) -> dict[str, NDArray[Any] | str]:
 
 
 def _values(item: Any, size: int) -> NDArray[Any] | str:
-    """Return the array of a dataset, or words on what it is; ``size`` is that of the file in bytes."""
+    """Return the array of a dataset, or a description of it; ``size`` is that of the file in bytes."""
     kind = item.attrs.get("MATLAB_class")
     if isinstance(kind, bytes) and kind in _OBJECTS:
         return _OBJECTS[kind]

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Reading:
-    """What a recording gave: its logs, one per window or uninterrupted piece, and warnings in words.
+    """The logs of a recording, one per window or uninterrupted piece, and warnings.
 
     Where it is not ``measured``, there are no torques, and those of the logs are zero.
     """
@@ -86,7 +86,7 @@ def read_roles(
 def read_found(
     config: Config, joints: Sequence[Joint], progress: Callable[[str], None] = lambda _: None
 ) -> tuple[dict[str, dict[str, Log]], tuple[Finding, ...]]:
-    """Read all recordings as ``read_roles`` does, but judge none: what cannot be read is a finding, and goes missing.
+    """Read all recordings as ``read_roles`` does, without checks: one that cannot be read is a finding, and left out.
 
     Raises ConfigError where the channels do not fit the joints.
     """
@@ -107,7 +107,7 @@ def read_found(
 
 
 def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
-    """Read one recording as ``read_logs`` does, but do not judge its logs."""
+    """Read one recording as ``read_logs`` does, without checking its logs."""
     check_joints(config, joints)
     table = read_recording(spec)
     found = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
@@ -164,7 +164,7 @@ def _cut(found: Signals, window: Interval, joints: Sequence[Joint], name: str) -
             what = "empty or NaN" if np.isnan(value) else f"{value:.3g}"
             raise InputError(
                 f"{source}: column {column!r} is {what} at {found.table.place(bad[0])} "
-                f"({len(bad)} such values in all). Mend these samples, or leave them out with a window."
+                f"({len(bad)} such values in all). Correct these samples, or leave them out with a window."
             )
     return Log(t[rows], found.q[rows], found.tau[rows], tuple(joint.name for joint in joints), name)
 
@@ -184,17 +184,17 @@ def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, mea
 
 
 def turning_joints(config: Config) -> frozenset[str]:
-    """Return the joints for which large angles are no sign of degrees declared as radians."""
+    """Return the joints whose large angles do not indicate degrees declared as radians."""
     return frozenset(name for name, channel in config.position.items() if channel.multi_turn or channel.unit != "rad")
 
 
 def _overhang(name: str, t: Array, window: Interval) -> Iterator[str]:
-    """Say where a window reaches past the recording by more than a sample."""
+    """Yield a warning where a window extends beyond the recording by more than a sample."""
     step = float(np.median(np.diff(t)))
     start, stop = window
     if (start is not None and start < t[0] - step) or (stop is not None and stop > t[-1] + step):
         yield (
-            f"{name}: the window {interval_words(window)} reaches past the recording, "
+            f"{name}: the window {interval_words(window)} extends beyond the recording, "
             f"which runs from {t[0]:.6g} to {t[-1]:.6g} s."
         )
 

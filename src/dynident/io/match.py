@@ -21,7 +21,7 @@ _LARGEST = 1e100
 
 @dataclass(frozen=True)
 class JointFacts:
-    """A joint that may move, as the robot file has it; ``follows`` names what binds it to other joints."""
+    """A joint of the robot file that may move; ``follows`` names what couples it to other joints."""
 
     name: str
     kind: str
@@ -31,7 +31,7 @@ class JointFacts:
 
 @dataclass(frozen=True)
 class Match:
-    """Columns of a family by joint, how they were matched, and the question whether that is right."""
+    """Columns of a family by joint, how they were matched, and a question whether that is right."""
 
     family: Family
     columns: Mapping[str, str]
@@ -60,7 +60,7 @@ def best_pair(
 ) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques: of equal length, for the most joints, measured, unfiltered.
 
-    Commanded quantities are never taken, currents only for want of torques.
+    Commanded quantities are never used, currents only where there are no torques.
     """
     sound = [one for one in (assign(family, joints) for family in found if family.rank > -2) if one.columns]
     positions, torques = (_of_role(sound, *roles) for roles in (("position",), ("torque", "current")))
@@ -79,7 +79,7 @@ def _alike(table: DataTable, pair: tuple[Match | None, Match | None]) -> bool:
 
 
 def _merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
-    """Return what is better of positions and torques, the weightiest first."""
+    """Return the sort key of a pair of positions and torques, the most important criterion first."""
     given = [one for one in pair if one]
     common = set.intersection(*(set(one.columns) for one in given))
     return (
@@ -93,7 +93,7 @@ def _merit(pair: tuple[Match | None, Match | None]) -> tuple[float, ...]:
 
 
 def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> Match | None:
-    """Return the match with a question, where the names of other columns say the same of as many joints."""
+    """Return the match with a question, where other columns have equivalent names for as many joints."""
     if chosen is None:
         return None
     key = chosen.family.role, chosen.family.rank, set(chosen.columns), rows_of(table, chosen)
@@ -102,7 +102,7 @@ def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> 
         for one in others
         if one is not chosen and (one.family.role, one.family.rank, set(one.columns), rows_of(table, one)) == key
     ]
-    asked = f"why not {' or '.join(map(repr, equal))}, whose name says the same?" if equal else ""
+    asked = f"why not {' or '.join(map(repr, equal))}, whose name has the same meaning?" if equal else ""
     return replace(chosen, question="; ".join(filter(None, (chosen.question, asked))))
 
 
@@ -110,7 +110,7 @@ def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
     """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
-        return Match(family, columns, "the columns carry the names of the joints")
+        return Match(family, columns, "the columns have the names of the joints")
     if None in family.columns:
         return Match(family, {joints[0].name: family.columns[None]} if len(joints) == 1 else {}, "there is one joint")
     numbers = sorted(key for key in family.columns if isinstance(key, int))
@@ -163,5 +163,5 @@ def increases(column: Array) -> bool:
 
 
 def finite(column: Array) -> Array:
-    """Return the values that can have been measured: what is larger would overflow in a difference."""
+    """Return the finite values; larger ones would overflow in a difference."""
     return column[np.abs(column) < _LARGEST]

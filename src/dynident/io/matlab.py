@@ -20,13 +20,13 @@ _HEADER = 128
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _INT8, _MATRIX, _COMPRESSED = 1, 14, 15  # types of data elements
 _NUMERIC = range(6, 16)  # classes of arrays, from double to uint64
-_STRUCT, _DEEPEST = "a struct", 20  # structs in structs beyond this are taken for damage
+_STRUCT, _DEEPEST = "a struct", 20  # deeper nesting of structs is taken for damage
 _CLASSES = {1: "a cell array", 2: _STRUCT, 3: "an object", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x800
 
 
 def parse_mat(data: bytes) -> dict[str, NDArray[Any] | str]:
-    """Return the arrays of a file by name; what is not an array of real numbers comes as words on what it is.
+    """Return the arrays of a file by name, and a description of what is not an array of real numbers.
 
     Raises ValueError, zlib.error or struct.error where the file is damaged, or of another version.
     """

@@ -1,4 +1,4 @@
-"""Functions and classes of Python files that the user names; what fails in them is worded with the line."""
+"""Functions and classes from the user's Python files; errors in them are reported with the line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def from_file(path: Path, name: str, what: str, where: str, error: type[Dynident
 
 
 def guarded(call: Callable[[], object], what: str, file: Path, where: str, error: type[DynidentError]) -> object:
-    """Call foreign code; what it raises becomes an ``error`` that names the line of the user's file."""
+    """Call the user's code; an exception becomes an ``error`` that names the line of the user's file."""
     try:
         return call()
     except (Exception, SystemExit) as wrong:

@@ -1,4 +1,4 @@
-"""Robot files: their text, and the model that a configuration makes of it."""
+"""Robot files: their text, and the model that a configuration builds from it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MOST_BYTES = 50_000_000
 
 
 def robot_text(path: Path) -> str:
-    """Return the text of a robot file; ModelError where it cannot be read or is no text."""
+    """Return the text of a robot file; ModelError where it cannot be read or is not text."""
     try:
         if path.stat().st_size > MOST_BYTES:
             raise ModelError(f"{path}: {path.stat().st_size} bytes are too many for a robot file.")
-        return path.read_bytes().decode("utf-8-sig")  # with its own ends of lines, which exports keep
+        return path.read_bytes().decode("utf-8-sig")  # with its own line endings, which exports keep
     except OSError as error:
         known = sorted(p.name for p in path.parent.glob("*") if p.suffix in SUFFIXES) if path.parent.is_dir() else []
         beside = f" Robot files there: {', '.join(known)}." if known else ""

@@ -1,7 +1,7 @@
 """Joint states from ROS 1 bags, ROS 2 bags and MCAP files, by the library rosbags (extra ``ros``).
 
-Only topics of type sensor_msgs/JointState are decoded, with the published definition of that type: what else is in
-a bag, custom types included, is not looked at.
+Only topics of type sensor_msgs/JointState are decoded, with the published definition of that type; all else in a bag,
+custom types included, is ignored.
 """
 
 from __future__ import annotations
@@ -67,14 +67,14 @@ class _Rows:
 
 
 def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, ...]]:
-    """Return columns, faults of columns, and notes on what was mended in a bag (file, or folder of a ROS 2 bag).
+    """Return columns, faults of columns, and notes on corrections of a bag (file, or folder of a ROS 2 bag).
 
     A group is the messages of a topic that name the same joints, in any order. The first group has the columns
     ``time`` and ``<joint>.position``, ``.velocity`` (rad or m, and per s), ``.effort`` (N m or N); those of every
     other group begin with ``<topic>/``, so that columns of one prefix share their rows. The first group is one with
     positions and efforts, of the most joints. Times are in s since the first message, exact to 1 ns before they
     become floats: of the header stamps, or of the receipt where headers are not stamped. Raises InputError where the
-    bag has no joint states or the extra is not installed, and nearly anything where it is damaged.
+    bag has no joint states or the extra is not installed, and almost any exception where it is damaged.
     """
     groups, notes = _groups(path)
     rows = sorted(map(_sorted, groups), key=_rank)
@@ -166,7 +166,7 @@ def _sorted(group: _Group) -> _Rows:
     equal = ((values == values[kept]) | (np.isnan(values) & np.isnan(values[kept]))).all(axis=1)
     twice, other = int(np.count_nonzero(~first & equal)), int(np.count_nonzero(~first & ~equal))
     if twice:
-        notes.append(f"{group.topic}: {twice} messages that were there twice were dropped.")
+        notes.append(f"{group.topic}: {twice} duplicate messages were dropped.")
     if other:
         notes.append(
             f"{group.topic}: {other} messages repeat the stamp of another one with other values, as two publishers "
@@ -176,7 +176,7 @@ def _sorted(group: _Group) -> _Rows:
 
 
 def _clock(group: _Group) -> tuple[str, Stamps, list[str]]:
-    """Return which clock stamps the group, its stamps in ns, and a note where it is not the header's."""
+    """Return the clock of the group, its stamps in ns, and a note where it is not the header's."""
     header = np.frombuffer(group.header, np.int64)
     unset = int(np.count_nonzero(header == 0))
     if not unset and 2 * len(np.unique(header)) > len(header):
@@ -202,7 +202,7 @@ def _prefixes(rows: Iterable[_Rows]) -> list[str]:
 
 
 def _overlaps(rows: Sequence[_Rows]) -> list[str]:
-    """Say where messages of one topic name some joints of the first group together with others, or not all."""
+    """Yield notes where messages of a topic share only some joints with the first group."""
     first, prefixes = rows[0].group, _prefixes(rows)
     return [
         f"{first.topic}: {len(one.stamps)} messages name other joints ({', '.join(one.group.joints)}) than the rest "

@@ -1,4 +1,4 @@
-"""The settings of an identification, as frozen values; what they mean is said by the parts they set up."""
+"""The settings of an identification, as frozen values; their meaning is documented at the parts that they build."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Channel(Section):
 
 
 class PositionChannel(Channel):
-    """A position; ``multi_turn`` says that a revolute joint may turn without end."""
+    """A position; with ``multi_turn`` a revolute joint may make any number of turns."""
 
     multi_turn: StrictBool = False
 
@@ -93,7 +93,7 @@ class PositionChannel(Channel):
 class LogSpec(Section):
     """One recording: its file (or files, whose columns are then named ``key.column``) and the parts to use.
 
-    ``width`` is the number of columns of a text file with one number a line. ``window`` holds (start, stop) in s.
+    ``width`` is the number of columns of a text file with one number per line. ``window`` holds (start, stop) in s.
     """
 
     file: Files
@@ -122,7 +122,7 @@ class CouplingSettings(Section):
 
 
 class RobotSettings(Section):
-    """A model built from a robot file (URDF or MJCF): its rigid bodies, and per joint what else is identified.
+    """A model built from a robot file (URDF or MJCF): its rigid bodies, and further terms per joint.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
     (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s,
@@ -140,7 +140,7 @@ class RobotSettings(Section):
 
 
 class FilterSettings(Section):
-    """Low-pass (``cutoff`` Hz, ``order``) and decimation, alike for the torque and all columns of the regressor."""
+    """Low-pass (``cutoff`` Hz, ``order``) and decimation of the torque and of all columns of the regressor."""
 
     decimate: Count = 1
     cutoff: Positive | None = None
@@ -162,14 +162,14 @@ class CascadeJoint(Section):
 
 
 class CascadeSettings(Section):
-    """Free simulation in the loop of the drives' own controllers, by joint."""
+    """Free simulation in closed loop with the controllers of the drives, by joint."""
 
     kind: Literal["cascade"]
     joints: Mapping[Name, CascadeJoint] = Field(min_length=1)
 
 
 class TorqueInputSettings(Section):
-    """Free simulation driven by the measured torque, started again each ``restart`` s from the measured state."""
+    """Free simulation driven by the measured torque, restarted every ``restart`` s from the measured state."""
 
     kind: Literal["measured_torque"]
     restart: Positive = 0.5

@@ -1,4 +1,4 @@
-"""The declared channels of a table in SI units: times, positions, torques, and what drove the recording."""
+"""The declared channels of a table in SI units: times, positions, torques, and the controller."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Signals", "bad_values", "controller", "has_torques", "signals"]
 
 Array = NDArray[np.float64]
 
-_LARGEST = 1e100  # beyond it a value is damaged, and its square may overflow
+_LARGEST = 1e100  # a larger value is damaged, and its square may overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,8 @@ def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bo
 def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
-    Rows at both ends without all values, and rows that only say the one before again, are dropped, and a note of the
-    table says so. Raises ConfigError where the transmission is singular, InputError where a column is missing or a time
-    is wrong.
+    Incomplete rows at both ends and duplicate rows are dropped, with a note of the table. Raises ConfigError where the
+    transmission is singular, InputError where a column is missing or a time is wrong.
     """
     table = _tidy(table, _used(table, config, joints, measured=measured), config.time.column is not None)
     used = _used(table, config, joints, measured=measured)
@@ -61,7 +60,7 @@ def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measur
 
 
 def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
-    """Return the controller that drove a recording, with its references and its gains; InputError where they lack."""
+    """Return the controller of a recording, with its references and gains; InputError where they are missing."""
     if not isinstance(settings, CascadeSettings):
         return None
     table, rows = signals.table, len(signals.t)
@@ -84,7 +83,7 @@ def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequen
 
 
 def _feedforward(table: DataTable, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
-    """Return what is added to the output of a joint's controller in a recording: a column, or zeros."""
+    """Return the feedforward of a joint's controller in a recording: a column, or zeros."""
     column = loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
     return np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward")
 
@@ -95,9 +94,9 @@ def _require_valid(table: DataTable, name: str, arrays: Sequence[Array], size: i
 
 
 def _transmission(config: Config, joints: Sequence[Joint]) -> Array:
-    """Return A (n, n) with motor positions A q; by virtual work the joint torques are A' times the motors'.
+    """Return A (n, n) with motor positions A q; by virtual work the joint torques are A' times those of the motors.
 
-    A motor that the configuration does not list turns as its joint. Raises ConfigError where A is singular.
+    A motor that the configuration does not list has the position of its joint. Raises ConfigError for a singular A.
     """
     names = [joint.name for joint in joints]
     gears = np.eye(len(names))
@@ -130,7 +129,7 @@ def _used(table: DataTable, config: Config, joints: Sequence[Joint], *, measured
 
 
 def _tidy(table: DataTable, used: Mapping[str, Array], stamped: bool) -> DataTable:
-    """Drop what recorders leave before the start and after the end, and rows written twice."""
+    """Drop incomplete rows at the start and the end, and rows written twice."""
     values = np.column_stack(list(used.values()))
     whole = np.flatnonzero(~np.isnan(values).any(axis=1))
     if not len(whole):
@@ -143,9 +142,9 @@ def _tidy(table: DataTable, used: Mapping[str, Array], stamped: bool) -> DataTab
         table = table.kept(inside, f"{lost} rows at the ends, where columns are empty or NaN, are left out.")
         values = values[inside]
     new = np.append(True, (values[1:] != values[:-1]).any(axis=1))
-    if new.all() or not stamped:  # without stamps, equal rows are a standstill
+    if new.all() or not stamped:  # without stamps, equal rows are a joint at rest
         return table
-    return table.kept(new, f"{(~new).sum()} rows that repeat the one before, time and all, are left out.")
+    return table.kept(new, f"{(~new).sum()} rows that repeat the previous one, including its time, are left out.")
 
 
 def _matrix(
@@ -199,5 +198,5 @@ def _times(table: DataTable, config: Config, rows: int) -> Array:
 
 
 def bad_values(values: Array) -> NDArray[np.intp]:
-    """Return where values are not finite, or so large that they cannot have been measured."""
+    """Return where values are not finite, or implausibly large."""
     return np.flatnonzero(~(np.abs(values) < _LARGEST))

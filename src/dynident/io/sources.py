@@ -1,4 +1,4 @@
-"""What a configuration is drafted from: the joints of a robot, and recordings whose columns are still to be named."""
+"""The input of a drafted configuration: the joints of a robot, and recordings with columns of unknown meaning."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def read_joints(robot: str) -> list[JointFacts]:
         if joint.kind != "fixed"
     ]
     if all(joint.follows for joint in joints):
-        raise ModelError(f"{robot}: has no joint that turns or slides, so there is nothing to identify.")
+        raise ModelError(f"{robot}: has no revolute or prismatic joint, so there is nothing to identify.")
     return joints
 
 
 def _bound(file: RobotFile) -> dict[str, str]:
-    """Return the joint that each bound joint follows, by name."""
+    """Return the joint that each coupled joint follows, by name."""
     bound = {joint.name: joint.follows[0] for joint in file.joints if joint.follows}
     for constraint in file.constraints:
         if isinstance(constraint, Coupled):
@@ -70,9 +70,10 @@ def _other(name: str, joints: Sequence[str]) -> str:
 
 
 def read_source(log: str) -> Source:
-    """Read a recording: a file, the folder of a ROS 2 bag, or files joined by a plus (``q.csv+tau.csv``).
+    """Read a recording: a file, the folder of a ROS 2 bag, or files joined by a plus sign (``q.csv+tau.csv``).
 
-    Several files get short names, of what their stems do not share. Raises InputError where one cannot be read.
+    Several files get short names, from the parts in which their stems differ. Raises InputError where one cannot be
+    read.
     """
     parts = [log] if Path(log).exists() else log.split("+")
     if len(parts) == 1:
@@ -87,7 +88,7 @@ def read_source(log: str) -> Source:
 
 
 def _short(stems: Sequence[str]) -> list[str]:
-    """Return the stems without the words that all of them share at the beginning and the end."""
+    """Return the stems without the words that all of them share at the start and the end."""
     words = _differing([re.split(r"[\W_]+", stem) for stem in stems])
     words = _differing([stem[::-1] for stem in words])
     short = ["_".join(stem[::-1]) for stem in words]

@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 class DataTable:
     """Columns and scalars of a file, as float64 and without units.
 
-    ``faults`` says why a column that is in the file cannot be used, ``lines`` are the lines of the file from which
-    its rows come (text files only), ``rows`` which of these are left where some were dropped, ``notes`` what was
-    mended in reading. Columns may differ in length: a file may hold more than one log.
+    ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
+    only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading. Columns may
+    differ in length: a file may hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -50,7 +50,7 @@ class DataTable:
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def column(self, name: str, where: str = "") -> Array:
-        """Return a column; InputError, led by the setting ``where``, lists the columns if there is none such."""
+        """Return a column; for an unknown one InputError, with the setting ``where`` in front, lists the columns."""
         if name in self.faults:
             raise InputError(f"{self.source}: {_led(where)}column {name!r} {self.faults[name]}")
         if name in self.constants:
@@ -60,7 +60,7 @@ class DataTable:
         return self.columns[name]
 
     def constant(self, value: float | str, where: str = "") -> float:
-        """Return a number as it is, or the scalar of that name; InputError lists the scalars if there is none."""
+        """Return a number unchanged, or the scalar of that name; for an unknown one InputError lists the scalars."""
         if not isinstance(value, str):
             return value
         if value not in self.constants:
@@ -70,12 +70,12 @@ class DataTable:
         return self.constants[value]
 
     def place(self, row: int) -> str:
-        """Word where a row is in the file."""
+        """Return the place of a row in the file, as text."""
         k = row if self.rows is None else int(self.rows[row])
         return f"row {k + 1}" if self.lines is None else f"line {self.lines[k]}"
 
     def kept(self, keep: NDArray[np.bool_], note: str) -> DataTable:
-        """Return the table with the rows that ``keep`` (N) picks in the columns of that length, and a note on it."""
+        """Return the table with the rows selected by ``keep`` (N) in the columns of that length, and a note on it."""
         columns = {name: x[keep] if len(x) == len(keep) else x for name, x in self.columns.items()}
         rows = np.arange(len(keep)) if self.rows is None else self.rows
         return replace(self, columns=columns, rows=rows[keep], notes=(*self.notes, note))
@@ -86,11 +86,19 @@ def _led(where: str) -> str:
 
 
 def read_columns(path: str | Path, width: int | None = None) -> DataTable:
-    """Read all columns of a file; ``width`` columns where a text file holds one number a line.
+    """Read all columns of a file; ``width`` is the number of columns of a text file with one number per line.
 
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
-    bags as ``parse_bag`` says. A ROS 2 bag may be given as its folder. Nothing is ever unpickled. Raises InputError
+    bags as in ``parse_bag``. A ROS 2 bag may be given as its folder. Nothing is ever unpickled. Raises InputError
     where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "log.csv"
+    ...     _ = path.write_text("time,q1\\n0.0,0.5\\n0.1,0.6\\n")
+    ...     table = read_columns(path)
+    >>> table.column("q1").tolist()
+    [0.5, 0.6]
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -99,7 +107,7 @@ def read_columns(path: str | Path, width: int | None = None) -> DataTable:
         table = reader(path)
     except InputError:
         raise
-    except Exception as error:  # the readers of damaged files raise nearly anything
+    except Exception as error:  # readers of damaged files raise almost any exception
         reason = (str(error).splitlines() or [""])[0]
         what = "bag" if path.is_dir() else f"{kind} file"
         raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
@@ -110,7 +118,9 @@ def read_bag(path: Path) -> DataTable:
     """Read the joint states of a ROS bag, a file or a folder."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds()))
-        raise InputError(f"{path}: is a folder without metadata.yaml, so no ROS 2 bag; name a file in it. {inside}")
+        raise InputError(
+            f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; name a file in it. {inside}"
+        )
     if not path.exists():
         _bytes(path)  # words the error
     columns, faults, notes = parse_bag(path)
@@ -154,7 +164,7 @@ def _reshaped(table: DataTable, width: int) -> DataTable:
     if len(table.columns) != 1 or table.faults:
         count = len(table.columns) + len(table.faults)
         raise InputError(
-            f"{table.source}: has {count} columns; `width` is for files with one number a line: leave it out."
+            f"{table.source}: has {count} columns; `width` is for files with one number per line: leave it out."
         )
     (column,) = table.columns.values()
     if len(column) % width:

@@ -1,4 +1,4 @@
-"""Columns of numbers from a text: separator, header, decimal comma and damaged rows are found and worded."""
+"""Columns of numbers from a text: separator, header and decimal comma are detected, damaged rows reported."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     """Return the columns of a text, the faults of those that are not numbers, and the line of each row.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
-    start with # or % are comments. Raises InputError for rows cut off and for ambiguous numbers.
+    start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
     """
     lines, body = _lines(data, source)
     separator = _separator(body[min(1, len(body) - 1)][1])
@@ -166,7 +166,7 @@ def _parsed(
         bad = (values.is_null() & ~texts.str.to_lowercase().is_in(_EMPTY)).arg_true()
         if len(bad):
             text, line = texts[bad[0]], numbers[bad[0]]
-            faults[name] = f"has {text!r} at line {line}, which is not a number; mend or empty the cell."
+            faults[name] = f"has {text!r} at line {line}, which is not a number; correct or empty the cell."
         else:
             columns[name] = values.fill_null(np.nan).to_numpy().copy()
     return columns, faults
@@ -177,7 +177,7 @@ def _any(cells: pl.DataFrame, pattern: str) -> bool:
 
 
 def unpanicked(read: Callable[[], T]) -> T:
-    """Call polars; the panics of its readers, which are no ``Exception``, become one."""
+    """Call polars; a panic of its readers, which is not an ``Exception``, becomes one."""
     import polars as pl
 
     try:

@@ -1,4 +1,4 @@
-"""What is wrong in settings, in words: the place as ``train[0].window``, the fault, the value, the choices."""
+"""Error messages for settings: the place such as ``train[0].window``, the fault, the value, the choices."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _causes(found: list[ErrorDetails]) -> list[ErrorDetails]:
 
 
 def _path(loc: Sequence[int | str], data: Any) -> str:
-    """Word the place of an error as ``train[0].window``, without the tags that pydantic adds."""
+    """Return the place of an error as ``train[0].window``, without the tags that pydantic adds."""
     words = ""
     for part in loc:
         keys = {str(key): key for key in data} if isinstance(data, dict) else {}
@@ -52,7 +52,7 @@ def _path(loc: Sequence[int | str], data: Any) -> str:
 
 
 def _words(details: ErrorDetails) -> str:
-    """Word one finding of pydantic."""
+    """Return the message for one error of pydantic."""
     kind, context = details["type"], details.get("ctx", {})
     got = f"; got {short(details['input'])}"
     if kind == "missing":
@@ -66,7 +66,7 @@ def _words(details: ErrorDetails) -> str:
         known = re.findall(r"'([^']*)'", context["expected"])
         return f"{wrong!r} is not a choice; {choices(wrong, known)}"
     if kind.endswith(("dict_type", "mapping_type", "model_type", "attributes_type")):
-        empty = ", as where all lines are comments: complete them, and delete the # before them"
+        empty = "; if all lines are comments, complete them and delete the # in front"
         return f"a mapping (`key: value` lines) is expected{got}{empty if details['input'] is None else ''}"
     if kind == "too_short":
         return f"needs at least {context['min_length']} entry{got}"

@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PerJoint(ABC):
-    """One parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or of ddq_j.
+    """Base of terms with one parameter for each joint in ``on``: tau_j = theta_j * shape(dq_j), or shape(ddq_j).
 
-    A class of it says in ``shape``, ``slope`` and ``meaning`` what it is; ``symbol`` begins the parameters' names,
-    ``role`` is that of ``Parameter``, ``of`` the rate that it depends on; ``formula`` is ``shape`` as text, for
-    exports. Further fields are settings.
+    A subclass defines ``shape``, its derivative ``slope``, and ``meaning``; ``symbol`` is the prefix of the parameters'
+    names, ``role`` that of ``Parameter``, ``of`` the rate that ``shape`` depends on; ``formula`` is ``shape`` as text,
+    for exports. Further fields are settings.
     """
 
     symbol: ClassVar[str]
@@ -82,7 +82,7 @@ class PerJoint(ABC):
         return out
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002
-        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only one of the last two is not zero."""
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only that by ``of`` is not zero."""
         joints, zero = self._columns, np.zeros((*dq.shape, dq.shape[1]))
         rate, slope = dq if self.of == "dq" else ddq, zero.copy()
         slope[:, joints, joints] = self.slope(rate[:, joints]) * theta
@@ -107,7 +107,7 @@ class PerJoint(ABC):
 
     @abstractmethod
     def meaning(self) -> str:
-        """Say what the parameter multiplies."""
+        """Return the meaning of the parameter."""
 
     @abstractmethod
     def shape(self, dq: Array, /) -> Array:
@@ -122,9 +122,9 @@ class PerJoint(ABC):
 class Viscous(PerJoint):
     """Viscous friction, tau_j = Fv_j dq_j, in N m s/rad or N s/m (mu of the article's eqs. 39 and 40).
 
-    It acts on the joints named in ``on`` (default all of ``joints``). Per joint in ``on``, ``names`` replace
-    Fv_<joint>, ``expressions`` the meaning in words, and ``values`` give the true values where they are known.
-    Raises ModelError for an unknown joint, or where the numbers of entries differ.
+    It acts on the joints named in ``on`` (default: all of ``joints``). ``names``, ``expressions`` (meanings) and
+    ``values`` (nominal), one for each joint in ``on``, replace the defaults, Fv_<joint> for the name. Raises ModelError
+    for an unknown joint, or where the numbers of entries differ.
 
     >>> import dynident as dy
     >>> friction = dy.Viscous((dy.Joint("shoulder"), dy.Joint("rail", "prismatic")))
@@ -136,7 +136,7 @@ class Viscous(PerJoint):
     role = "viscous"
 
     def meaning(self) -> str:
-        """Say what the parameter multiplies."""
+        """Return the meaning of the parameter."""
         return "viscous friction: torque per dq"
 
     def unit(self, joint: Joint) -> str:
@@ -156,9 +156,9 @@ class Viscous(PerJoint):
 class Coulomb(PerJoint):
     """Coulomb friction, tau_j = Fc_j sign(dq_j), in N m or N; ``on``, ``names``, ... as in ``Viscous``.
 
-    The sign may be softened in one of two ways, both in rad/s or m/s: ``width`` > 0 makes it tanh(dq / width), which
-    a simulation needs; ``dead_band`` > 0 makes it 0 within abs(dq) <= dead_band, which leaves uncertain signs out of
-    a fit. With neither, sign(0) = 0. The hard sign has derivative 0 in ``partials``, at its jump too.
+    The sign can be changed in one of two ways, both in rad/s or m/s: ``width`` > 0 makes it tanh(dq / width), which
+    a simulation needs; ``dead_band`` > 0 makes it 0 for abs(dq) <= dead_band, which leaves uncertain signs out of
+    a fit. With neither, sign(0) = 0. The discontinuous sign has derivative 0 in ``partials``, also at the jump.
     Raises ModelError where both are given or one is negative or not finite, and as ``Viscous`` does.
 
     >>> import dynident as dy
@@ -183,11 +183,11 @@ class Coulomb(PerJoint):
             )
 
     @property
-    def sharp(self) -> bool:
-        """Whether the torque jumps with the sign of the velocity: there is neither a width nor a dead band."""
+    def discontinuous(self) -> bool:
+        """Whether the torque jumps with the sign of the velocity: no width and no dead band."""
         return not (self.width or self.dead_band)
 
-    def softened(self, width: Array) -> tuple[Coulomb, ...]:
+    def with_smooth_sign(self, width: Array) -> tuple[Coulomb, ...]:
         """Return one friction for each joint, because each has its own width (n)."""
         known = [joint.name for joint in self.joints]
         found = []
@@ -198,7 +198,7 @@ class Coulomb(PerJoint):
         return tuple(found)
 
     def meaning(self) -> str:
-        """Say what the parameter multiplies."""
+        """Return the meaning of the parameter."""
         if self.width:
             return f"Coulomb friction: torque per tanh(dq/{self.width:g})"
         band = f", 0 within abs(dq) <= {self.dead_band:g}" if self.dead_band else ""
@@ -230,7 +230,7 @@ class Offset(PerJoint):
     symbol = "offset"
 
     def meaning(self) -> str:
-        """Say what the parameter multiplies."""
+        """Return the meaning of the parameter."""
         return "constant torque"
 
     def shape(self, dq: Array) -> Array:

@@ -20,8 +20,8 @@ GRAVITY = 9.81  # m/s^2
 def two_link_arm() -> Model:
     """The article's planar arm of two links in a vertical plane (fig. 1, eqs. 37-40).
 
-    q1 is measured from hanging down, q2 from the direction of link 1. The printed friction unit, N s/m, is read as
-    N m s/rad, because the joints turn.
+    q1 is zero where link 1 hangs down, q2 is relative to link 1. The printed unit of friction, N s/m, is read as
+    N m s/rad, because the joints are revolute.
 
     >>> import numpy as np
     >>> arm = two_link_arm()
@@ -66,8 +66,8 @@ def two_link_arm() -> Model:
 def slider(width: float = 0.0, values: tuple[float, float, float, float] | None = None) -> Model:
     """A mass on a horizontal rail, with viscous and Coulomb friction and a constant offset of the force.
 
-    ``width`` (m/s) of the Coulomb friction's smooth sign, tanh(dq / width); 0 is the sign itself, which fits
-    measurements best but cannot be simulated. ``values`` of M (kg), Fv (N s/m), Fc (N) and offset (N), where known.
+    ``width`` (m/s) is that of the smooth sign tanh(dq / width) in the Coulomb friction; 0 gives the discontinuous sign,
+    which fits measurements best but cannot be simulated. ``values`` are M (kg), Fv (N s/m), Fc (N) and offset (N).
     """
     import sympy as sp
 
@@ -84,9 +84,9 @@ def slider(width: float = 0.0, values: tuple[float, float, float, float] | None 
 
 @cache
 def pendulum() -> Model:
-    """A compound pendulum of 1 kg without friction: its period is known in closed form.
+    """A compound pendulum of 1 kg without friction, whose period is known in closed form.
 
-    One joint, "pivot", q from hanging down; J is the inertia about the pivot and h the first moment of mass m*lc.
+    One joint, "pivot", q zero where it hangs down; J is the inertia about the pivot and h the first moment m*lc.
 
     >>> model = pendulum()
     >>> dict(zip(model.names, model.values.tolist()))

@@ -25,14 +25,14 @@ __all__ = [
 
 Array = NDArray[np.float64]
 ROWS, COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
-ROUNDING = 1e-9  # share of a body's inertia below which a broken inequality is rounding
+ROUNDING = 1e-9  # share of a body's inertia below which a violated inequality is rounding
 
 
 def from_physical(mass: ArrayLike, centre: ArrayLike, tensor: ArrayLike) -> Array:
     """Return the ten parameters (..., 10) of a mass (...) in kg, its centre (..., 3) in m in the joint frame, and its
     tensor (..., 3, 3) in kg m^2 about that centre.
 
-    Any mass and tensor will do, physical or not. Raises ModelError for a wrong shape or an asymmetric tensor.
+    Mass and tensor need not be physical. Raises ModelError for a wrong shape or an asymmetric tensor.
 
     >>> import numpy as np
     >>> from_physical(2.0, [0.5, 0.0, 0.0], np.eye(3)).tolist()  # m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
@@ -49,12 +49,12 @@ def from_physical(mass: ArrayLike, centre: ArrayLike, tensor: ArrayLike) -> Arra
 def to_physical(theta: ArrayLike, name: str = "the body") -> tuple[Array, Array, Array]:
     """Return mass (...), centre of mass (..., 3) and tensor about it (..., 3, 3) of the parameters (..., 10).
 
-    Raises ModelError, with the ``name`` of the body, where the mass is zero: it has no centre.
+    Raises ModelError, with the ``name`` of the body, where the mass is zero: the centre is then undefined.
     """
     m, h, inertia = _unpacked(theta)
     if (m == 0).any():
         raise ModelError(
-            f"{name} has mass 0 and so no centre of mass; give it a mass, or use its ten parameters as they are."
+            f"{name} has mass 0 and so no centre of mass; give it a mass, or use its ten parameters directly."
         )
     centre = h / m[..., None]
     return m, centre, inertia - _steiner(m, centre)
@@ -81,9 +81,9 @@ def from_pseudo(pseudo: ArrayLike) -> Array:
 
 
 def moved(theta: ArrayLike, placement: ArrayLike) -> Array:
-    """Return the parameters (..., 10) in another frame, in which ``placement`` (..., 4, 4) is the present frame.
+    """Return the parameters (..., 10) in another frame; ``placement`` (..., 4, 4) is the pose of the old frame in it.
 
-    Exact for any parameters, a mass of zero or below included: P becomes T P T'.
+    Exact for any parameters, also for a mass of zero or below: the pseudo-inertia P becomes T P T'.
     """
     T = np.asarray(placement, dtype=float)
     _check("placement", T, (4, 4))
@@ -91,18 +91,23 @@ def moved(theta: ArrayLike, placement: ArrayLike) -> Array:
 
 
 def smallest_eigenvalue(theta: ArrayLike) -> Array:
-    """Return the smallest eigenvalue (...) of the pseudo-inertias: its sign alone tells, as it mixes kg and kg m^2."""
+    """Return the smallest eigenvalue (...) of the pseudo-inertias; only its sign is meaningful (mixed units)."""
     return np.asarray(np.linalg.eigvalsh(to_pseudo(theta))[..., 0])
 
 
 def consistency_violations(theta: ArrayLike) -> tuple[str, ...]:
-    """Say in words what keeps ten parameters (10) from being those of a body; empty where nothing does.
+    """Return why ten parameters (10) are not physically consistent, as sentences; empty where they are.
 
-    A body of point masses, a rod or a plate passes: the limits themselves are allowed.
+    The limits are allowed: point masses, thin rods and plates are consistent. Raises ModelError for another shape.
+
+    >>> consistency_violations([-1.0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+    ('negative mass -1 kg',)
     """
     m, h, inertia = _unpacked(theta)
     if m.ndim:
-        raise ModelError(f"faults are told of one body at a time, got parameters of shape {np.shape(theta)}.")
+        raise ModelError(
+            f"consistency violations: expected the ten parameters of one body, got shape {np.shape(theta)}."
+        )
     mass = float(m)
     if mass < 0:
         return (f"negative mass {mass:g} kg",)

@@ -26,7 +26,7 @@ _UNIT = re.compile(rf"{_FACTOR}( {_FACTOR})*(/{_FACTOR}( {_FACTOR})*)?")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A physical parameter to be lumped: its SymPy symbol, its unit such as ``"kg m^2"``, its value if known (SI).
+    """An unknown physical parameter: its SymPy symbol, its unit such as ``"kg m^2"``, its value if known (SI).
 
     Raises ModelError for a unit that is not a product of powers, with at most one ``/``.
     """
@@ -47,13 +47,13 @@ class Lagrangian:
     """The Euler-Lagrange torque of n joints, linear in p lumped parameters (article, eqs. 1-8).
 
     ``q``, ``dq`` are n SymPy symbols each, for positions (rad or m) and their rates; ``kinetic`` and ``potential``
-    are energies (J) in them, in the ``unknowns``, and in the ``constants`` (symbol -> number), which are put in as
+    are energies (J) in them, in the ``unknowns``, and in the ``constants`` (symbol -> number), which are substituted as
     exact decimals. ``names`` of the lumped parameters default to theta1, theta2, ...
 
     Each product of unknowns in the energies contributes n functions of (q, dq, ddq) to the torque. Products with
     proportional functions are lumped into one parameter (eq. 40): a sum, scaled so that its product of lowest degree,
     then first in order of declaration, has factor one. Products without any torque are dropped. Functions are
-    compared at random states with 50 digits. Linear dependence among three or more parameters is left as it is.
+    compared at random states with 50 digits. Linear dependence among three or more parameters is not removed.
 
     Order of the parameters: those of the kinetic energy, then those of the potential energy only; among the
     kinetic, constant inertia before inertia that changes with q; then by the last joint acted upon, which orders a
@@ -181,7 +181,7 @@ def _check_symbols(model: Lagrangian) -> None:
 
 
 def _energy(model: Lagrangian, which: str) -> Any:
-    """Return an energy with its constants put in exactly; ModelError where it holds an undeclared symbol."""
+    """Return an energy with its constants substituted exactly; ModelError where it holds an undeclared symbol."""
     import sympy as sp
 
     exact = {s: sp.Rational(str(value)) for s, value in model.constants.items()}

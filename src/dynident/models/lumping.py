@@ -17,7 +17,7 @@ Symbols = Sequence[Any]
 Monomial = tuple[int, ...]  # powers of the unknowns, in order of declaration
 
 DIGITS = 50  # working precision of the comparison of functions
-SAME = 1e-30  # functions that differ by less are one function
+SAME = 1e-30  # functions that differ by less are equal
 POINTS = 4  # random states at which functions are compared
 
 
@@ -169,7 +169,7 @@ def _states(n: int) -> list[list[list[Any]]]:
 
 
 def _differs(samples: NDArray[np.object_]) -> bool:
-    """Tell whether a function is anywhere else than zero."""
+    """Return whether a function is nonzero at any of the states."""
     return bool(np.abs(samples).max() > SAME)
 
 
@@ -199,7 +199,7 @@ def _lumped(group: Group, unknowns: Symbols) -> Lump:
 
 
 def _readable(ratio: Any) -> Any:
-    """Return a small fraction as it is, any other number as a short decimal."""
+    """Return a simple fraction exactly, any other number as a short decimal."""
     import sympy as sp
 
     fraction = sp.nsimplify(sp.Float(ratio, DIGITS), rational=True, tolerance=SAME)

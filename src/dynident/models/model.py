@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MassMatrixCheck:
-    """The smallest eigenvalue of the mass matrix over some configurations, and the configuration ``q`` (n) of it.
+    """The ``smallest`` eigenvalue of the mass matrix over some configurations, and the configuration ``q`` (n) of it.
 
-    ``positive`` is True where it exceeds the rounding error of the largest eigenvalue. Where revolute and prismatic
-    joints are mixed, the sign of the eigenvalue counts, not its size, which depends on the units.
+    ``positive`` is True where it exceeds the rounding error of the largest eigenvalue. With both revolute and prismatic
+    joints only the sign of the eigenvalue is meaningful; its size depends on the units.
     """
 
     smallest: float
@@ -38,9 +38,10 @@ class MassMatrixCheck:
 class Model:
     """An ordered sum of terms for the same n joints; its p parameters are those of the terms, one after the other.
 
-    In all methods q (rad or m), dq, ddq and tau (N m or N) are (N, n), and theta is (p) or, but for ``partials``,
-    one row per sample (N, p). Raises ModelError where the terms differ in their joints or share a parameter name;
-    its methods do where a shape does not fit, or a term fails or returns a wrong shape or a number that is not finite.
+    In all methods q (rad or m), dq, ddq (per s and s^2) and tau (N m or N) are (N, n), and theta is (p) or, except in
+    ``partials``, one row per sample (N, p). Raises ModelError where the terms differ in their joints or share a
+    parameter name; the methods raise it where a shape does not fit, or a term fails or returns a wrong shape or a
+    number that is not finite.
 
     >>> import dynident as dy
     >>> from dynident.models.gallery import pendulum
@@ -91,18 +92,18 @@ class Model:
 
     @property
     def values(self) -> Array | None:
-        """The true parameters (p) in SI units, or None where one of them is not known."""
+        """The nominal parameters (p) in SI units, or None where one of them is not known."""
         known = [parameter.value for parameter in self.parameters if parameter.value is not None]
         return np.array(known) if len(known) == len(self.parameters) else None
 
     @property
     def limits(self) -> Mapping[str, Limits]:
-        """Limits of the joints, by name, as far as a term knows them from a robot file."""
+        """Limits of the joints by name, where a robot file gives them."""
         return {name: limit for term in self.terms for name, limit in _limits(term).items()}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the terms say of the files they were made from."""
+        """Notes of the terms on the files they were made from."""
         return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
@@ -148,7 +149,7 @@ class Model:
         return np.asarray(ddq, dtype=np.float64)
 
     def partials(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Partials:
-        """Return the derivatives of the torque by q, dq and ddq, each (N, n, n), for one theta (p)."""
+        """Return the derivatives of the torque with respect to q, dq and ddq, each (N, n, n), for one theta (p)."""
         states = self._states(q=q, dq=dq, ddq=ddq)
         theta = self._theta(theta, None)
         shape = (*states[0].shape, len(self.joints))
@@ -160,7 +161,7 @@ class Model:
         return Partials(*total)
 
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
-        """Find the smallest eigenvalue of the mass matrix over the configurations q (N, n), at least one."""
+        """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""
         (q,) = self._states(q=q)
         if not len(q):
             raise ModelError(

@@ -1,4 +1,4 @@
-"""What motors add to the joints' torques: rotor inertia, and motors that several joints turn together."""
+"""Motors: rotor inertia, and motors coupled to several joints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class RotorInertia(PerJoint):
     """Rotor inertia on the joint's side of the gear, tau_j = Ia_j ddq_j, in kg m^2 or kg; fields as in ``Viscous``.
 
-    The gyroscopic torques of the rotor are left out: they are small where the gear ratio is large (Siciliano et al.
+    The gyroscopic torques of the rotor are neglected: they are small where the gear ratio is large (Siciliano et al.
     2009, "Robotics", sec. 7.3).
 
     >>> import dynident as dy
@@ -35,7 +35,7 @@ class RotorInertia(PerJoint):
     of = "ddq"
 
     def meaning(self) -> str:
-        """Say what the parameter multiplies."""
+        """Return the meaning of the parameter."""
         return "rotor inertia: torque per ddq"
 
     def unit(self, joint: Joint) -> str:
@@ -53,13 +53,13 @@ class RotorInertia(PerJoint):
 
 @dataclass(frozen=True)
 class CoupledMotor:
-    """A motor that turns with several joints, phi = sum c_k q_k, with an inertia and a friction of its own.
+    """A motor coupled to several joints, phi = sum c_k q_k, with its own rotor inertia and friction.
 
-    Its torque f = Ia ddphi + Fv dphi + Fc sign(dphi) + offset, of which the four switches choose the parts, acts on
-    the joints as tau_k = c_k f (principle of virtual work). ``coefficients`` maps joints to c_k: {"joint_5": 1,
-    "joint_6": 1} for a wrist whose last gear rides on the one before; {"shoulder": 1, "elbow": -6} for an elbow motor
-    on the first link. The motor turns, in rad, unless all its joints slide, when it counts in m. ``width`` and
-    ``dead_band`` are those of ``Coulomb``, on dphi; ``values`` give the true parameters where they are known.
+    Its torque f = Ia ddphi + Fv dphi + Fc sign(dphi) + offset acts on the joints as tau_k = c_k f (principle of virtual
+    work); the switches ``inertia``, ``viscous``, ``coulomb`` and ``offset`` choose its parts. ``coefficients`` maps
+    joints to c_k: {"joint_5": 1, "joint_6": 1} for a wrist whose last gear is carried by the one before; {"shoulder":
+    1, "elbow": -6} for an elbow motor on the first link. phi is in rad, or in m where all of the joints are prismatic.
+    ``width`` and ``dead_band`` are those of ``Coulomb``, on dphi; ``values`` are nominal values, where known.
 
     Parameters are Ia_<name>, Fv_<name>, Fc_<name> and offset_<name>. Raises ModelError for an unknown joint, a
     coefficient that is zero or not finite, no part, a wrong number of values, and as ``Coulomb`` does.
@@ -107,7 +107,7 @@ class CoupledMotor:
             seen.add(name)
             if c == 0 or not np.isfinite(c):
                 raise ModelError(
-                    f"{where}: the coefficient of {name!r} is {c}; give a finite one, or leave the joint out."
+                    f"{where}: the coefficient of {name!r} is {c}; give a finite, nonzero one, or leave the joint out."
                 )
         if not seen:
             raise ModelError(f"{where}: no joint is coupled; give coefficients such as {{{known[0]!r}: 1.0}}.")
@@ -136,12 +136,12 @@ class CoupledMotor:
         return Partials(*(outer * sum(getattr(slope, wrt) for slope in slopes) for wrt in ("q", "dq", "ddq")))
 
     @property
-    def sharp(self) -> bool:
+    def discontinuous(self) -> bool:
         """Whether the torque jumps with the sign of the motor's velocity."""
         return self.coulomb and not (self.width or self.dead_band)
 
-    def softened(self, width: Array) -> tuple[CoupledMotor]:
-        """Return the motor with a sign as wide as the velocity of its joints (n) lets that of the motor be known."""
+    def with_smooth_sign(self, width: Array) -> tuple[CoupledMotor]:
+        """Return the motor with the ``width`` of its sign propagated from those (n) of its joints."""
         return (replace(self, width=float(np.linalg.norm(self._vector * width))),)
 
     @property
@@ -150,7 +150,7 @@ class CoupledMotor:
 
     @cached_property
     def _vector(self) -> Array:
-        """The coefficients (n) by joint, zero for those the motor does not turn with."""
+        """The coefficients (n) of the joints, zero for those that are not coupled."""
         return np.array([dict(self._pairs).get(joint.name, 0.0) for joint in self.joints])
 
     @cached_property
@@ -159,7 +159,7 @@ class CoupledMotor:
         kinds = {joint.name: joint.kind for joint in self.joints}
         slides = all(kinds[name] == "prismatic" for name, _ in self._pairs)
         motor = (Joint(self.name, "prismatic" if slides else "revolute"),)
-        # made even where it is left out, so that its width and dead band are checked
+        # built even where it is switched off, so that its width and dead band are checked
         coulomb = Coulomb(motor, width=self.width, dead_band=self.dead_band)
         switches = (self.inertia, self.viscous, self.coulomb, self.offset)
         parts = (RotorInertia(motor), Viscous(motor), coulomb, Offset(motor))

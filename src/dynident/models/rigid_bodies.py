@@ -1,7 +1,7 @@
-"""The rigid bodies of a robot file: URDF or MJCF in, the regressor of its inertial parameters out, by Pinocchio.
+"""The rigid bodies of a robot file (URDF or MJCF), and the regressor of their inertial parameters by Pinocchio.
 
-The file is read here, link by link, so that nothing of it is guessed; Pinocchio computes the dynamics (Carpentier et
-al. 2019, "The Pinocchio C++ library"), with the recursion of Newton and Euler.
+The file is parsed here, not by Pinocchio, so that nothing in it is ignored silently; Pinocchio computes the dynamics
+with the recursive Newton-Euler algorithm (Carpentier et al. 2019, "The Pinocchio C++ library").
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ MEANINGS = (
 
 @dataclass(frozen=True)
 class RigidBodies:
-    """The rigid-body term of a robot: ten inertial parameters for each link that moves, about its joint's frame.
+    """The rigid-body term of a robot: ten inertial parameters for each moving link, about its joint's frame.
 
     ``xml`` is the text of a URDF or MJCF file. ``joints_used`` chooses the moving joints and their order (default:
-    all that are not locked, from the base outwards); all others stand still at their value in ``locked`` (rad or m),
-    else at zero, a mimic joint at what it mimics. ``gravity`` (3), in m/s^2, is given in the frame of the root link: a
-    base that is mounted turned is a turned gravity. Links that do not move against each other are one body, called
-    after the child link of its joint. ``source`` names the file in messages.
+    all that are not locked, from base to tip); all others are fixed at their value in ``locked`` (rad or m), else at
+    zero, a mimic joint at the value it follows. ``gravity`` (3), in m/s^2, is given in the frame of the root link: for
+    a rotated base, rotate gravity. Links that are fixed to each other are one body, named after the child link of its
+    joint. ``source`` names the file in messages.
 
     Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
     is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
-    missing. Implausible inertias are no error, because they are only nominal values: see ``notes``.
+    not installed. Inconsistent inertias are no error, because they are only nominal values: see ``notes``.
 
     >>> import dynident as dy
     >>> text = '''<robot name="door"><link name="wall"/><link name="leaf"><inertial><origin xyz="0.4 0 0"/>
@@ -87,17 +87,17 @@ class RigidBodies:
 
     @property
     def format(self) -> Literal["urdf", "mjcf"]:
-        """What the file is, by its root element: "urdf" or "mjcf"."""
+        """Format of the file, by its root element: "urdf" or "mjcf"."""
         return self._file.format
 
     @property
     def file(self) -> RobotFile:
-        """What the file says, before links are merged."""
+        """The parsed file, before links are merged."""
         return self._file
 
     @property
     def arm(self) -> Arm:
-        """The moving bodies, with the links that each is made of."""
+        """The moving bodies, with the links of each."""
         return self._arm
 
     @cached_property
@@ -110,9 +110,9 @@ class RigidBodies:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Ten parameters per moving body, in the order of ``joints`` and INERTIAL; the value is the file's.
+        """Ten parameters per moving body, in the order of ``joints`` and INERTIAL, with the file's values.
 
-        It is None for a body with a link whose inertia the file leaves to be computed from shapes.
+        The value is None for a body with a link whose inertia the file leaves to be computed from shapes.
         """
         return tuple(
             Parameter(
@@ -124,7 +124,7 @@ class RigidBodies:
 
     @property
     def limits(self) -> dict[str, Limits]:
-        """Limits of each moving joint, as far as the file gives them."""
+        """Limits of each moving joint, where the file gives them."""
         return {body.joint.name: body.joint.limits for body in self._arm.chosen}
 
     @property
@@ -144,20 +144,20 @@ class RigidBodies:
 
     @property
     def merged(self) -> dict[str, tuple[str, ...]]:
-        """Body -> links that move with it, for those that have any; the root link stands for all that stand still."""
+        """Body -> other links fixed to it, if any; the root link has those that do not move."""
         owners = {body.joint.child: body.links for body in self._arm.chosen}
         still = {self._file.root: self._arm.still}
         return {name: links[1:] for name, links in (still | owners).items() if len(links) > 1}
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what the file says and is not read, and on inertias in it that no body can have."""
+        """Sentences on what of the file is ignored, and on its inertias that are not physically consistent."""
         notes = list(self._file.notes)
         if self._file.gravity not in (None, self.gravity):
-            notes.append(f"the file's gravity {self._file.gravity} is not read; {self.gravity} m/s^2 is used")
+            notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
         for body in self._arm.chosen:
             if np.isnan(body.theta).any():
-                notes.append(f"body {body.joint.child!r}: the file gives no inertia, but shapes to compute it from")
+                notes.append(f"body {body.joint.child!r}: the file gives no inertia, only shapes to compute it from")
             elif not body.theta.any():
                 notes.append(f"body {body.joint.child!r}: the file gives no inertia")
             else:
@@ -165,7 +165,7 @@ class RigidBodies:
         return tuple(f"{self.source}: {note}." for note in notes)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m and seconds."""
+        """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m, per s and s^2."""
         pin, model = _pinocchio(), self._model
         data, compute = model.createData(), pin.computeJointTorqueRegressor
         rows, n = q.shape
@@ -180,8 +180,8 @@ class RigidBodies:
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not.
 
-        Pinocchio divides by masses. The torque is linear in theta: where a mass is too small, or negative, a larger
-        one takes its place, and the torque of the surplus, a point mass in the joint frame's origin, is taken off.
+        Pinocchio divides by masses. Where a mass is too small or negative, a larger one is used, and the torque of the
+        surplus, a point mass at the origin of the joint frame, is subtracted: the torque is linear in theta.
         """
         stand_in, surplus = self._with_mass(theta)
         slopes = self._slopes(q, dq, ddq, stand_in)
@@ -191,23 +191,23 @@ class RigidBodies:
         return Partials(*slopes[:, :, back[:, None], back])
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
-        """Return Y theta, shape (N, n), by the recursion itself, for any theta (10 n), physical or not."""
+        """Return Y theta, shape (N, n), by the recursion, for any theta (10 n), physical or not."""
         stand_in, surplus = self._with_mass(theta)
         tau = self._recursion(q, dq, ddq, stand_in)
         if surplus.any():
             tau -= self._recursion(q, dq, ddq, surplus)
         return tau[:, np.argsort(self._arm.order)]
 
-    def under(self, gravity: tuple[float, ...]) -> RigidBodies:
+    def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
         x, y, z = gravity
         return replace(self, gravity=(x, y, z))
 
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
-        """Return bodies (n, 10), in Pinocchio's order, of enough mass to divide by, and the surplus of their mass."""
+        """Return bodies (n, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
         values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
         stand_in, surplus = values.copy(), np.zeros_like(values)
-        # a centre of mass more than 1 m away from the joint along an axis costs digits
+        # a centre of mass more than 1 m from the joint along an axis loses digits
         stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
         empty = stand_in[:, 0] == 0
         stand_in[empty, 0] = np.abs(values[empty, 4:]).max(axis=1)
@@ -278,7 +278,7 @@ class RigidBodies:
 
 
 def read_robot_file(xml: str, source: str) -> RobotFile:
-    """Return what the text of a URDF or MJCF file says; ModelError where it is neither, or contradicts itself."""
+    """Parse the text of a URDF or MJCF file; ModelError where it is neither, or contradicts itself."""
     root = parse(xml, source)
     if root.tag not in READERS:
         raise ModelError(
@@ -292,11 +292,11 @@ def _values(body: ArmBody) -> list[float | None]:
 
 
 def _pinocchio() -> Any:
-    """Import Pinocchio; another package of that name, without robots, does not count."""
+    """Import Pinocchio; ModelError where it is missing, or is the other package of that name."""
     try:
         module = importlib.import_module("pinocchio")
     except ImportError as error:
         raise ModelError(f"Robot files need Pinocchio, which cannot be imported ({error}). {ADVICE}") from error
     if not hasattr(module, "computeJointTorqueRegressor"):
-        raise ModelError(f"The package 'pinocchio' that is installed is not the robotics library. {ADVICE}")
+        raise ModelError(f"The installed package 'pinocchio' is not the robotics library. {ADVICE}")
     return module

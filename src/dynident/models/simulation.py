@@ -20,7 +20,7 @@ Torque = Callable[[float], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log with simulated noise, the motion it was taken from, and the noise's standard deviations (n) by joint."""
+    """A log with simulated noise, its exact motion, and the standard deviations (n) of the noise by joint."""
 
     log: Log
     truth: Motion
@@ -45,13 +45,13 @@ def simulate(
     """Integrate the state space model (article, eqs. 41-43) and return its motion at the instants t.
 
     ``theta`` (p); ``torque`` is a function of the time (s) that returns (n) N m or N; ``t`` (N) s, strictly
-    increasing; ``q0``, ``dq0`` (n) at t[0] default to zero. ``tolerance`` is the relative and absolute error that the
-    integrator (LSODA, which copes with stiff friction) allows itself per step, in rad or m: the default keeps 10 s of
-    each model of the gallery within 1e-9. In the motion, ddq is the exact forward dynamics and tau the torque
-    applied. Raises InputError for wrong times, initial values or torques, ConfigError for a wrong tolerance, and
-    ModelError where the model or the integration fails, or needs more than ``max_evaluations`` of the model.
+    increasing; ``q0``, ``dq0`` (n) at t[0] default to zero. ``tolerance`` is the relative and absolute error per step
+    of the integrator (LSODA, for stiff friction), in rad or m: with the default, 10 s of each model of the gallery are
+    accurate to 1e-9. In the motion, ddq is the exact forward dynamics and tau the torque applied. Raises InputError for
+    wrong times, initial values or torques, ConfigError for a wrong tolerance, and ModelError where the model or the
+    integration fails, or needs more than ``max_evaluations`` of the model.
 
-    A pendulum let go at a small angle is back after its period, 2 pi sqrt(J / (h g)):
+    A pendulum released at a small angle returns after its period, 2 pi sqrt(J / (h g)):
 
     >>> import numpy as np
     >>> from dynident.models.gallery import pendulum
@@ -84,10 +84,10 @@ def simulate_many(
     max_evaluations: int = 300_000,
     source: str = "simulation",
 ) -> tuple[Motion, ...]:
-    """Integrate B runs together, and return their motions; much faster than B calls of ``simulate``.
+    """Integrate B runs together and return their motions; much faster than B calls of ``simulate``.
 
-    As ``simulate``, but ``theta`` may be (B, p), ``q0`` and ``dq0`` (B, n), and ``torque`` may return (B, n); what is
-    given once holds for all runs. All runs share the steps of the integrator; the tolerance is tightened by sqrt(B),
+    As ``simulate``, but ``theta`` may be (B, p), ``q0`` and ``dq0`` (B, n), and ``torque`` may return (B, n); a value
+    given once applies to all runs. All runs share the steps of the integrator; the tolerance is divided by sqrt(B),
     because its error norm is a mean over the runs.
     """
     times, n, p = _times(t, source), len(model.joints), len(model.parameters)
@@ -164,8 +164,9 @@ class _System:
         self.count += 1
         if self.count > self.limit:
             raise ModelError(
-                f"{self.source}: {self.limit} evaluations of {self.model.name} reached only t = {t} s; a friction that "
-                "jumps needs a smooth sign (the field 'width' of Coulomb), stiff parameters a larger max_evaluations."
+                f"{self.source}: {self.limit} evaluations of {self.model.name} reached only t = {t} s; discontinuous "
+                "friction needs a smooth sign (the field 'width' of Coulomb), stiff parameters a larger "
+                "max_evaluations."
             )
         q, dq = _halves(flat.reshape(len(self.theta), -1))
         return np.concatenate([dq, self.model.forward_dynamics(q, dq, self.applied(t), self.theta)], axis=1).ravel()

@@ -61,11 +61,11 @@ INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One column of the regressor: its name, unit, and meaning in words or as a formula.
+    """One column of the regressor: its name, unit, and ``expression``, its meaning as text or as a formula.
 
-    ``value`` is the nominal one where it is known (the true one of a simulated arm, the robot file's of a real one).
-    ``role`` tells estimators what physics demands of it: one of INERTIAL (with the ``body`` it belongs to), "viscous",
-    "coulomb", "rotor" (none of these may be negative), or "" (free).
+    ``value`` is the nominal value where it is known (the true value of a simulated arm, the robot file's for a real
+    arm). ``role`` tells estimators which physical constraints apply: one of INERTIAL (with the ``body`` it belongs to),
+    "viscous", "coulomb", "rotor" (none of these may be negative), or "" (unconstrained).
     """
 
     name: str
@@ -90,7 +90,7 @@ class Partials:
 class Term(Protocol):
     """One effect of the model: tau_term = Y(q, dq, ddq) theta_term.
 
-    A term is frozen configuration, picklable, and vectorised over samples: q, dq, ddq are (N, n).
+    A term is a frozen, picklable dataclass, vectorised over samples: q, dq, ddq are (N, n).
     """
 
     @property
@@ -110,7 +110,7 @@ class Term(Protocol):
 
 @runtime_checkable
 class Recursive(Protocol):
-    """A term that gives its torque faster than by the regressor."""
+    """A term that computes its torque faster than by the regressor."""
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for one theta (p)."""
@@ -118,13 +118,13 @@ class Recursive(Protocol):
 
 @runtime_checkable
 class HasGravity(Protocol):
-    """A term in which gravity acts."""
+    """A term with gravity."""
 
     @property
     def gravity(self) -> tuple[float, ...]:
         """Gravity (3) in the frame of the root link, m/s^2."""
 
-    def under(self, gravity: tuple[float, ...], /) -> Term:
+    def with_gravity(self, gravity: tuple[float, ...], /) -> Term:
         """Return the term under another gravity."""
 
 
@@ -133,16 +133,16 @@ class HasSign(Protocol):
     """A term whose torque may jump with the sign of a velocity."""
 
     @property
-    def sharp(self) -> bool:
-        """Whether it jumps, as it is configured."""
+    def discontinuous(self) -> bool:
+        """Whether the torque jumps with these settings."""
 
-    def softened(self, width: Array, /) -> tuple[Term, ...]:
+    def with_smooth_sign(self, width: Array, /) -> tuple[Term, ...]:
         """Return terms with the same parameters in which sign(dq) is tanh(dq / width), ``width`` (n) by joint."""
 
 
 @runtime_checkable
 class HasLimits(Protocol):
-    """A term that knows limits of joints."""
+    """A term that knows the limits of its joints."""
 
     @property
     def limits(self) -> Mapping[str, Limits]:
@@ -151,11 +151,11 @@ class HasLimits(Protocol):
 
 @runtime_checkable
 class HasNotes(Protocol):
-    """A term with something to say of what it was made from."""
+    """A term with notes on the file it was made from."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user."""
+        """Sentences for the user, such as what of a robot file is ignored."""
 
 
 @runtime_checkable

@@ -1,7 +1,8 @@
-"""Base parameters: which combinations of the standard parameters act on the torque, and what data leave undetermined.
+"""Base parameters: which combinations of the standard parameters act on the torque, and which the data determine.
 
-A rank-revealing reading of one triangular factor, after Gautier and Khalil (1990), "Direct calculation of minimum set
-of inertial parameters of serial robots", and Gautier (1991), "Numerical calculation of the base inertial parameters".
+A rank-revealing decomposition of a triangular factor, after Gautier and Khalil (1990), "Direct calculation of minimum
+set of inertial parameters of serial robots", and Gautier (1991), "Numerical calculation of the base inertial
+parameters".
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-SMALL = 1e-8  # a share this small in a base parameter is rounding error
+SMALL = 1e-8  # a smaller share in a base parameter is rounding error
 CLEAR = 1e-2  # a column this far from the span of those already kept is clearly independent
 
 
@@ -39,8 +40,8 @@ class BaseParameters:
     """The base parameters beta = B theta = theta_b + K theta_d (r) of the standard parameters theta (p), in SI units.
 
     ``independent``: the indices b of the standard parameters that lead a base parameter; ``combination`` (r, p): the
-    matrix B, the identity in the columns b; ``singular_values`` (p) of the column-scaled factor, falling; ``scale``
-    (p): what its columns were divided by (``Rank``).
+    matrix B, the identity in the columns b; ``singular_values`` (p) of the column-scaled factor, in descending order;
+    ``scale`` (p): what its columns were divided by (``Rank``).
     """
 
     names: tuple[str, ...]
@@ -56,7 +57,7 @@ class BaseParameters:
 
     @property
     def gap(self) -> float:
-        """Ratio of the last kept to the first dropped singular value: the larger, the clearer the rank."""
+        """Ratio of the smallest kept to the largest dropped singular value: the larger, the clearer the rank."""
         kept, dropped = self.singular_values[: self.rank], self.singular_values[self.rank :]
         with np.errstate(over="ignore"):
             return float(kept[-1] / dropped[0]) if len(kept) and len(dropped) and dropped[0] > 0 else float("inf")
@@ -68,13 +69,13 @@ class BaseParameters:
 
     @cached_property
     def groupings(self) -> tuple[str, ...]:
-        """Each base parameter as a formula of standard ones, such as ``Izz1 + Ia1 + 0.05185*m3``."""
+        """Each base parameter as a formula in the standard ones, such as ``Izz1 + Ia1 + 0.05185*m3``."""
         leads = zip(self.combination, self.independent, strict=True)
         return tuple(_formula(row, lead, self.names) for row, lead in leads)
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the standard parameters that no torque depends on."""
+        """Names of the standard parameters without effect on the torque."""
         return tuple(self.names[k] for k in np.flatnonzero(~self.combination.any(axis=0)))
 
     @property
@@ -111,11 +112,11 @@ class BaseParameters:
 def base_parameters(
     factor: Array | Rank, parameters: Sequence[Parameter], tolerance: float | None = None
 ) -> BaseParameters:
-    """Read the base parameters off a rank, or off the triangular factor (``rank_of``) of a regressor.
+    """Return the base parameters of a rank, or of the triangular factor (``rank_of``) of a regressor.
 
-    Kept are, where there is a choice, friction and other effects first, then inertia of later bodies, then masses,
-    rotors last. Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape does not fit the
-    parameters.
+    Where there is a choice of leading parameters, the order of preference is: friction and other effects, inertia of
+    later bodies, masses, rotor inertia. Raises ConfigError for a tolerance outside (0, 1), ModelError where the shape
+    does not fit the parameters.
     """
     p = len(parameters)
     if isinstance(factor, Rank):
@@ -140,7 +141,7 @@ def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array,
     ``sigma`` (n) is the standard deviation of each joint's residual, ``weights`` (n) what each joint's rows were
     multiplied with in the fit (one where None): A^-1 (sum w^4 sigma^2 G_j) A^-1 with A = sum w^2 G_j and G_j = X_j' X_j
     over the independent columns; infinite where rounding makes these dependent. Holds for independent errors and an
-    exactly known regressor. Raises ModelError where the factors do not fit the basis.
+    exactly known regressor. Raises ModelError where the factors do not fit the base parameters.
     """
     p, kept = len(basis.names), list(basis.independent)
     if triangular.factors.shape[1:] != (p + 1, p + 1):
@@ -151,13 +152,13 @@ def base_std(basis: BaseParameters, triangular: TriangularFactors, sigma: Array,
     half = found.determined / found.values[: found.rank]  # A^-1 is its square; not formed, to lose no digits
     spread = ((w * np.asarray(sigma))[:, None, None] * (R @ half)).reshape(-1, found.rank)
     std = np.linalg.norm(np.linalg.qr(spread, mode="r") @ half.T, axis=0)
-    return np.where(found.lost, np.inf, std)
+    return np.where(found.undetermined, np.inf, std)
 
 
 def informed_std(basis: BaseParameters, information: Array) -> Array:
     """Return the standard errors (r) of the base parameters from Fisher's information (p, p) of the standard ones.
 
-    They are infinite where the information is singular, which only rounding can make of independent columns.
+    They are infinite where the information is singular to working precision.
     """
     kept = list(basis.independent)
     return np.asarray(np.sqrt(np.diag(rank_of_information(information[np.ix_(kept, kept)]).covariance())))
@@ -166,10 +167,16 @@ def informed_std(basis: BaseParameters, information: Array) -> Array:
 def structural_base_parameters(
     model: Model, rng: np.random.Generator | None = None, samples: int = 400, tolerance: float | None = None
 ) -> BaseParameters:
-    """Return the base parameters that any motion could show: from ``samples`` random states of the whole arm.
+    """Return the base parameters that a sufficiently exciting motion shows, from ``samples`` random states of the arm.
 
     ``rng`` draws the states, by default the same ones each time. Raises the errors of ``base_parameters`` and of the
     model.
+
+    >>> from dynident.models import Coulomb, Model, RotorInertia, Viscous
+    >>> from dynident.models.gallery import pendulum
+    >>> arm = pendulum()
+    >>> structural_base_parameters(Model((*arm.terms, RotorInertia(arm.joints)))).groupings
+    ('J + Ia_pivot', 'h')
     """
     rng = rng or np.random.default_rng(0)
     return base_parameters(_factor(model, *_states(model, rng, samples)), model.parameters, tolerance)
@@ -177,10 +184,10 @@ def structural_base_parameters(
 
 @dataclass(frozen=True)
 class UnexcitedParameters(Note):
-    """Base parameters that the arm could show but the data do not, and the joints whose motion would show them.
+    """Base parameters that the data do not excite, and the joints whose motion would excite them.
 
-    The joints are to move all at the same time where ``together`` is set, else one by one; those in ``still`` stand
-    still in the data.
+    The joints must move at the same time where ``together`` is set, else one by one; those in ``still`` do not move in
+    the data.
     """
 
     groupings: tuple[str, ...]
@@ -192,13 +199,13 @@ class UnexcitedParameters(Note):
 def compare(
     structural: BaseParameters, on_data: BaseParameters, model: Model, motions: Sequence[Motion] = ()
 ) -> tuple[UnexcitedParameters, ...]:
-    """Name the excitation that is missing where the rank on the data falls short of the structural rank.
+    """Return the missing excitation where the rank on the data is below the structural rank.
 
-    Joints help that show the parameters when they move alone, or, where none does, all together; with ``motions``
-    those that stand still in them are named. Raises ModelError where the three are not about the same parameters.
+    The joints are those that excite the parameters when they move alone, or, where none does, all together; with
+    ``motions``, joints that do not move in them are named. Raises ModelError where the parameters of the three differ.
     """
     if not structural.names == on_data.names == model.names:
-        raise ModelError("the two bases and the model must be about the same parameters, in the same order.")
+        raise ModelError("both sets of base parameters and the model must have the same parameters, in the same order.")
     hidden = on_data.null
     seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
     U, s, Vt = np.linalg.svd(seen, full_matrices=False)
@@ -219,7 +226,7 @@ def _unexcited(
 
 
 def _shows(model: Model, joint: int, directions: Array) -> bool:
-    """Tell whether moving one joint alone, in a few postures of the others, makes a torque along these directions."""
+    """Return whether moving one joint alone, in a few postures, gives a torque along these directions."""
     rng = np.random.default_rng(1)
     q, dq, ddq = _states(model, rng, 60)
     others = [j for j in range(len(model.joints)) if j != joint]
@@ -227,7 +234,7 @@ def _shows(model: Model, joint: int, directions: Array) -> bool:
     q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
     dq[:, others] = ddq[:, others] = 0.0
     effect = model.regressor(q, dq, ddq) @ directions
-    # what a posture shows at rest does not count as shown by the joint
+    # the torque at rest is not excited by the joint's motion
     moved = effect.reshape(3, 20, *effect.shape[1:])
     return bool(np.linalg.norm(moved - moved.mean(axis=1, keepdims=True)) > 1e-3 * whole)
 

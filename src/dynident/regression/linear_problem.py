@@ -35,9 +35,9 @@ BLOCK = 4096
 class ParallelFilter:
     """Parallel filtering: the same zero-phase low-pass and decimation for the torque and every regressor column.
 
-    The relation tau = Y theta survives it exactly, because it is linear. ``decimate`` keeps every k-th sample;
-    ``cutoff`` (Hz) of the Butterworth filter of ``order``, forward and backward; None takes 0.8 of half the rate that
-    remains. Reference: Gautier and Poignet (2000), cited by the article.
+    The relation tau = Y theta holds exactly after a linear filter. ``decimate`` keeps every k-th sample; ``cutoff``
+    (Hz) is that of the Butterworth filter of ``order``, applied forward and backward; None takes 0.8 of the Nyquist
+    frequency after decimation. Reference: Gautier and Poignet (2000), cited by the article.
 
     >>> import dynident as dy
     >>> dy.ParallelFilter(decimate=10, cutoff=20.0)
@@ -72,7 +72,7 @@ class ParallelFilter:
         return np.asarray(butter(self.order, cutoff, fs=rate, output="sos"))
 
     def pad(self, sections: Array) -> int:
-        """Return the number of samples after which the filter has forgotten all but about 1e-12."""
+        """Return the number of samples in which the filter's response decays to about 1e-12."""
         poles = np.concatenate([np.roots(row[3:]) for row in sections])
         slowest = np.abs(poles).max(initial=0.1)  # a pole at zero has no logarithm
         return int(np.ceil(np.log(1e-12) / np.log(slowest)))
@@ -101,7 +101,7 @@ class RegressorBlock:
 
 @dataclass(frozen=True, eq=False)
 class TriangularFactors:
-    """What least squares needs of any number of rows: per joint the R factor of [Y_j | tau_j].
+    """The sufficient statistics of least squares for any number of rows: per joint the R factor of [Y_j | tau_j].
 
     ``factors`` (n, p + 1, p + 1), upper triangular; ``rows`` (n) is the number of rows behind each of them.
     """
@@ -136,11 +136,11 @@ class TriangularFactors:
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """The torque equation of a model over any number of motions; only the masked-in samples enter.
+    """The torque equation of a model over any number of motions; only samples inside the masks are used.
 
-    The matrix is never formed: ``blocks`` makes it again, a few thousand samples at a time, as often as it is asked;
-    ``triangular_factors`` keeps its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
-    equation the samples at which that joint is slower, where friction is not what the model says; None leaves none out.
+    The matrix is never formed whole: ``blocks`` computes it a few thousand samples at a time, on every call;
+    ``triangular_factors`` caches its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
+    equation the samples at which that joint is slower, where the friction model is poor; None leaves none out.
     ``weights`` multiply the rows of each motion, one (N, n) for each, after any filter; empty: all rows count the same.
     """
 
@@ -180,7 +180,7 @@ class Regression:
 
     @cached_property
     def triangular_factors(self) -> TriangularFactors:
-        """The triangular factors; InputError where no more rows than parameters are left."""
+        """The triangular factors; InputError where there are not more rows than parameters."""
         found = triangularise(self.blocks(), len(self.model.joints), len(self.model.parameters))
         unknowns = len(self.model.parameters)
         if not unknowns:
@@ -200,7 +200,7 @@ class Regression:
     def _filtered(
         self, motion: Motion, part: slice, parallel_filter: ParallelFilter
     ) -> Iterator[tuple[slice, RegressorBlock]]:
-        """Filter pieces that overlap by the filter's memory, so that the pieces fit together."""
+        """Filter pieces that overlap by the filter's response time, so that the pieces join exactly."""
         sections, step = parallel_filter.sections(motion), parallel_filter.decimate
         pad = parallel_filter.pad(sections)
         size = -(-max(BLOCK, 4 * pad) // step) * step
@@ -220,7 +220,7 @@ class Regression:
 
 
 def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
-    """Return where each joint (N, n) is at least as fast as ``min_speed`` (n) says; None for everywhere."""
+    """Return where each joint (N, n) is at least as fast as ``min_speed`` (n); None for everywhere."""
     return None if min_speed is None else np.abs(dq) >= np.array(min_speed)
 
 
@@ -236,7 +236,7 @@ def triangularise(blocks: Iterator[RegressorBlock], joints: int, parameters: int
     count = np.zeros(joints, dtype=int)
 
     def merge(block: RegressorBlock) -> None:
-        # all joints in one call, which lets the next block be made meanwhile; a row of zeros changes no factor
+        # all joints in one call, so that the next block is computed meanwhile; rows of zeros do not change a factor
         rows = np.concatenate((block.Y, block.tau[:, :, None]), axis=2).swapaxes(0, 1)
         rows = rows if block.keep is None else rows * block.keep.T[:, :, None]
         factors[:] = _triangle(np.concatenate((factors, rows), axis=1))
@@ -259,7 +259,7 @@ def _triangle(rows: Array) -> Array:
 
 @cache
 def _controller() -> Any:
-    import scipy.linalg  # noqa: F401  # it brings a BLAS of its own, which must be there to be found
+    import scipy.linalg  # noqa: F401  # SciPy's own BLAS must be loaded to be found
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

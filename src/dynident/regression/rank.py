@@ -1,10 +1,10 @@
-"""Rank: which directions of the parameters act on the torque, and which are only rounding; one decision for all.
+"""Rank: which directions of the parameters act on the torque, and which are only rounding; used by all estimators.
 
-A column that ought to be zero is, in a robot file whose angles are rounded to the precision eps (rad), about eps times
-the columns that other axes have. So inertial parameters are not measured against themselves, which would lift such
-rounding to the size of data, but against the largest effect that a parameter of their kind (mass, first or second
-moment) has on the torque. By Weyl's inequality singular values that ought to be zero then stay below about eps times
-the largest. Everything else of a model is exact to double precision, and so are models without a robot file.
+In a robot file whose angles are rounded to the precision eps (rad), a column that should be zero is about eps times the
+columns of other axes. Inertial parameters are therefore not scaled by their own column, which would amplify this
+rounding to the size of data, but by the largest effect of a parameter of their kind (mass, first or second moment) on
+the torque. By Weyl's inequality, singular values that should be zero then stay below about eps times the largest. All
+else in a model is exact to double precision, as are models without a robot file.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from dynident.models import INERTIAL, Parameter
 __all__ = ["Rank", "precision", "rank_of", "rank_of_information"]
 
 Array = NDArray[np.float64]
-ANGLES = 1e-5  # rad: angles of robot files are exact to this; compiled from 3.1416, one is off by 7e-6
+ANGLES = 1e-5  # rad: precision of the angles in robot files; the error of 3.1416 is 7e-6
 ARITHMETIC = 1e-12  # double precision, after sums over many rows
 SQUARED = 1e-12  # the same for an information matrix, which squares all ratios
-EMPTY = 1e-14  # a column this small beside the largest is rounding error
-TIED = (1e-6, 1e-2)  # entries of the projector on what is not determined, from which on two parameters are tied
+EMPTY = 1e-14  # a column this small relative to the largest is rounding error
+TIED = (1e-6, 1e-2)  # entries of the projector on the undetermined space above which two parameters are tied
 KINDS = (INERTIAL[:1], INERTIAL[1:4], INERTIAL[4:])  # mass, first and second moments: of one unit each
 
 
@@ -34,10 +34,9 @@ KINDS = (INERTIAL[:1], INERTIAL[1:4], INERTIAL[4:])  # mass, first and second mo
 class Rank:
     """The ``rank`` r of a factor, and the directions of the parameters (p) that it determines and leaves free.
 
-    ``scale`` (p) is the effect that a unit of each parameter is measured by, ``values`` (p) are the singular values of
-    the factor's columns over it, falling, with their ``left`` (p, p) and right ``vectors`` (p, p) as columns.
-    ``tolerance``: values below this share of the largest count as zero. ``unweighted`` is the rank without weights of
-    the rows, where they have any.
+    ``scale`` (p) divides the factor's columns; ``values`` (p) are the singular values of the scaled factor, in
+    descending order, with their ``left`` (p, p) and right ``vectors`` (p, p) as columns. ``tolerance``: values below
+    this share of the largest count as zero. ``unweighted`` is the rank without weights of the rows, where there are any.
     """
 
     rank: int
@@ -68,7 +67,7 @@ class Rank:
 
     @cached_property
     def groups(self) -> tuple[tuple[int, ...], ...]:
-        """Sets of parameters that cannot be told apart, one by one those without effect; empty at full rank."""
+        """Sets of parameters of which only combinations are identifiable; single ones have no effect."""
         if self.rank == len(self.values):
             return ()
         from scipy.sparse.csgraph import connected_components
@@ -80,8 +79,8 @@ class Rank:
         return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
 
     @property
-    def lost(self) -> NDArray[np.bool_]:
-        """Whether each parameter (p) is in one of the groups, so that no data tell its value."""
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Whether each parameter (p) is in one of the groups, so that the data do not determine its value."""
         out = np.zeros(len(self.values), dtype=bool)
         out[[k for group in self.groups for k in group]] = True
         return out
@@ -93,14 +92,14 @@ class Rank:
         return np.asarray(half @ half.T)
 
     def covariance(self, variance: float = 1.0) -> Array:
-        """Return ``variance`` times the inverse, with an infinite variance for what is not determined."""
-        lost = self.lost
-        out = np.where(lost | lost[:, None], 0.0, variance * self.inverse)
-        out[lost, lost] = np.inf
+        """Return ``variance`` times the inverse, with infinite variances of undetermined parameters."""
+        free = self.undetermined
+        out = np.where(free | free[:, None], 0.0, variance * self.inverse)
+        out[free, free] = np.inf
         return out
 
     def within(self, information: Array) -> Rank:
-        """Return the rank of an information matrix (p, p) on the determined directions; the others stay free."""
+        """Return the rank of an information matrix (p, p) on the determined directions; the others remain free."""
         known = self.vectors[:, : self.rank]
         squares, turn = np.linalg.eigh(known.T @ (information / np.outer(self.scale, self.scale)) @ known)
         squares, turn = squares[::-1], turn[:, ::-1]
@@ -111,7 +110,7 @@ class Rank:
 
 
 def precision(parameters: Sequence[Parameter]) -> float:
-    """Return to what relative precision a model's regressor is known: that of a robot file, or of the arithmetic."""
+    """Return the relative precision of a model's regressor: that of a robot file, or double precision."""
     return ANGLES if any(x.role in INERTIAL for x in parameters) else ARITHMETIC
 
 
@@ -121,9 +120,9 @@ def rank_of(
     """Return the rank of a triangular factor, (p, p) or with the torque (p + 1, p + 1), of a regressor.
 
     ``tolerance``: share of the largest singular value that counts as zero; None takes the ``precision`` of the
-    parameters (that of the arithmetic where they are not given). Weights of the rows make small effects large and
-    rounding with them, so that they do not decide: ``shown`` is then the rank without weights, which leaves nothing
-    but the arithmetic to look at. Raises ConfigError for a tolerance outside (0, 1).
+    parameters (double precision where they are not given). Weights of the rows amplify rounding together with small
+    effects, so that they must not decide: with ``shown``, the rank without weights, only what is below double precision
+    is dropped in addition. Raises ConfigError for a tolerance outside (0, 1).
     """
     if tolerance is not None and not 0 < tolerance < 1:
         raise ConfigError(f"tolerance of the rank is {tolerance}; give a number between 0 and 1, such as 1e-12.")
@@ -144,7 +143,7 @@ def rank_of(
 
 
 def rank_of_information(information: Array, parameters: Sequence[Parameter] = ()) -> Rank:
-    """Return the rank of an information matrix X' X (p, p), in which half of the digits are lost."""
+    """Return the rank of an information matrix X' X (p, p), which has half of the digits of X."""
     p = len(information)
     scale, empty = _measured(np.sqrt(np.maximum(np.diag(information), 0.0)), parameters)
     whole = Rank(p, scale, np.ones(p), np.eye(p), np.eye(p), precision(parameters))
@@ -152,7 +151,7 @@ def rank_of_information(information: Array, parameters: Sequence[Parameter] = ()
 
 
 def _measured(effect: Array, parameters: Sequence[Parameter]) -> tuple[Array, NDArray[np.bool_]]:
-    """Return what each column (p) is measured by, and whether it is empty."""
+    """Return the scale of each column (p), and whether the column is zero."""
     scale = effect.copy()
     for kind in KINDS:
         alike = [k for k, x in enumerate(parameters) if x.role in kind]

@@ -1,4 +1,4 @@
-"""The verdict in words: its three sentences, the reasons against a use, and what to do next."""
+"""The text of the verdict: its three sentences, the reasons against a use, and what to do next."""
 
 from __future__ import annotations
 
@@ -24,38 +24,39 @@ _FIRST = {
 }
 _REMEDIES = {
     Remedy.HOLD_OUT: (
-        "Record another motion and name it under `validation`; windows of one recording do for a first look."
+        "Record another motion and name it under `validation`; windows of one recording are enough for a first check."
     ),
     Remedy.ANOTHER_MOTION: (
-        "Record a motion of other paths and speeds to hold out; a repeat only shows how repeatable the robot is."
+        "Record a held-out motion with other paths and speeds; a repeated motion only shows the robot's repeatability."
     ),
     Remedy.CHECK: (
-        "Run `dynident check` on the configuration: it asks about signs, gains, units and gravity. Then look at the "
-        "residuals of the largest joints below; other friction terms or less noise in the motion may help."
+        "Run `dynident check` on the configuration: it checks signs, gains, units and gravity. Then look at the "
+        "largest residuals below; other friction terms or less noise in the motion may help."
     ),
-    Remedy.TORQUE_COLUMN: "Look whether the right torque column is named, and was recorded.",
+    Remedy.TORQUE_COLUMN: "Check that the right torque column is named, and was recorded.",
     Remedy.LONGER_TRAINING: (
         "Record a longer training motion that covers the speeds and accelerations of the held-out one."
     ),
     Remedy.CONSISTENT_FIT: (
-        "Fit with `estimator: {kind: consistent}`: bodies and friction are then possible, the mass matrix positive."
+        "Fit with `estimator: {kind: consistent}`: bodies and friction are then physically consistent, and the mass "
+        "matrix is positive definite."
     ),
     Remedy.SIMULATE: (
-        "Add `simulation:` to the configuration: the controller where it is known, else `kind: measured_torque`."
+        "Add `simulation:` to the configuration, with the controller where it is known, else `kind: measured_torque`."
     ),
     Remedy.CONTROLLER_LOOP: (
-        "Simulate in the loop of the controller, where it is known: an arm driven by torque alone drifts for any model."
+        "Simulate in closed loop with the controller, where it is known: driven by torque alone, any model drifts."
     ),
 }
 _EXCITATIONS = {
     steps.Excitation.CONSTANT_SPEEDS: "move {joint} at several constant speeds in both directions",
-    steps.Excitation.MANY_POSES: "hold {joint} still or move it slowly in many poses",
+    steps.Excitation.MANY_POSES: "hold {joint} at rest or move it slowly in many poses",
     steps.Excitation.ACCELERATE: "accelerate {joint} harder, in several poses of the others",
 }
 
 
 def sentences(verdict: Verdict) -> tuple[str, str, str]:
-    """Return the verdict in three sentences: the use and the errors, what stands against more, what is left."""
+    """Return the verdict in three sentences: the use and the errors, the reasons against more, the residual."""
     return f"{_FIRST[verdict.use]}: {_errors(verdict.held_out)}.", _against(verdict), _left(verdict)
 
 
@@ -78,8 +79,8 @@ def _against(verdict: Verdict) -> str:
     given, run = verdict.reasons, verdict.run
     if not given and run is not None:
         return (
-            "Its mass matrix is positive definite in all poses tried, and its free simulation is off by at "
-            f"most {_percent(run.error)} of the way ({run.joint}, {run.log})."
+            "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at "
+            f"most {_percent(run.error)} of the motion ({run.joint}, {run.log})."
         )
     more = f"; and {len(given) - IN_SENTENCES} more" if len(given) > IN_SENTENCES else ""
     what = "Against its use" if verdict.use is Use.DO_NOT_USE else "Not for simulation"
@@ -89,9 +90,9 @@ def _against(verdict: Verdict) -> str:
 def _left(verdict: Verdict) -> str:
     left = verdict.residual
     if left is None:
-        return "Nothing can be said of what is left of the torque."
-    points = f"points to {' and '.join(map(words, left.causes))}" if left.causes else "has no single cause"
-    return f"What is left of the torque is largest in {left.joint} ({left.log}) and {points}."
+        return "The torque residual could not be tested."
+    points = f"points to {' and '.join(map(words, left.causes))}" if left.causes else "has no clear cause"
+    return f"The torque residual is largest in {left.joint} ({left.log}) and {points}."
 
 
 @words.register
@@ -120,18 +121,18 @@ def _(step: steps.CheckRipple) -> str:
 
 @words.register
 def _(reason: reasons.NoHoldOut) -> str:  # noqa: ARG001
-    return "no log was held out, so nothing shows how the model does on unseen motion"
+    return "no log was held out, so the error on unseen motion is not known"
 
 
 @words.register
 def _(reason: reasons.Repeats) -> str:
     repeats = ", ".join(f"{name} repeats the motion of {other}" for name, other in reason.pairs)
-    return f"{repeats}: nothing shows how the model does on another motion"
+    return f"{repeats}: the error on another motion is not known"
 
 
 @words.register
 def _(reason: reasons.SilentTorque) -> str:
-    return f"the torque of {', '.join(reason.joints)} is zero in all of the training: nothing shows it"
+    return f"the torque of {', '.join(reason.joints)} is zero in all training logs"
 
 
 @words.register
@@ -147,12 +148,12 @@ def _(reason: reasons.UnfilteredErrorTooLarge) -> str:
 @words.register
 def _(reason: reasons.JointErrorsTooLarge) -> str:
     bad = ", ".join(f"{joint} {size:.3g} %" for joint, size in reason.errors)
-    return f"on {reason.log} single joints have a torque error above {reason.limit:g} %: {bad}"
+    return f"on {reason.log} some joints have a torque error above {reason.limit:g} %: {bad}"
 
 
 @words.register
 def _(reason: reasons.NotCarriedOver) -> str:
-    return f"the error on {reason.log} is {reason.ratio:.2g} times that of the training: it does not carry over"
+    return f"the error on {reason.log} is {reason.ratio:.2g} times the training error: the model does not generalise"
 
 
 @words.register
@@ -162,30 +163,29 @@ def _(reason: reasons.MassMatrixNotPositive) -> str:
 
 @words.register
 def _(reason: reasons.MostlyUnexcited) -> str:
-    return f"the data do not show {reason.unexcited} of {reason.total} base parameters"
+    return f"the data do not excite {reason.unexcited} of {reason.total} base parameters"
 
 
 @words.register
 def _(reason: reasons.PartlyUnexcited) -> str:
-    return (
-        f"the data do not show {reason.unexcited} of {reason.total} base parameters: what excites them is not predicted"
-    )
+    left = f"{reason.unexcited} of {reason.total} base parameters"
+    return f"the data do not excite {left}: motions that do are not predicted"
 
 
 @words.register
 def _(reason: reasons.NegativeValues) -> str:
     more = f" and {len(reason.names) - MOST} more" if len(reason.names) > MOST else ""
-    return f"negative values that physics forbids: {', '.join(reason.names[:MOST])}{more}"
+    return f"negative values, which are not physical: {', '.join(reason.names[:MOST])}{more}"
 
 
 @words.register
 def _(reason: reasons.InertiasFree) -> str:  # noqa: ARG001
-    return "the bodies' inertias were not held to what is physically possible"
+    return "the bodies' inertias were not constrained to be physically consistent"
 
 
 @words.register
 def _(reason: reasons.NoFreeRun) -> str:  # noqa: ARG001
-    return "no free simulation was asked for"
+    return "no free simulation was run"
 
 
 @words.register
@@ -197,7 +197,8 @@ def _(reason: reasons.FreeRunFails) -> str:
 def _(reason: reasons.FreeRunAstray) -> str:
     looped = reason.driver is Driver.CONTROLLER
     way = "in the controller's loop" if looped else f"within {reason.restart:g} s of the measured torque"
-    return f"the free simulation of {reason.log} is off by {_percent(reason.error)} of the way of {reason.joint} {way}"
+    error = f"{_percent(reason.error)} of the motion of {reason.joint}"
+    return f"the free simulation of {reason.log} has an error of {error} {way}"
 
 
 def _percent(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Words for the nouns that other rooms hand over: notes, causes, calibrations, noise; one small function per type."""
+"""Text for notes, causes, calibrations and noise; one small function per type."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INF
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text for a terminal, and how serious it is."""
+    """A line of text for a terminal, and its severity."""
 
     text: str
     severity: Severity = Severity.INFO
@@ -39,8 +39,8 @@ class Line:
 
 @singledispatch
 def words(noun: object) -> str:
-    """Return a noun in words, without the full stop; a text is returned as it is."""
-    raise TypeError(f"no words are known for {type(noun).__name__}")
+    """Return the text for an object, without the full stop; a string is returned unchanged."""
+    raise TypeError(f"there is no text for {type(noun).__name__}")
 
 
 @words.register
@@ -49,7 +49,7 @@ def _(text: str) -> str:
 
 
 def note_lines(given: Iterable[Note]) -> list[Line]:
-    """Return notes as lines for a terminal, each with what it is in front."""
+    """Return notes as lines for a terminal, each with its severity in front."""
     return [Line(f"{PREFIX[note.severity]}{words(note)}", note.severity) for note in given]
 
 
@@ -59,12 +59,12 @@ def old_result_lines(identification: Identification) -> list[Line]:
 
 
 def status_words(estimate: Estimate) -> str:
-    """Return how an estimate went, "ok" where there is nothing to note."""
+    """Return the notes of an estimate as text, "ok" where there are none."""
     return "; ".join(map(words, estimate.notes)) or "ok"
 
 
 def causes_words(test: residuals.ResidualTest) -> str:
-    """Return what a residual points to, empty where it has no single cause."""
+    """Return the likely causes of a residual, empty where there are none."""
     return " and ".join(map(words, test.causes))
 
 
@@ -98,42 +98,42 @@ def _(note: Remark) -> str:
 @words.register
 def _(note: UnexcitedParameters) -> str:
     how = "" if len(note.joints) == 1 else " at the same time" if note.together else " each by itself"
-    still = f" (standing still in these data: {', '.join(note.still)})" if note.still else ""
+    still = f" (at rest in these data: {', '.join(note.still)})" if note.still else ""
     return f"{'; '.join(note.groupings)}: not excited by these data; move {', '.join(note.joints)}{how}{still}."
 
 
 @words.register
 def _(note: notes.RankDeficient) -> str:
-    said = [f"rank {note.rank} of {note.parameters}"]
+    parts = [f"rank {note.rank} of {note.parameters}"]
     if note.without_effect:
         listed = ", ".join(note.without_effect)
-        said.append(f"no effect on the torque in these data: {listed} (move the joints that excite them)")
-    said += [
-        f"cannot be told apart: {', '.join(names)} "
-        "(only combinations of them act on the torque; remove or fix all but one, or excite them differently)"
+        parts.append(f"no effect on the torque in these data: {listed} (move the joints that excite them)")
+    parts += [
+        f"only combinations are identifiable: {', '.join(names)} "
+        "(remove or fix all but one, or excite them differently)"
         for names in note.tied
     ]
-    return "; ".join(said)
+    return "; ".join(parts)
 
 
 @words.register
 def _(note: notes.NotAlone) -> str:
-    return f"not determined alone: {', '.join(note.names)}"
+    return f"not determined individually: {', '.join(note.names)}"
 
 
 @words.register
 def _(note: notes.NotByData) -> str:
-    return f"{_parameters(note.count)} not decided by the data alone"
+    return f"{_parameters(note.count)} not determined by the data alone"
 
 
 @words.register
 def _(note: notes.DecidedByPrior) -> str:
-    return f"{_parameters(note.count)} decided by the prior where the data leave them free"
+    return f"{_parameters(note.count)} determined by the prior, not by the data"
 
 
 @words.register
 def _(note: notes.NotIdentifiable) -> str:
-    return f"{_parameters(note.count)} decided by neither data nor prior where the data leave them free"
+    return f"{_parameters(note.count)} determined by neither data nor prior"
 
 
 @words.register
@@ -148,50 +148,52 @@ def _(note: notes.HeldByConstraints) -> str:
 
 @words.register
 def _(note: notes.PriorApproached) -> str:
-    return f"the prior is only approached: the barrier method stopped {note.gap:.1e} from it"
+    return f"the prior was not reached exactly: the barrier method stopped at a duality gap of {note.gap:.1e}"
 
 
 @words.register
 def _(note: notes.NotConverged) -> str:
-    more = f"the likelihood may still rise by a factor of exp({note.gain:.2g})"
+    more = f"the likelihood may still increase by a factor of exp({note.gain:.2g})"
     return f"not converged after {note.iterations} steps: {more}"
 
 
 @words.register
 def _(note: notes.Failed) -> str:
-    return f"maximum likelihood failed, this is the least-squares start: {note.reason}"
+    return f"maximum likelihood failed, so this is its least-squares start: {note.reason}"
 
 
 @words.register
 def _(note: notes.NotWhite) -> str:
     return (
-        f"the torque's residuals are not white (correlation of neighbours {note.correlation:.2f}): the model leaves "
-        "out more than noise, so compare with least squares on held-out motion"
+        f"the torque residuals are not white (correlation between neighbouring samples {note.correlation:.2f}): they "
+        "are "
+        "more than noise, so compare with least squares on held-out motion"
     )
 
 
 @words.register
 def _(note: notes.ScatterLarger) -> str:
     return (
-        "standard errors take residuals for white noise; by their scatter along the recordings that of "
-        f"{note.parameter} is {note.ratio:.2g} times as large"
+        "standard errors assume white residuals; from the scatter of the residuals over time, that of "
+        f"{note.parameter} "
+        f"is {note.ratio:.2g} times as large"
     )
 
 
 @words.register
 def _(note: notes.MovingStart) -> str:
-    return f"the recordings do not start from rest (likelihood ratio, p = {note.p_value:.1e})"
+    return f"the recordings do not start from rest (likelihood ratio test, p = {note.p_value:.1e})"
 
 
 @words.register
 def _(note: notes.Averaged) -> str:
-    return f"of {note.group} neighbouring samples the mean was taken"
+    return f"each {note.group} neighbouring samples were averaged"
 
 
 @words.register
 def _(note: notes.SmoothSigns) -> str:
     listed = ", ".join(f"{x:.2g}" for x in note.widths)
-    return f"the sign of velocities in friction was made smooth, tanh(dq / width), with widths {listed}"
+    return f"the sign of the velocity in friction was replaced by tanh(dq / width), with widths {listed}"
 
 
 @words.register
@@ -201,7 +203,7 @@ def _(cause: residuals.Reversals) -> str:  # noqa: ARG001
 
 @words.register
 def _(cause: residuals.FrictionLevel) -> str:  # noqa: ARG001
-    return "friction whose level is not that of the fit (it follows the sign of the velocity)"
+    return "a wrong level of friction (it follows the sign of the velocity)"
 
 
 @words.register
@@ -211,17 +213,17 @@ def _(cause: residuals.Ripple) -> str:
 
 @words.register
 def _(cause: residuals.LowFrequency) -> str:  # noqa: ARG001
-    return f"something slower than {residuals.LOW:g} Hz, that is the model or its parameters"
+    return f"an error of the model or its parameters (mostly below {residuals.LOW:g} Hz)"
 
 
 @words.register
 def _(cause: residuals.HighFrequency) -> str:  # noqa: ARG001
-    return f"something faster than {residuals.LOW:g} Hz, that is noise, ripple, elasticity or a time offset"
+    return f"noise, ripple, elasticity or a time offset (mostly above {residuals.LOW:g} Hz)"
 
 
 @words.register
 def _(failure: RunsAway) -> str:
-    return f"the simulated position runs away after {failure.after:.3g} s"
+    return f"the simulated position diverges after {failure.after:.3g} s"
 
 
 @words.register
@@ -243,9 +245,9 @@ def _(choice: Choice) -> str:
 @words.register
 def _(time_offset: TimeOffset) -> str:
     if not time_offset.seconds:
-        return f"none that lowers the training error ({time_offset.before:.3g} %)"
+        return f"none: no time offset lowers the training error ({time_offset.before:.3g} %)"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
-    return f"{late} come {1e3 * abs(time_offset.seconds):.2g} ms later than {early}; {_better(time_offset)}"
+    return f"{late} are stamped {1e3 * abs(time_offset.seconds):.2g} ms later than {early}; {_better(time_offset)}"
 
 
 @words.register
@@ -263,7 +265,8 @@ def _(check: MassMatrixCheck) -> str:
         return f"The mass matrix is positive definite: smallest eigenvalue {check.smallest:.4g}, at q = ({where})."
     return (
         f"The mass matrix is not positive definite: eigenvalue {check.smallest:.4g} at q = ({where}). "
-        "These parameters are not physical and cannot be simulated; excite the robot more, or constrain the fit."
+        "These parameters are not physically consistent and cannot be simulated; excite the robot more, or constrain "
+        "the fit."
     )
 
 
@@ -277,7 +280,7 @@ def _(origin: Origin) -> str:
 
 
 def _better(found: TimeOffset | BaseTilt) -> str:
-    return f"taken into account, the training error is {found.after:.3g} % instead of {found.before:.3g} %"
+    return f"with it, the training error is {found.after:.3g} % instead of {found.before:.3g} %"
 
 
 def _parameters(number: int) -> str:

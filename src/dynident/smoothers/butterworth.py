@@ -25,11 +25,14 @@ Seconds = Annotated[float, Ge(0)]
 class Butterworth:
     """Forward differences of q and dq, then zero-phase filters on q, dq and ddq; eqs. (47)-(53).
 
-    ``orders`` and ``cutoffs`` (Hz) are those of q, dq, ddq. The article's, 3, 3, 4 at 10, 3, 2 Hz, are the default
-    (butter(3, 0.05), butter(3, 0.015), butter(4, 0.01) at 400 Hz; its printed coefficients are too rounded to use).
-    ``settle`` (s at the start, s at the end) is not vouched for; None takes the time in which the slowest of the
-    filters forgets to 0.01 % (second differences are noisy enough for that to matter). Filters work on sample numbers:
-    the sampling must be uniform within 5 %.
+    ``orders`` and ``cutoffs`` (Hz) are those of the filters on q, dq and ddq. The defaults are the article's, orders
+    3, 3, 4 at 10, 3, 2 Hz (butter(3, 0.05), butter(3, 0.015), butter(4, 0.01) at 400 Hz; its printed coefficients are
+    rounded too coarsely to be used). ``settle`` is the time (s) to mask out at the start and at the end; None takes the
+    time in which the slowest filter decays to 0.01 %. Digital filters assume uniform sampling: the steps may vary by
+    5 % at most.
+
+    Calling it returns a ``Motion``. Raises ConfigError for bad settings, and InputError where the sampling is too
+    irregular or too slow, or the log too short.
 
     >>> import numpy as np
     >>> import dynident as dy

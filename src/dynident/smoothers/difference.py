@@ -26,9 +26,11 @@ def forward(t: Array, x: Array) -> Array:
 
 @dataclass(frozen=True)
 class Difference:
-    """Forward differences, eqs. (47)-(49), or central ones of second order; on the actual times of the samples.
+    """Forward differences, eqs. (47)-(49), or central differences of second order, at the actual sample times.
 
-    Not vouched for: the last two samples (forward), or the first and the last (central).
+    ``scheme`` is "forward" or "central". The mask leaves out the last two samples (forward), or the first and the last
+    (central). Calling it returns a ``Motion``; raises InputError for fewer than 5 samples, ConfigError for another
+    scheme.
 
     >>> import numpy as np
     >>> import dynident as dy

@@ -18,10 +18,11 @@ BY_JOINT = "by joint"
 
 
 class Smoother(Protocol):
-    """Makes a ``Motion`` of a ``Log``.
+    """Converts a ``Log`` to a ``Motion``.
 
-    A smoother is frozen configuration; it keeps t, tau, joints and source, does not look at tau, and sets the mask to
-    False at those samples near the ends which it does not vouch for. It raises InputError where the log is too short.
+    A smoother is a frozen dataclass of settings. It keeps t, tau, joints and source, does not use tau, and masks out
+    the samples near the ends at which its derivatives are not reliable. It raises InputError where the log is too
+    short.
     """
 
     def __call__(self, log: Log) -> Motion:
@@ -30,11 +31,11 @@ class Smoother(Protocol):
 
 @runtime_checkable
 class KnowsNoise(Protocol):
-    """A smoother that may be given the noise of the positions."""
+    """A smoother that can be given the noise of the positions."""
 
     @property
     def sigma(self) -> float | Mapping[str, float] | None:
-        """Standard deviation of the position noise (rad, m): one, or by joint; None where it is estimated."""
+        """Standard deviation of the position noise (rad, m): one value or by joint; None where it is estimated."""
 
 
 def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:
@@ -42,7 +43,7 @@ def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:
     mask = (log.t >= log.t[0] + start) & (log.t <= log.t[-1] - stop)
     if not mask.any():
         raise InputError(
-            f"{log.source}: {log.t[-1] - log.t[0]:.4g} s are too short: {start:.4g} s at the start and {stop:.4g} s at "
-            "the end cannot be vouched for. Record longer, or smooth less."
+            f"{log.source}: {log.t[-1] - log.t[0]:.4g} s are too short: the derivatives are not reliable in the first "
+            f"{start:.4g} s and the last {stop:.4g} s. Record longer, or smooth less."
         )
     return np.asarray(mask)

@@ -20,7 +20,19 @@ __all__ = ["Spline", "SplineSettings"]
 Array = NDArray[np.float64]
 
 
-FACTORS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)  # times the noise estimate, to choose from
+FACTORS = (
+    1.0,
+    1.4,
+    2.0,
+    2.8,
+    4.0,
+    5.6,
+    8.0,
+    11.0,
+    16.0,
+    22.0,
+    32.0,
+)  # multiples of the noise estimate that "torque" chooses from
 Named = Literal["constraint", "gcv", "reml", "interpolate", "fixed"]
 Each = Annotated[float, Ge(0)] | tuple[Annotated[float, Ge(0)], ...]  # for all joints alike, or in their order
 
@@ -29,8 +41,8 @@ Each = Annotated[float, Ge(0)] | tuple[Annotated[float, Ge(0)], ...]  # for all 
 class SplineSettings:
     """The settings of a ``Spline``, by the name of its rule.
 
-    ``S`` belongs to "constraint", ``p`` or ``lam`` to "fixed". "torque" stands for several splines to choose from, with
-    growing multiples of the noise.
+    ``S`` belongs to "constraint", ``p`` or ``lam`` to "fixed". "torque" gives several splines to choose from, with
+    increasing multiples of the noise.
     """
 
     rule: Literal[Named, "torque"] = "constraint"
@@ -75,17 +87,20 @@ RULES: Mapping[Named, type[Rule]] = {
     "interpolate": Interpolation,
     "fixed": Fixed,
 }
-STILL = 3.0  # times the noise: a joint that moves less in the whole log stands still, and its speed is noise
+STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
 
 
 @dataclass(frozen=True)
 class Spline:
     """Smooth each joint's position by a natural cubic spline and take dq and ddq from it, eqs. (34)-(36).
 
-    ``rule`` chooses how much (the default: S = n). The position noise is ``factor`` times ``sigma`` (rad, m): one
-    number, or one per joint name; None is estimated from the data. Not vouched for at both ends: ``ends`` times the
-    widest kernel's bandwidth plus one step. There the natural spline's vanishing acceleration reaches in; what is left
-    of it after k bandwidths is exp(-k / sqrt 2), 1.4 % at 6.
+    ``rule`` chooses how much to smooth (default: ``Constraint()``, S = n). The position noise is ``factor`` times
+    ``sigma`` (rad, m): one number, or a mapping by joint name; None estimates it from the data. The mask leaves out
+    ``ends`` times the bandwidth of the widest kernel, plus one step, at both ends, where the natural spline's zero
+    acceleration biases the derivatives: after k bandwidths exp(-k / sqrt 2) of the bias is left, 1.4 % at 6.
+
+    Calling it returns a ``Motion``. Raises ConfigError for bad settings or unknown joints, and InputError where the
+    log is too short or cannot be smoothed.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -120,8 +135,8 @@ class Spline:
             raise InputError(f"{log.source}: {error}") from error
         widths = fit.bandwidth[np.isfinite(fit.bandwidth)]
         reach = self.ends * (float(widths.max(initial=0.0)) + float(np.diff(log.t).mean()))
-        told = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
-        how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in told}
+        keys = ("sigma", "S", "lam", "edf", "noise", "bandwidth", "cutoff")
+        how: dict[str, object] = {name: tuple(map(float, getattr(fit, name))) for name in keys}
         how["method"] = f"natural cubic smoothing spline, {type(self.rule).__name__}"
         mask = ends_mask(log, reach, reach)
         q, dq, ddq = fit.values, fit.derivative(1), fit.derivative(2)
@@ -146,7 +161,7 @@ class Spline:
 
 
 def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
-    """Tell which joints (n) stand still: within the noise, or within two counts of a quantised encoder."""
+    """Return which joints (n) are at rest: within the noise, or within two counts of a quantised encoder."""
     steps = np.abs(np.diff(q, axis=0))
     count = np.where(steps > 0, steps, np.inf).min(axis=0)
     flicker = np.ptp(q, axis=0) <= np.where(np.isfinite(count), 2.001 * count, 0.0)

@@ -1,4 +1,4 @@
-"""Any smoother, with the motion taken a little later than the torque."""
+"""Any smoother, with its motion shifted in time against the torque."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ __all__ = ["TimeShifted", "unshifted"]
 class TimeShifted:
     """Smooth with ``smoother``, then pair each torque with the motion ``time_offset`` (s) later.
 
-    Filters, buses and the drive's own loop let positions and torques be stamped at unequal ages. The torque is not
-    touched: a shifted noisy signal is a filtered one.
+    Filters, buses and drives delay positions and torques by different times. The torque is not shifted, because
+    interpolating a noisy signal filters it.
     """
 
     smoother: Smoother
@@ -29,12 +29,12 @@ class TimeShifted:
             raise ConfigError(f"time offset is {self.time_offset}: give a finite number of seconds.")
 
     def __call__(self, log: Log) -> Motion:
-        """Smooth and shift; the samples whose motion lies outside the log leave the mask."""
+        """Smooth and shift; samples whose motion lies outside the log are masked out."""
         motion = self.smoother(log)
-        told = {**motion.smoothing, "delay": f"{1e3 * self.time_offset:.3g} ms"}
-        return replace(motion.shifted(self.time_offset), smoothing=told)
+        smoothing = {**motion.smoothing, "delay": f"{1e3 * self.time_offset:.3g} ms"}
+        return replace(motion.shifted(self.time_offset), smoothing=smoothing)
 
 
 def unshifted(smoother: Smoother) -> Smoother:
-    """Return the smoother whose motion belongs to the stamps of the positions."""
+    """Return the smoother without its time offset."""
     return unshifted(smoother.smoother) if isinstance(smoother, TimeShifted) else smoother

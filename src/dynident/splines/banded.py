@@ -46,8 +46,8 @@ class Solution:
     """u of eq. (32) for one p: ``v`` = D^2 Q u, the part of y smoothed away, and ``rss`` = |D^-1 v|^2.
 
     ``residual`` is the norm of Q' y - (Q' D^2 Q + p N) u relative to that of Q' y, and ``accuracy`` the relative error
-    of u that the last refinement step lets expect (both nan where it was not refined); ``slope`` is
-    d log(rss) / d log(p), where it was asked for.
+    of u estimated from the last refinement step (both nan without refinement); ``slope`` is d log(rss) / d log(p),
+    where it was requested.
     """
 
     p: float
@@ -136,7 +136,7 @@ class System:
 
     def _refine(self, p: float, factor: Array, z: Array, u: Array, v: Array) -> tuple[Array, Array, float, float]:
         tiny = float(np.finfo(np.float64).tiny)
-        last, left = 1.0, np.inf  # relative size of the last correction, and of what it should have left
+        last, left = 1.0, np.inf  # relative size of the last correction, and the error expected after it
         while True:
             residual = z - second_difference(v, self.step)
             residual -= p * self.mass(u)
@@ -145,7 +145,7 @@ class System:
                 return u, v, size, EPS
             correction = lapack.dpbtrs(factor, residual, lower=1)[0]
             change = np.sqrt(float(correction @ correction) / max(float(u @ u), tiny))
-            if change >= 0.5 * last:  # rounding lets it improve no more
+            if change >= 0.5 * last:  # no further improvement at this precision
                 if not change < 1e-8:
                     raise IllConditionedError(f"iterative refinement stops at a relative correction of {change:.1e}")
                 return u, v, size, change

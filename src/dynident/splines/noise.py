@@ -1,9 +1,9 @@
 """The standard deviation of noise, from the data alone: one estimate for each purpose.
 
-``noise_sigma`` is for what a spline smooths, positions above all: efficient, at uneven times, but disturbed by jumps.
-``steady_noise`` is for torques, and for all that may step: the median does not see the few samples about a jump.
-``median_sigma`` is for residuals that hold outliers or transients. What a fit leaves, over its degrees of freedom, is
-``SmoothingSpline.noise``, and in maximum likelihood the search's own.
+``noise_sigma`` is for smooth signals, positions above all: efficient, at uneven times, but sensitive to jumps.
+``steady_noise`` is for torques and other signals that may step: its median ignores the few samples around a jump.
+``median_sigma`` is for residuals with outliers or transients. From the residuals of a fit and its degrees of freedom,
+the noise is ``SmoothingSpline.noise``; maximum likelihood has its own estimate.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dynident.errors import InputError
 __all__ = ["NORMAL_95", "median_sigma", "noise_sigma", "steady_noise"]
 
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
-MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of its size
+MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of its absolute value
 
 
 def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *, order: int = 4) -> NDArray[np.float64]:
@@ -28,11 +28,11 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
     variance of the noise. The estimate is its root mean square (Gasser, Sroka and Jennen-Steinmetz, 1986, for order 2
     and a non-uniform design; Hall, Kay and Titterington, 1990, for higher orders).
 
-    Limits: the noise must be white. A quantised encoder's error is neither white nor gaussian: it stands still with
-    the joint and follows the motion at low speed, so that the estimate is too small there; coloured noise (a filter in
-    the drive) is under-estimated too. Too slow a sampling adds the signal's own differences: it is then too large.
-    It is never less than the rounding of the data, 4 eps max |y|.
-    Raises InputError for fewer than order + 2 samples.
+    Limits: the noise must be white. The error of a quantised encoder is neither white nor Gaussian: it is constant at
+    rest and follows the motion at low speed, so that the estimate is too small there; coloured noise (a filter in the
+    drive) is underestimated too. With too low a sampling rate the signal's own differences add to it, and the estimate
+    is too large. It is at least the rounding of the data, 4 eps max |y|. Raises InputError for fewer than order + 2
+    samples.
     """
     time = np.asarray(t, dtype=float)
     data = np.asarray(y, dtype=float).reshape(len(time), -1)
@@ -56,15 +56,15 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
 
 
 def median_sigma(x: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard deviation (k) of x (N, k), normal about zero but for a few outliers, from median sizes."""
+    """Return the standard deviation (k) of x (N, k), normal about zero with outliers, from median absolute values."""
     return np.asarray(MEDIAN * np.median(np.abs(np.asarray(x, dtype=float)), axis=0))
 
 
 def steady_noise(x: NDArray[np.float64], least: float, order: int = 4) -> NDArray[np.float64]:
     """Return the noise's standard deviation (k) of evenly sampled x (N, k), from the median of its differences.
 
-    The median does not see the few samples after a step. White noise is assumed. The result is at least the share
-    ``least`` of the channel's largest value, or where that is zero, of the largest of all.
+    The median ignores the few samples after a step. White noise is assumed. The result is at least ``least`` times the
+    channel's largest value, or where that is zero, the largest value of all channels.
     """
     coefficients = np.array([1.0])
     for _ in range(order):

@@ -1,7 +1,7 @@
 """How much to smooth: each rule chooses the Lagrange parameter p of eq. (15) for one series.
 
-A rule is frozen configuration; the data come only in the call. p is searched on a logarithmic scale and in scaled
-units, so that no rule depends on the units of time or position.
+A rule is a frozen dataclass of settings. p is searched on a logarithmic scale and in scaled units, so that no rule
+depends on the units of time or position.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ __all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Serie
 Array = NDArray[np.float64]
 CHUNK = 4096
 EPS = float(np.finfo(np.float64).eps)
-STAGNATION = 1e-6  # largest relative error of S that rounding may leave
+STAGNATION = 1e-6  # largest relative error of S allowed for rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One column of data in scaled units, with the way back.
+    """One column of data in scaled units, with the factors to convert back.
 
     ``y`` (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the
     root mean square of delta and ``rounding`` the last digit of the data, both divided by ``size``; ``step`` is the
@@ -82,7 +82,7 @@ class Series:
 
     @property
     def is_straight(self) -> bool:
-        """Whether the data are a straight line but for their rounding: there is then nothing to smooth."""
+        """Whether the data are a straight line to within rounding."""
         return float(np.abs(self.y - self.line()).max()) <= 4 * self.rounding + EPS * (64 + len(self.y))
 
     def straight(self) -> Solution:
@@ -93,7 +93,7 @@ class Series:
 
 
 class Rule(ABC):
-    """Base of the rules; ``needs_sigma`` tells whether the noise must be known or estimated."""
+    """Base of the rules; ``needs_sigma``: whether the noise must be known or estimated."""
 
     needs_sigma: ClassVar[bool] = False
 
@@ -109,7 +109,7 @@ class Constraint(Rule):
     S is a number or one per column. A straight line is returned where it satisfies the constraint, the interpolating
     spline for S = 0. p is found by Newton's method on log F against log p, F = |D Q u| (Reinsch's F), with inverse
     Hermite interpolation near the root, kept inside a bracket. It stops at a relative error of 1e-10 in S, or where
-    rounding lets it improve no more: the S reached is in the result, and more than 1e-6 off is an error.
+    rounding prevents further improvement: the result holds the S reached, and an error above 1e-6 is raised.
     """
 
     S: float | Sequence[float] | None = None
@@ -224,7 +224,7 @@ def _interpolation(series: Series) -> Solution:
 
 def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -> Solution:
     """Find rss(p) = target; rss falls with p, and log rss against log p is nearly straight."""
-    low, high = -np.inf, np.inf  # log p between which the root is known to lie
+    low, high = -np.inf, np.inf  # bracket of the root in log p
     x, refine = float(np.log(p)), False
     before: tuple[float, float, float] | None = None
     best: tuple[float, Solution] | None = None
@@ -293,7 +293,7 @@ def _search(series: Series, criterion: Callable[[Series, float], float]) -> Solu
     if series.is_straight:
         return series.straight()
     chunk = series.central()
-    if chunk is None or chunk.is_straight:  # a middle that stands still says nothing of the rest
+    if chunk is None or chunk.is_straight:  # a middle part at rest is not representative
         chunk = series
     widest = min(float(len(chunk.y)), 2000.0)
     grid = np.log(_p_of_bandwidth(1.0)) - 4 * np.linspace(np.log(0.3), np.log(widest), 28)

@@ -17,7 +17,7 @@ from dynident.splines.rules import Constraint, Rule, Series
 __all__ = ["SmoothingSpline", "smooth"]
 
 Array = NDArray[np.float64]
-LARGEST = 1e100  # squares and fourth powers of what is allowed must not overflow
+LARGEST = 1e100  # squares and fourth powers of allowed values must not overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class SmoothingSpline:
     ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or
     an array (k,)): ``p`` (eq. 15) and ``lam`` = 1 / (2 p), ``S`` the sum (14) reached, ``sigma`` and ``weights``
     ((N, 1), (N, k) or None) with delta = sigma / sqrt(weight), ``residual`` of the linear system (32) relative to its
-    right-hand side, and ``accuracy``, the relative error of c to expect from the last step of iterative refinement.
+    right-hand side, and ``accuracy``, the relative error of c estimated from the last step of iterative refinement.
     """
 
     t: Array
@@ -79,7 +79,7 @@ class SmoothingSpline:
 
     @property
     def cutoff(self) -> Array:
-        """Frequency (Hz) of which 1/sqrt(2) of the amplitude passes: the gain is 1 / (1 + (2 pi f bandwidth)^4)."""
+        """Cut-off frequency (Hz), at which the gain 1 / (1 + (2 pi f bandwidth)^4) is 1 / sqrt(2)."""
         with np.errstate(divide="ignore"):
             return self._like((np.sqrt(2.0) - 1.0) ** 0.25 / (2.0 * np.pi * np.atleast_1d(self.bandwidth)))
 
@@ -92,8 +92,8 @@ class SmoothingSpline:
     def derivative(self, order: int = 1) -> Array:
         """Return the derivative of order 0 to 3 at the samples, shaped like the data (eqs. 34-36).
 
-        The third derivative is constant between samples; its value is that of the piece which begins at the sample
-        (the last sample: which ends there). Raises ConfigError for another order.
+        The third derivative is constant between samples; its value at a sample is that of the piece that begins there
+        (at the last sample, that ends there). Raises ConfigError for another order.
         """
         if order not in (0, 1, 2, 3):
             raise ConfigError(f"order of the derivative is {order!r}; a cubic spline has 0, 1, 2 and 3.")
@@ -115,7 +115,8 @@ class SmoothingSpline:
     def __call__(self, t: ArrayLike, order: int = 0, *, extrapolate: bool = False) -> Array:
         """Return g or a derivative (order 0 to 3) at any times, shape (..., ) or (..., k); eqs. (34)-(36).
 
-        Outside the data: InputError, or the natural spline's straight continuation where ``extrapolate`` is set.
+        Raises InputError outside the data unless ``extrapolate`` is set: the natural spline continues as a straight
+        line. Raises ConfigError for another order.
         """
         x = np.asarray(t, dtype=float)
         if not np.isfinite(x).all():
@@ -124,7 +125,7 @@ class SmoothingSpline:
         if outside.any() and not extrapolate:
             raise InputError(
                 f"t = {x[outside].flat[0]!r} lies outside the data ({self.t[0]} to {self.t[-1]}); "
-                "pass extrapolate=True for the straight continuation."
+                "pass extrapolate=True to continue as a straight line."
             )
         i = np.clip(np.searchsorted(self.t, x, side="right") - 1, 0, len(self.t) - 2)
         h, s = self.t[i + 1] - self.t[i], np.clip(x, self.t[0], self.t[-1]) - self.t[i]
@@ -159,11 +160,11 @@ def smooth(
     chooses p: ``Constraint(S)`` (the default, S = N), ``Fixed(p=...)`` or ``Fixed(lam=...)``, ``GCV()``, ``REML()``,
     ``Interpolation()``. delta of eq. (14) is ``sigma / sqrt(weights)``: ``sigma`` one number or one per column; where
     missing, ``noise_sigma`` estimates it for ``Constraint`` and it is one for the others; ``weights`` positive,
-    (N,) or (N, k). ``names`` of the columns stand in errors. Long smoothing has limits: eps * m^4 << 1 with m the
-    bandwidth in samples (m below 2000).
+    (N,) or (N, k). ``names`` are the names of the columns in errors. Double precision limits the bandwidth m, in
+    samples: eps * m^4 << 1, m below 2000.
 
-    Raises InputError for data that cannot be smoothed (not finite, times not increasing, too few), ConfigError for a
-    bad setting, and InputError where so wide a smoothing is asked for that double precision cannot resolve it.
+    Raises InputError for data that cannot be smoothed (not finite, times not increasing, too few samples), ConfigError
+    for a bad setting, and InputError where the bandwidth is too large for double precision.
 
     >>> import numpy as np
     >>> t = np.linspace(0.0, 10.0, 1001)
@@ -260,9 +261,9 @@ def _solve(rule: Rule, series: Series, column: int, start: float | None, name: s
         return rule.choose(series, column, start)
     except IllConditionedError as error:
         raise InputError(
-            f"{name} cannot be smoothed like this: {error}. The smoothing would reach over thousands of "
-            "samples, or the time steps differ too much, for double precision: average neighbouring samples first, "
-            "smooth less, or leave out stamps that nearly coincide."
+            f"{name} cannot be smoothed with these settings: {error}. The bandwidth of thousands of samples, or the "
+            "ratio of the time steps, is too large for double precision: average neighbouring samples first, smooth "
+            "less, or leave out stamps that nearly coincide."
         ) from error
 
 

@@ -50,7 +50,7 @@ class ArmScenario:
         return _truth(self.amplitudes)
 
     def bound(self, level: float) -> Array:
-        """Return the least variances (7) of any unbiased method that knows of the start from rest."""
+        """Return the least variances (7) of any unbiased method, with a known start from rest."""
         return _bound(self.amplitudes, level, self.sigma_tau)
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
@@ -101,8 +101,8 @@ SCENARIOS: Mapping[str, ArmScenario] = {
 class SmoothAndFit:
     """A method of the article: smooth, leave out the samples before ``start`` (s), then least squares, eq. (11).
 
-    A spline is told the standard deviation of the position noise, as in the article. ``early``: the samples are left
-    out before smoothing, so that the transient does not reach into the motion that is used.
+    A spline gets the true standard deviation of the position noise, as in the article. ``early``: the samples are left
+    out before smoothing, so that the transient does not affect the motion that is used.
     """
 
     name: str
@@ -118,13 +118,13 @@ class SmoothAndFit:
         return smoother(log).between(start=self.start - 1e-9)
 
     @property
-    def words(self) -> str:
-        """What the method does, for the settings of a report."""
+    def description(self) -> str:
+        """Description of the method for the settings of a report."""
         when = " before smoothing" if self.early else ""
         return f"{self.smoother}, samples before {self.start:g} s dropped{when}"
 
     def smoother_for(self, recording: Recording) -> Smoother:
-        """Return the smoother; a spline is told the noise that the recording was made with."""
+        """Return the smoother; a spline gets the noise level of the recording."""
         if not isinstance(self.smoother, Spline) or self.smoother.sigma is not None:
             return self.smoother
         sigma = dict(zip(recording.log.joints, recording.sigma_q.tolist(), strict=True))
@@ -139,7 +139,7 @@ class SmoothAndFit:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Maximum likelihood, eq. (7), on all samples from the start at rest on."""
+    """Maximum likelihood, eq. (7), on all samples, with a start from rest."""
 
     name: str = "ml"
     estimator: MaximumLikelihood = field(default_factory=lambda: MaximumLikelihood(start="rest"))
@@ -152,8 +152,8 @@ class Likelihood:
         return self.estimator(Problem(model, motions, Regression(model, motions), (recording.log,)))
 
     @property
-    def words(self) -> str:
-        """What the method does, for the settings of a report."""
+    def description(self) -> str:
+        """Description of the method for the settings of a report."""
         return f"{self.estimator}, no sample dropped"
 
 
@@ -195,7 +195,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """The article's study, run again: what the report reads. ``true`` (7) are the parameters of eq. (40).
+    """The results of the article's study, run again. ``true`` (7) are the parameters of eq. (40).
 
     ``bounds`` maps a noise level to the least variances (7) that an unbiased method can reach there.
     """
@@ -306,5 +306,5 @@ def _settings(scenario: ArmScenario, methods: Sequence[ArmMethod]) -> dict[str, 
         "I1 = I2 = 0.0024 kg m^2, mu1 = mu2 = 0.6189 N m s/rad, g = 9.81 m/s^2",
         "input": f"u1 = {scenario.amplitudes[0]:g} sin t, u2 = {scenario.amplitudes[1]:g} cos t N m, from rest",
         "recording": f"{SAMPLES} samples, one each {PERIOD:g} s; sigma_tau = {scenario.sigma_tau:g} N m",
-        **{f"method {method.name}": method.words for method in methods},
+        **{f"method {method.name}": method.description for method in methods},
     }

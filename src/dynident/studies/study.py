@@ -36,7 +36,7 @@ SAVE_EVERY = 2.0  # seconds between writes of the table
 
 
 class Outcome(StrEnum):
-    """How a fit went: without a note, with notes, without converging, or not at all."""
+    """Outcome of a fit: without notes, with notes, not converged, or failed."""
 
     OK = "ok"
     NOTED = "noted"
@@ -56,7 +56,7 @@ class Scenario(Protocol):
 
 
 class Method(Protocol):
-    """A way to identify: frozen and picklable."""
+    """An identification method: frozen and picklable."""
 
     @property
     def name(self) -> str:
@@ -93,7 +93,7 @@ class _Unit:
             ends = [] if estimate.interval is None else estimate.interval.ravel().tolist()
             outcome = _outcome(estimate)
             reason = ", ".join(type(note).__name__ for note in estimate.notes)
-        except Exception as error:  # a failed fit is a row, whatever broke it
+        except Exception as error:  # a failed fit is a row, whatever the exception
             outcome, reason = Outcome.FAILED, f"{type(error).__name__}: {error}"
         seconds = time.perf_counter() - began
         key = (self.scenario.name, method.name, self.level, self.run, self.seed, self.version)
@@ -118,7 +118,7 @@ def code_version() -> str:
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:
-    """Return the generator of one recording: it depends on nothing but these three, whatever runs where."""
+    """Return the generator of one recording; it depends only on these three, not on the worker or the order of runs."""
     words = struct.unpack("<2I", struct.pack("<d", level))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*words, run)))
 
@@ -139,7 +139,7 @@ def run_study(
     Returns a table with one row per fit: scenario, method, level, run, seed, version, status (an ``Outcome``), reason
     (the error of a failed fit, else the types of the notes), seconds, value, std and interval (lists, empty where it
     failed; of the ends of 95 % intervals, lower and upper in turn, where they are known), sorted by these. With
-    ``path`` the table is kept there (Parquet) as it grows: an interrupted study goes on where it stopped; failed rows
+    ``path`` the table is kept there (Parquet) as it grows: an interrupted study continues where it stopped; failed rows
     and those of another version of dynident's code are computed again. With ``executor`` the recordings are spread
     over its workers; the numbers do not depend on it. ``progress`` is called with the fits done and their total.
     """
@@ -151,7 +151,7 @@ def run_study(
         (scenario.name, method.name, float(level), run, seed, code_version()): (scenario, method)
         for scenario, level, run, method in product(scenarios, levels, range(runs), methods)
     }
-    rows = [row for row in _known(path) if row["status"] != Outcome.FAILED]  # another try may succeed
+    rows = [row for row in _known(path) if row["status"] != Outcome.FAILED]  # another attempt may succeed
     done = {_key(row) for row in rows}
     known, results = len(wanted.keys() & done), _results(_units(wanted, done), executor)
     rows = _gathered(rows, results, path, lambda new: progress(known + new, len(wanted)))
@@ -191,7 +191,9 @@ def _known(path: str | Path | None) -> list[dict[str, Any]]:
         return []
     table = read_table(path)
     if not set(KEY) <= set(table.columns):
-        raise InputError(f"{path}: is no table of a study (columns {', '.join(table.columns)}); choose another file.")
+        raise InputError(
+            f"{path}: is not a table of a study (columns {', '.join(table.columns)}); choose another file."
+        )
     return table.to_dicts()
 
 

@@ -123,13 +123,13 @@ def has_partials_that_are_slopes(term: Term) -> None:
 
 def softens_its_sign(term: Term) -> None:
     """A term with a jump has a smooth form with the same parameters, which tends to it with the width."""
-    if not (isinstance(term, HasSign) and term.sharp):
+    if not (isinstance(term, HasSign) and term.discontinuous):
         return
     n, theta = len(term.joints), np.linspace(0.5, 1.5, len(term.parameters))
-    soft = Model(term.softened(np.full(n, 1e-3)))
+    soft = Model(term.with_smooth_sign(np.full(n, 1e-3)))
     assert soft.names == tuple(parameter.name for parameter in term.parameters), "the parameters stay the same"
     np.testing.assert_allclose(soft.torque(*states(n), theta), Model((term,)).torque(*states(n), theta), rtol=1e-6)
-    assert not any(isinstance(one, HasSign) and one.sharp for one in soft.terms), "no jump is left"
+    assert not any(isinstance(one, HasSign) and one.discontinuous for one in soft.terms), "no jump is left"
 
 
 def turns_its_gravity(term: Term) -> None:
@@ -137,7 +137,7 @@ def turns_its_gravity(term: Term) -> None:
     if not isinstance(term, HasGravity):
         return
     state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
-    own, none, twice = (Model((term.under(tuple(k * g for g in term.gravity)),)) for k in (1.0, 0.0, 2.0))
+    own, none, twice = (Model((term.with_gravity(tuple(k * g for g in term.gravity)),)) for k in (1.0, 0.0, 2.0))
     tau = Model((term,)).torque(*state, theta)
     np.testing.assert_array_equal(own.torque(*state, theta), tau)
     pulled = tau - none.torque(*state, theta)

@@ -1,4 +1,4 @@
-"""Free simulation of a recording: its controller, or its measured torque, drives the model instead of the robot."""
+"""Free simulation of a recording: the model is driven by the controller, or by the measured torque."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ __all__ = ["Broken", "CascadePD", "Driver", "Failure", "FreeRun", "RunSignals", 
 
 Array = NDArray[np.float64]
 STEP = 1e-3  # s, the longest step of the integration
-FAR = 1e6  # rad or m: a simulation that gets there has diverged
+FAR = 1e6  # rad or m: a simulation beyond this has diverged
 
 
 @dataclass(frozen=True, eq=False)
 class CascadePD:
-    """A drive's position loop around its velocity loop: tau = gain clip(kv (kp (reference - q) - dq) + feedforward).
+    """A drive with a position loop around a velocity loop: tau = gain clip(kv (kp (reference - q) - dq) + feedforward).
 
     ``t`` (N) s; ``reference`` (N, n) rad or m; ``kp`` (n) 1/s; ``kv`` (n) input per rad/s or m/s; ``gain`` (n) N m or N
     per input; ``saturation`` (n) of the input, infinite where there is none; ``feedforward`` (N, n) of the input.
-    Between two samples the earlier one holds. Raises InputError where a shape does not fit.
+    References are held constant between samples. Raises InputError where a shape does not fit.
     """
 
     joints: tuple[str, ...]
@@ -56,7 +56,7 @@ class CascadePD:
 
 
 class Driver(StrEnum):
-    """What drives the model in a free simulation: its own controller, or the measured torque."""
+    """What drives the model in a free simulation: the controller, or the measured torque."""
 
     CONTROLLER = "controller"
     TORQUE = "torque"
@@ -69,7 +69,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class RunsAway(Failure):
-    """The simulated position runs away ``after`` so many seconds."""
+    """The simulated position diverges ``after`` so many seconds."""
 
     after: float
 
@@ -163,11 +163,11 @@ def free_run(
 ) -> FreeRun:
     """Simulate a motion from its first usable sample on, with the parameters theta (p), and compare the positions.
 
-    With a ``controller`` the model closes its loop: the torque of each sample is held to the next, and the velocity fed
-    back is the backward difference of the simulated position, as a drive forms it. Else the measured torque drives it,
-    and each ``restart`` s (needed then) the simulation starts again from the measured state, all pieces at once: an arm
-    without its controller drifts away whatever the model. Raises ConfigError where neither is given, InputError where
-    the controller's joints are others, or where too few samples are usable.
+    With a ``controller`` the loop is closed around the model: the torque of each sample is held to the next, and the
+    velocity fed back is the backward difference of the simulated position, as in a drive. Otherwise the measured torque
+    drives the model, and every ``restart`` s (then required) the simulation restarts from the measured state: without
+    its controller an arm drifts for any model. Raises ConfigError where neither is given, InputError where the
+    controller has other joints, or where too few samples are usable.
     """
     rows = _pieces(motion, controller, restart)
     q, tau, failure = _simulated(model, theta, motion, rows, controller)
@@ -199,7 +199,7 @@ def _pieces(motion: Motion, controller: Controller | None, restart: float | None
     The last sample of each piece is the first of the next.
     """
     if controller is None and restart is None:
-        raise ConfigError("free simulation needs the controller, or `restart` s for the measured torque.")
+        raise ConfigError("free simulation needs a controller, or `restart` (s) for the measured torque.")
     if controller is not None and controller.joints != motion.joints:
         raise InputError(f"{motion.source}: the controller has joints {controller.joints}, the log {motion.joints}.")
     part = max(stretches(motion.mask), key=lambda one: one.stop - one.start, default=slice(0, 0))
@@ -216,7 +216,7 @@ def _simulated(
 ) -> tuple[Array, Array, Failure | None]:
     """Return positions and torques (pieces, k, n), and why the simulation failed, if it did."""
     try:
-        with np.errstate(all="ignore"):  # a run that diverges is reported below
+        with np.errstate(all="ignore"):  # a diverging run is reported below
             q, tau = _integrate(_Machine(model, theta), motion, rows, controller)
     except (DynidentError, np.linalg.LinAlgError) as fault:
         failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
@@ -237,11 +237,11 @@ def _escape(q: Array, t: Array) -> float:
 
 
 class _Machine:
-    """The model with its friction apart: M ddq + b(q, dq) + V dq + J' f = tau, abs(f_i) <= F_i, which it is in sliding.
+    """The model with friction separated: M ddq + b(q, dq) + V dq + J' f = tau, abs(f_i) <= F_i, equal in sliding.
 
-    A Coulomb parameter whose column is c sign(c'dq), or a smooth one of the same kind, becomes a row c of J; friction
-    can then hold a joint still, which no sign(dq) can. Viscous columns c c'dq make V, which is integrated implicitly,
-    because light joints with much friction would else need tiny steps.
+    A Coulomb parameter whose column is c sign(c'dq), or its smooth form, becomes a row c of J; friction can then hold a
+    joint at rest, which sign(dq) cannot. Viscous columns c c'dq form V, which is integrated implicitly, because light
+    joints with much friction would otherwise need tiny steps.
     """
 
     def __init__(self, model: Model, theta: ArrayLike) -> None:
@@ -279,9 +279,9 @@ class _Machine:
 
     @staticmethod
     def _impulse(slide: Array, W: Array, most: Array) -> Array:
-        """Return the friction impulses (B, m) that stop each sliding velocity, or as much of it as they can."""
+        """Return the friction impulses (B, m) that stop each sliding velocity, limited by the Coulomb friction."""
         impulse = most * np.sign(slide)
-        if ((slide - (W @ impulse[..., None])[..., 0]) * impulse >= 0).all():  # everything goes on sliding
+        if ((slide - (W @ impulse[..., None])[..., 0]) * impulse >= 0).all():  # all keep sliding
             return impulse
         for _ in range(50):  # projected Gauss-Seidel
             before = impulse.copy()

@@ -1,7 +1,7 @@
-"""Standard errors that hold where residuals are correlated in time and between joints, as real ones are.
+"""Standard errors for residuals that are correlated in time and between joints, as real ones are.
 
-The scores u_t = sum_j w_j^2 Y_jt' e_jt of the least-squares fit sum to zero; how far such sums wander says how far the
-estimate does. Their long-run covariance is Newey and West's (1987), with the bandwidth of Andrews (1991).
+The scores u_t = sum_j w_j^2 Y_jt' e_jt of the least-squares fit sum to zero; the variance of such sums determines that
+of the estimate. Their long-run covariance is Newey and West's (1987), with the bandwidth of Andrews (1991).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def robust_covariance(
 
         S = sum_ts max(0, 1 - |t - s| / L) u_t u_s' = (1/L) sum_t b_t b_t',  b_t = u_t + ... + u_(t+L-1).
 
-    The second form needs one pass over the blocks and keeps only one block and L rows. It holds for an exactly known
-    regressor, and where residuals decorrelate within about a tenth of the data; if they do not, it is too small.
-    Raises ModelError where shapes do not fit or the columns are dependent.
+    The second form needs one pass over the blocks and stores only one block and L rows. It holds for an exactly known
+    regressor, and where residuals decorrelate within about a tenth of the data; otherwise it is too small. Raises
+    ModelError where shapes do not fit or the columns are dependent.
     """
     p, n = len(regression.model.parameters), len(regression.model.joints)
     value = np.asarray(theta, dtype=float)
@@ -124,9 +124,9 @@ def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Ar
 
 
 def _stretches(regression: Regression) -> list[Regression]:
-    """Return the regression of each uninterrupted stretch: samples on both sides of a gap do not correlate.
+    """Return the regression of each uninterrupted stretch: samples on both sides of a gap are independent.
 
-    Of long stretches a few pieces must do, evenly spread; how scores correlate is the same all along.
+    Long stretches are represented by a few pieces, evenly spread.
     """
     share = min(1.0, MOST / max(_samples(regression), 1))
     found = []

@@ -1,4 +1,4 @@
-"""Judges an estimate: its torque on a log, always also against the unfiltered measurement."""
+"""Torque errors of an estimate on a log, always also against the unfiltered measurement."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class LogValidation:
 
 
 def relative_error(measured: Array, predicted: Array) -> float:
-    """Return 100 |measured - predicted| / |measured| in percent (nan where nothing was measured but zeros)."""
+    """Return 100 |measured - predicted| / |measured| in percent (nan where the measurement is zero)."""
     size = float(np.linalg.norm(measured))
     return 100.0 * float(np.linalg.norm(measured - predicted)) / size if size > 0 else float("nan")
 
@@ -146,8 +146,9 @@ def validate(
 ) -> LogValidation:
     """Predict the torque of a motion with the parameters theta (p) and compare it with the measured one.
 
-    ``filter`` and ``min_speed`` are those of the fit: they make ``relative_error_filtered`` and touch nothing else.
-    Raises InputError where the motion's mask leaves no sample, and ModelError where a shape does not fit.
+    ``filter`` and ``min_speed`` are those of the fit; they only affect ``relative_error_filtered``. ``name``
+    (default: the motion's source) and ``role`` label the result. Raises InputError where no sample is inside the
+    motion's mask, and ModelError where a shape does not fit.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -159,7 +160,7 @@ def validate(
     2.6 %
     """
     if not motion.mask.any():
-        raise InputError(f"{motion.source}: no sample is left to judge the model on; widen the window, or smooth less.")
+        raise InputError(f"{motion.source}: no usable sample is left for validation; widen the window, or smooth less.")
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
     torques = [model.torque(motion.q[s], motion.dq[s], motion.ddq[s], np.asarray(theta, dtype=float)) for s in parts]
     predicted = np.concatenate(torques)
@@ -186,7 +187,7 @@ def validate(
 
 
 def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:
-    """Return the errors in % of the largest efforts, for joints whose limit is known."""
+    """Return the errors in % of the effort limits, for joints whose limit is known."""
     limits = {joint: limit.effort for joint, limit in model.limits.items() if joint in rmse and limit.effort}
     return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
 
@@ -201,7 +202,7 @@ def _r2(measured: Array, predicted: Array) -> float:
 
 
 def _residuals(motion: Motion, predicted: Array) -> dict[str, ResidualTest]:
-    """Examine the longest uninterrupted stretch: across a gap neighbouring samples are no neighbours."""
+    """Test the residuals of the longest stretch without a gap."""
     part = max(stretches(motion.mask), key=lambda one: one.stop - one.start)
     residual, dq = (motion.tau - predicted)[part], motion.dq[part]
     step = float(np.diff(motion.t).mean())
@@ -228,9 +229,9 @@ def _filtered(
 def check_mass(
     model: Model, theta: ArrayLike, motions: Sequence[Motion], rng: np.random.Generator | None = None, poses: int = 1000
 ) -> MassMatrixCheck:
-    """Look at the mass matrix over up to 1000 poses of each motion and as many random ones within the joints' limits.
+    """Check the mass matrix at up to 1000 poses of each motion and as many random ones within the joints' limits.
 
-    A joint without limits turns half a turn or slides 1 m to both sides. ``rng`` draws the poses, by default the same
+    A joint without limits is drawn from -pi to pi rad or from -1 to 1 m. ``rng`` draws the poses, by default the same
     ones each time. Raises the errors of the model.
     """
     rng = rng or np.random.default_rng(SEED)

@@ -1,4 +1,4 @@
-"""What is left of a torque after a prediction: is it noise, and if not, where does it come from?"""
+"""Tests of torque residuals: are they white noise, and if not, what is the likely cause?"""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-LOW = 5.0  # Hz: below it an arm moves and its model acts; above it are ripple, elasticity and sensor noise
+LOW = 5.0  # Hz: rigid-body motion lies below; ripple, elasticity and sensor noise above
 SLOW = 0.05  # of the rms velocity: below it friction reverses
 LAGS = 20  # of the whiteness test
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Base of what a residual may come from."""
+    """Base of the likely causes of a residual."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Reversals(Cause):
 
 @dataclass(frozen=True)
 class FrictionLevel(Cause):
-    """Friction whose level is not that of the fit: the residual follows the sign of the velocity."""
+    """Friction whose level differs from that of the fit: the residual correlates with the sign of the velocity."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Ripple(Cause):
 
 @dataclass(frozen=True)
 class LowFrequency(Cause):
-    """Something slower than ``LOW``: the model or its parameters."""
+    """Residual mostly below ``LOW`` Hz: an error of the model or its parameters."""
 
 
 @dataclass(frozen=True)
 class HighFrequency(Cause):
-    """Something faster than ``LOW``: noise, ripple, elasticity or a time offset."""
+    """Residual mostly above ``LOW`` Hz: noise, ripple, elasticity or a time offset."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class ResidualTest:
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """The two clearest signs of where the residual comes from; empty where there is none."""
+        """The two most likely causes of the residual; empty where none stands out."""
         signs = list[Cause]()
         if self.reversal_share > max(2 * self.slow_share, 0.15):
             signs.append(Reversals())

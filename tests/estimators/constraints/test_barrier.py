@@ -78,7 +78,7 @@ def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None
     kept, edge = Barrier((random_demand(rng),), 1.0), Barrier((PsdConstraint(np.eye(4)[3].reshape(1, 1, 1, 4)),))
     origin, g = np.array([9.0, 0.1, 0.1, 1.0]), np.array([0.0, 1.0, -1.0, -30.0])
     task = Penalised(np.eye(4), g, origin, ((kept, 1.0), (edge, 1e-2)), np.arange(4))
-    d, fall = task.settled(np.zeros(4), 1e-12)
+    d, fall = task.minimised(np.zeros(4), 1e-12)
     assert fall < 1e-12
     slope = d - g + kept.slopes(origin + d)[0] + edge.slopes(origin + d, 1e-2)[0]
     np.testing.assert_allclose(slope, 0.0, atol=1e-6)

@@ -20,7 +20,7 @@ class TestArrow:
         A, band = self.matrix(rng)
         B = rng.standard_normal((14, 3))
         arrow, inverse = Arrow(band, B), np.linalg.inv(A)
-        np.testing.assert_allclose(arrow.turned, inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.border_solution, inverse @ B, rtol=1e-10)
         np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
         for d in range(4):
             np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)

@@ -208,7 +208,7 @@ class TestBodies:
         mass, mz = thin[rest]
         thin[x] = 2 * mz**2 / mass * (1 + 1e-4) + thin[z] - thin[y]  # all mass but at one height
         assert Barrier(wanted).inside(thin)
-        monkeypatch.setattr(measured, "positive", lambda theta, *_: asked.append(theta) or -theta)
+        monkeypatch.setattr(measured, "nearest_feasible", lambda theta, *_: asked.append(theta) or -theta)
         np.testing.assert_array_equal(measured.feasible(thin, given, wanted), thin)
         assert asked
         monkeypatch.undo()

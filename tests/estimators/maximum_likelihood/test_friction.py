@@ -4,7 +4,7 @@ import numpy as np
 
 from dynident.estimators.maximum_likelihood import (
     has_sign,
-    softened,
+    with_smooth_signs,
 )
 from dynident.models import Coulomb, CoupledMotor, Joint, Model, Viscous
 
@@ -14,7 +14,7 @@ class TestFriction:
         joints = (Joint("a"), Joint("b"))
         terms = (Viscous(joints), Coulomb(joints, names=("x", "y")), CoupledMotor(joints, {"a": 1.0, "b": -2.0}, "m"))
         sharp = Model(terms)
-        soft = softened(sharp, np.array([0.01, 0.02]))
+        soft = with_smooth_signs(sharp, np.array([0.01, 0.02]))
         assert has_sign(sharp)
         assert not has_sign(soft)
         assert soft.names == sharp.names

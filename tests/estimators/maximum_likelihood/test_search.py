@@ -26,7 +26,7 @@ def search(*, coloured: bool, used: bool = True) -> Search:
 
 
 def intervals(found: Search) -> int:
-    found.lay_out(None, rest=False, condense=False)
+    found.choose_knots(None, rest=False, condense=False)
     (segment,) = found.segments
     return len(segment.trajectory.first)
 

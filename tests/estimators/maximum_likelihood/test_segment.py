@@ -63,7 +63,7 @@ class TestSegment:
         dtheta = 1e-6 * theta * rng.standard_normal(7)
         there, back = (equations(one, arm, state, theta + s * dtheta, sigma) for s in (1, -1))
         change = (there.by_coefficients - back.by_coefficients) / 2
-        expected = -(here.border[:, -7:] + here.bend) @ dtheta
+        expected = -(here.border[:, -7:] + here.mixed_hessian) @ dtheta
         np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-3 * np.abs(expected).max())
 
     def test_leverage_counts_the_coefficients(self) -> None:

@@ -1,4 +1,4 @@
-"""What physics and the user demand of parameters, and two ways to keep to it: a conic program, and a barrier."""
+"""Constraints from physics and from the user, and two ways to enforce them: a conic program, and a barrier."""
 
 from dynident.estimators.constraints.barrier import Barrier, Penalised
 from dynident.estimators.constraints.constraints import (

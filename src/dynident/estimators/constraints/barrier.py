@@ -1,4 +1,4 @@
-"""A log-det barrier that keeps demanded matrices positive definite, and Newton's method inside of it.
+"""A log-det barrier that keeps constrained matrices positive definite, and Newton's method inside it.
 
 Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
 """
@@ -19,15 +19,15 @@ __all__ = ["Barrier", "Penalised"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-INNER = 500  # steps at one weight of the barrier; a few are needed, but many along the edge of a thin body
-SHORTEST = 1e-6  # share of a step below which there is nothing to gain
+INNER = 500  # steps at one weight of the barrier; usually a few, but many near the boundary for a thin body
+SHORTEST = 1e-6  # share of a step below which the line search stops
 
 
 @dataclass(frozen=True, eq=False)
 class _Matrices:
-    """Matrices of one size as far as they depend on x: ``columns`` (c), ``slopes`` (K, c, s, s), ``offset`` (K, s, s).
+    """Matrices of one size that depend on x[columns]: ``columns`` (c), ``slopes`` (K, c, s, s), ``offset`` (K, s, s).
 
-    ``share`` (K) is that of each in the barrier.
+    ``share`` (K) is the weight of each in the barrier.
     """
 
     columns: Index
@@ -37,7 +37,7 @@ class _Matrices:
 
     @classmethod
     def of(cls, columns: Index, same: Sequence[PsdConstraint]) -> _Matrices:
-        """Gather demands on matrices of one size that depend on the same of x."""
+        """Stack constraints on matrices of one size that depend on the same components of x."""
         slopes = np.concatenate([np.moveaxis(one.slopes[..., columns], -1, 1) for one in same])
         share = np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in same])
         return cls(columns, slopes, np.concatenate([one.constant for one in same]), share)
@@ -53,7 +53,7 @@ class _Matrices:
 
 
 def _columns(one: PsdConstraint) -> Index:
-    """Return which of x a demand on matrices depends on: all where they are many, so that it goes with others."""
+    """Return the components of x that a constraint depends on: all where they are many, to group it with others."""
     found = np.flatnonzero(np.abs(one.slopes).sum(axis=(0, 1, 2)))
     size = one.slopes.shape[-1]
     return found if 2 * len(found) < size else np.arange(size)
@@ -61,7 +61,7 @@ def _columns(one: PsdConstraint) -> Index:
 
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """``weight`` times the sum of -log det, or of log-det divergences, of the demanded matrices (mean over the K)."""
+    """``weight`` times the sum of -log det, or of log-det divergences, of the matrices (mean over the K)."""
 
     psd_constraints: tuple[PsdConstraint, ...] = ()
     weight: float = 1e-3
@@ -76,22 +76,22 @@ class Barrier:
 
     @cached_property
     def _numbers(self) -> tuple[Array, Array, Array]:
-        """Rows (L, v) and room (L) of numbers that must be positive, and their share in the sum (L)."""
+        """Rows (L, v) and slack (L) of numbers that must be positive, and their share in the sum (L)."""
         found = [one for one in self.psd_constraints if one.slopes.shape[1] == 1]
         if not found:
             return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
         rows = np.concatenate([one.slopes[:, 0, 0] for one in found])
-        room = np.concatenate([one.constant[:, 0, 0] for one in found])
-        return rows, room, np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in found])
+        slack = np.concatenate([one.constant[:, 0, 0] for one in found])
+        return rows, slack, np.concatenate([np.full(len(one.slopes), 1.0 / len(one.slopes)) for one in found])
 
     @cached_property
-    def _pull(self) -> Array:
-        """Gradient (v) of the part that is linear in x; (1), zero, without demands."""
-        return np.asarray(sum((one.pull for one in self.psd_constraints), np.zeros(1)))
+    def _linear_gradient(self) -> Array:
+        """Gradient (v) of the part that is linear in x; (1), zero, without constraints."""
+        return np.asarray(sum((one.linear_gradient for one in self.psd_constraints), np.zeros(1)))
 
     @cached_property
     def bound(self) -> NDArray[np.bool_]:
-        """Which x (v) belong to a matrix, so that they must follow others; (1), false, without matrices."""
+        """Which components of x (v) act on a matrix; (1), false, without matrices."""
         rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one in self.psd_constraints if one.slopes.shape[1] > 1]
         return np.asarray(np.sum(rows, axis=0) > 0) if rows else np.zeros(1, dtype=bool)
 
@@ -101,9 +101,9 @@ class Barrier:
         return sum(one.slopes.shape[0] * one.slopes.shape[1] for one in self.psd_constraints)
 
     def _roots(self, x: Array) -> tuple[Array, list[Array]] | None:
-        """Return the numbers (L) and the Cholesky factors of the matrices at x, None outside."""
-        rows, room, _ = self._numbers
-        values = room + rows @ x if len(rows) else room
+        """Return the numbers (L) and the Cholesky factors of the matrices at x, None outside the feasible set."""
+        rows, slack, _ = self._numbers
+        values = slack + rows @ x if len(rows) else slack
         if not (values > 0).all():
             return None
         try:
@@ -120,17 +120,17 @@ class Barrier:
         if (known := self._roots(x)) is None:
             return np.inf
         values, roots = known
-        found = float((self._pull * x).sum() - self._numbers[2] @ np.log(values))
+        found = float((self._linear_gradient * x).sum() - self._numbers[2] @ np.log(values))
         for one, root in zip(self._matrices, roots, strict=True):
             found -= 2.0 * float(one.share @ np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1))
         return (self.weight if weight is None else weight) * found
 
     def slopes(self, x: Array, weight: float | None = None) -> tuple[Array, Array]:
-        """Return gradient (v) and Hessian (v, v) at an x inside; raises LinAlgError outside."""
+        """Return gradient (v) and Hessian (v, v) at a feasible x; raises LinAlgError outside."""
         if (found := self._roots(x)) is None:
-            raise np.linalg.LinAlgError("a demanded matrix is not positive definite.")
+            raise np.linalg.LinAlgError("a constrained matrix is not positive definite.")
         (values, roots), (rows, _, share) = found, self._numbers
-        gradient, hessian = self._pull + np.zeros(len(x)), np.zeros((len(x), len(x)))
+        gradient, hessian = self._linear_gradient + np.zeros(len(x)), np.zeros((len(x), len(x)))
         if len(rows):
             turned = rows / values[:, None]
             gradient -= share @ turned
@@ -146,10 +146,10 @@ class Barrier:
         return weight * gradient, weight * hessian
 
     def minimum(self, x: Array, H: Array, g: Array, accuracy: float, free: Index) -> Array:
-        """Return the step d (v) from an x inside that minimises d' H d / 2 - g' d plus the barrier at x + d.
+        """Return the step d (v) from a feasible x that minimises d' H d / 2 - g' d plus the barrier at x + d.
 
-        Only the ``free`` ones of x move. ``H`` may be singular where the barrier is curved. A heavier barrier leads
-        around the boundary where the step is long. ``accuracy`` is of the minimum.
+        Only the ``free`` components of x move. ``H`` may be singular where the barrier is strictly convex. For long
+        steps the barrier's weight is decreased in stages. ``accuracy`` is that of the minimum.
         """
         d, weight = np.zeros(len(x)), self.weight
         step, fall = Penalised(H, g, x, ((self, weight),), free).newton(d)
@@ -157,7 +157,7 @@ class Barrier:
             weight = max(weight, 0.1 * fall / max(len(self.psd_constraints), 1))
         while True:
             enough = 2 * max(accuracy, 0.1 * (weight - self.weight))
-            d, _ = Penalised(H, g, x, ((self, weight),), free).settled(d, enough)
+            d, _ = Penalised(H, g, x, ((self, weight),), free).minimised(d, enough)
             if weight <= self.weight:
                 return d
             weight = max(0.1 * weight, self.weight)
@@ -177,7 +177,7 @@ class Penalised:
     free: Index
 
     def newton(self, d: Array) -> tuple[Array, float]:
-        """Return Newton's step (v) from d, and twice the fall that it promises."""
+        """Return Newton's step (v) from d, and twice the predicted decrease."""
         pull, stiff = self.g - self.H @ d, self.H
         for one, weight in self.barriers:
             push, bend = one.slopes(self.origin + d, weight)
@@ -185,8 +185,8 @@ class Penalised:
         step = _solved(stiff, pull, self.free)
         return step, float(pull @ step)
 
-    def settled(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
-        """Follow Newton's steps from d; return where a step promised less than ``enough``, and twice that fall."""
+    def minimised(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
+        """Take Newton's steps from d until the predicted decrease is below ``enough``; return d and twice that."""
         fall = np.inf
         for _ in range(steps):
             step, fall = self.newton(d)
@@ -197,7 +197,7 @@ class Penalised:
         return d, fall
 
     def _length(self, d: Array, step: Array, fall: float) -> float:
-        """Return how far to go along a step: backtracking, 0 where rounding leaves nothing to gain."""
+        """Return the step length by backtracking, 0 where rounding prevents a decrease."""
         here, slope, bend = self._barred(d), float((self.H @ d - self.g) @ step), float(step @ self.H @ step)
         length = 1.0
         while length > SHORTEST:
@@ -212,7 +212,7 @@ class Penalised:
 
 
 def _solved(H: Array, g: Array, free: Index) -> Array:
-    """Return H^-1 g over the free ones, with directions in which H is only rounding held still."""
+    """Return H^-1 g over the free components, zero in directions in which H is only rounding."""
     out = np.zeros(len(g))
     H, g = H[np.ix_(free, free)], g[free]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-200))

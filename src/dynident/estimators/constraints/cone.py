@@ -1,4 +1,4 @@
-"""Conic programs over robot parameters: solved with Clarabel, and checked afterwards, whatever the solver says."""
+"""Conic programs over robot parameters: solved with Clarabel; the optimality conditions are checked afterwards."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, ModelError
 from dynident.estimators.constraints.constraints import Constraints, Limit, PsdConstraint
 
-__all__ = ["Optimum", "minimise", "positive"]
+__all__ = ["Optimum", "minimise", "nearest_feasible"]
 
 Array = NDArray[np.float64]
 GOOD = 1e-5
@@ -20,7 +20,7 @@ GOOD = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """A solved program: the ``point`` (v), the solver's own ``status``, and what our check of it found.
+    """A solved program: the ``point`` (v) and the solver's own ``status``.
 
     ``stationarity`` and ``gap`` are the errors of the optimality conditions, relative to the size of their terms.
     """
@@ -45,8 +45,8 @@ def minimise(
 ) -> Optimum:
     """Minimise x' quadratic x / 2 + linear' x over x (v), with theta = origin (p) + directions (p, v) x constrained.
 
-    Raises ConfigError that names the constraints which contradict each other, and ModelError where the solver finds no
-    numbers.
+    Raises ConfigError that names the constraints which contradict each other, and ModelError where the solver returns
+    no finite solution.
     """
     program = _Program(len(linear))
     for limit in constraints.limits:
@@ -56,18 +56,18 @@ def minimise(
     return program.solve(quadratic, linear)
 
 
-def positive(theta: Array, hessian: Array, matrices: Sequence[Array], room: Sequence[float]) -> Array:
+def nearest_feasible(theta: Array, hessian: Array, matrices: Sequence[Array], slack: Sequence[float]) -> Array:
     """Return the point (p) nearest to theta, by the quadratic form ``hessian``, at which all matrices are positive.
 
-    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``room``. Raises ModelError where
+    ``matrices`` (K, s, s, p) times the point must have eigenvalues of at least their ``slack``. Raises ModelError where
     there is no such point, or the solver finds none.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
-    # where the form says next to nothing, the matrices give the unit: else rounding decides whether the solver succeeds
+    # where the form is almost singular, scale by the matrices: else rounding decides whether the solver succeeds
     reach = np.sqrt(sum((slopes.reshape(-1, len(theta)) ** 2).sum(axis=0) for slopes in matrices)) * scale
     unit = scale / np.maximum(reach, 1.0)
     program = _Program(len(theta))
-    for slopes, least in zip(matrices, room, strict=True):
+    for slopes, least in zip(matrices, slack, strict=True):
         offset = np.broadcast_to(-least * np.eye(slopes.shape[1]), slopes.shape[:-1])
         _add_matrices(program, PsdConstraint(slopes, None, offset, "a positive inertia").along(theta, np.diag(unit)))
     scaled = hessian * np.outer(unit, unit) + 1e-9 * np.diag((unit / scale) ** 2)
@@ -97,7 +97,7 @@ class _Program:
             self.labels.append(labels)
 
     def solve(self, hessian: Array, cost: Array) -> Optimum:
-        """Run Clarabel; what it returns is checked here."""
+        """Run Clarabel and check its solution."""
         import clarabel  # type: ignore[import-untyped, unused-ignore]
         from scipy.sparse import csc_matrix
 
@@ -117,23 +117,24 @@ class _Program:
         x, z, states = np.array(found.x), np.array(found.z), clarabel.SolverStatus
         if found.status in (states.PrimalInfeasible, states.AlmostPrimalInfeasible):
             raise ConfigError(
-                f"these constraints contradict each other: {'; '.join(self._guilty(z))}. Loosen or drop one of them."
+                f"these constraints contradict each other: {'; '.join(self._conflicting(z))}. Relax or drop one of "
+                "them."
             )
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             raise ModelError(
-                f"the conic solver gave up ({found.status}); check the nominal values and bounds for wrong units, or "
+                f"the conic solver failed ({found.status}); check the nominal values and bounds for wrong units, or "
                 "raise the margin or the threshold of the estimator."
             )
-        bend = hessian @ x
-        pull = A.T @ z
-        size = max(1.0, *(float(np.abs(part).max(initial=0.0)) for part in (bend, cost, pull)))
-        stationarity = float(np.abs(bend + cost + pull).max(initial=0.0)) / size
-        primal, dual = 0.5 * x @ bend + cost @ x, -0.5 * x @ bend - b @ z
+        gradient = hessian @ x
+        multipliers = A.T @ z
+        size = max(1.0, *(float(np.abs(part).max(initial=0.0)) for part in (gradient, cost, multipliers)))
+        stationarity = float(np.abs(gradient + cost + multipliers).max(initial=0.0)) / size
+        primal, dual = 0.5 * x @ gradient + cost @ x, -0.5 * x @ gradient - b @ z
         gap = float(abs(primal - dual)) / max(1.0, abs(float(primal)), abs(float(dual)))
         return Optimum(x, str(found.status), stationarity, gap)
 
-    def _guilty(self, z: Array) -> list[str]:
-        """Name the constraints in the solver's proof of infeasibility: those with a multiplier."""
+    def _conflicting(self, z: Array) -> list[str]:
+        """Return the names of the constraints with a multiplier in the solver's certificate of infeasibility."""
         blocks = np.split(z, np.cumsum([len(b) for b in self.b])[:-1])
         named: dict[str, float] = {}
         for labels, block in zip(self.labels, blocks, strict=True):

@@ -1,6 +1,6 @@
-"""What physics and the user demand of parameters: linear limits, and matrices that are positive definite.
+"""Constraints from physics and from the user: linear limits, and matrices that must be positive definite.
 
-These are the pseudo-inertia of each body, or the mass matrix of a model without bodies.
+The matrices are the pseudo-inertia of each body, or the mass matrix of a model without bodies.
 
 Wensing, Kim and Slotine (2018), "Linear matrix inequalities for physically consistent inertial parameter
 identification: a statistical perspective on the mass distribution".
@@ -54,12 +54,12 @@ class Limit:
     upper: Array
 
     def violation(self, theta: Array) -> float:
-        """Return by how much theta (p) breaks the worst of the limits, in their units (negative: the room left)."""
+        """Return the largest violation of the limits by theta (p), in their units (negative: the slack)."""
         value = self.rows @ theta
         return float(np.maximum(self.lower - value, value - self.upper).max(initial=-np.inf))
 
     def scaled(self, scale: Array) -> Limit:
-        """Return the same limits with each row divided by about the size (p) that its largest entry usually has."""
+        """Return the same limits with each row divided by the usual size (p) of its largest entry."""
         size = np.exp2(np.round(np.log2(np.abs(self.rows * scale).max(axis=1))))  # a power of two changes no digit
         return replace(self, rows=self.rows / size[:, None], lower=self.lower / size, upper=self.upper / size)
 
@@ -68,9 +68,9 @@ class Limit:
 class PsdConstraint:
     """Matrices (K, s, s) = ``offset`` + ``slopes`` (K, s, s, v) x that must be positive definite.
 
-    x (v) is theta, or steps along some directions. ``offset`` (K, s, s) is zero where it is None. ``centre`` (K, s, s),
-    where given, is what they are drawn to: the cost is then the log-det divergence from it, which also keeps a body
-    finite that the data leave free.
+    x (v) is theta, or coordinates along some directions. ``offset`` (K, s, s) is zero where it is None. ``centre``
+    (K, s, s), where given, is the prior of the matrices: the cost is then the log-det divergence from it, which also
+    keeps undetermined bodies finite.
     """
 
     slopes: Array
@@ -88,11 +88,11 @@ class PsdConstraint:
         return np.asarray(self.constant + self.slopes @ x)
 
     def along(self, origin: Array, directions: Array) -> PsdConstraint:
-        """Return the demand on y (w) where x = origin (v) + directions (v, w) y."""
+        """Return the constraint on y (w) where x = origin (v) + directions (v, w) y."""
         return replace(self, slopes=self.slopes @ directions, offset=self.at(origin))
 
     @cached_property
-    def pull(self) -> Array:
+    def linear_gradient(self) -> Array:
         """Gradient (v) of the part of the divergence that is linear in x; zero without a centre."""
         if self.centre is None:
             return np.zeros(self.slopes.shape[-1])
@@ -102,7 +102,7 @@ class PsdConstraint:
 
 @dataclass(frozen=True, eq=False)
 class BodyConstraint:
-    """A rigid body: the ``columns`` (10) of its parameters, and ``size`` (4) to judge its pseudo-inertia by.
+    """A rigid body: the ``columns`` (10) of its parameters, and ``size`` (4), which scales its pseudo-inertia.
 
     ``size`` is sqrt(mass) (l, l, l, 1) with the usual mass (kg) and length l (m) of the body.
     """
@@ -114,12 +114,12 @@ class BodyConstraint:
     def scaled(self, theta: Array) -> Array:
         """Return the pseudo-inertia (4, 4) at theta (p), or its changes (v, 4, 4) along directions (p, v).
 
-        It has no units, and is of about one for a body of the usual size.
+        It is dimensionless, and about one for a body of the usual size.
         """
         return np.asarray(to_pseudo(theta[self.columns].T) / np.outer(self.size, self.size))
 
-    def demand(self, p: int, margin: float = 0.0) -> PsdConstraint:
-        """Return the demand on theta (p) that the scaled pseudo-inertia's eigenvalues exceed ``margin``."""
+    def psd_constraint(self, p: int, margin: float = 0.0) -> PsdConstraint:
+        """Return the constraint on theta (p) that the scaled pseudo-inertia's eigenvalues exceed ``margin``."""
         slopes = np.moveaxis(self.scaled(np.eye(p)), 0, -1)[None]
         label = f"a positive definite pseudo-inertia of {self.name}"
         return PsdConstraint(slopes, offset=-margin * np.eye(4)[None], label=label)
@@ -140,16 +140,16 @@ class Constraints:
         return (*([INERTIA] if self.bodies else []), *(limit.family for limit in self.limits))
 
     def only(self, family: str) -> Constraints:
-        """Return one family alone."""
+        """Return the constraints of one family."""
         limits = tuple(limit for limit in self.limits if limit.family == family)
         return replace(self, limits=limits, bodies=self.bodies if family == INERTIA else (), matrices=())
 
-    def eased(self, share: float) -> Constraints:
-        """Return the same with ``share`` of the margin, so that what meets this one lies inside of that."""
+    def relaxed(self, share: float) -> Constraints:
+        """Return the constraints with ``share`` of the margin, so that feasible points of these are strictly inside."""
         return replace(self, margin=share * self.margin)
 
     def violation(self, theta: Array) -> float:
-        """Return by how much theta (p) breaks the worst of the constraints; not positive where it meets all."""
+        """Return the largest violation of the constraints by theta (p); not positive where it satisfies all."""
         lines = [limit.violation(theta) for limit in self.limits]
         cones = [self.margin - float(np.linalg.eigvalsh(body.scaled(theta))[0]) for body in self.bodies]
         others = [-float(np.linalg.eigvalsh(one.at(theta)).min()) for one in self.matrices]
@@ -157,7 +157,7 @@ class Constraints:
 
     def psd_constraints(self, origin: Array, directions: Array) -> tuple[PsdConstraint, ...]:
         """Return the matrices along theta = origin (p) + directions (p, v) x: those of the bodies, then the others."""
-        bodies = [body.demand(len(origin), self.margin) for body in self.bodies]
+        bodies = [body.psd_constraint(len(origin), self.margin) for body in self.bodies]
         return tuple(one.along(origin, directions) for one in (*bodies, *self.matrices))
 
     def numbers(self, origin: Array, directions: Array) -> tuple[PsdConstraint, ...]:
@@ -165,21 +165,21 @@ class Constraints:
         found = []
         for limit in self.limits:
             slope, value = limit.rows @ directions, limit.rows @ origin
-            for sign, room in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
-                used = np.flatnonzero(np.isfinite(room) & (limit.lower < limit.upper))
+            for sign, slack in ((1.0, value - limit.lower), (-1.0, limit.upper - value)):
+                used = np.flatnonzero(np.isfinite(slack) & (limit.lower < limit.upper))
                 shape = (1, 1, 1)
                 found += [
-                    PsdConstraint(sign * slope[k].reshape(*shape, -1), None, room[k].reshape(shape), limit.labels[k])
+                    PsdConstraint(sign * slope[k].reshape(*shape, -1), None, slack[k].reshape(shape), limit.labels[k])
                     for k in used
                 ]
         return tuple(found)
 
 
 def physics(model: Model, q: Array) -> Constraints:
-    """Return what physics demands of any model: friction and rotors not negative, bodies with a mass distribution.
+    """Return the physical constraints: friction and rotor inertia not negative, pseudo-inertias positive definite.
 
-    A model without bodies must have a positive definite mass matrix at the configurations q (K, n), where it has one at
-    all.
+    A model without bodies must have a positive definite mass matrix at the configurations q (K, n), unless that is
+    zero.
     """
     bodies = bodies_of(model.parameters)
     if bodies:
@@ -200,7 +200,7 @@ def signs(parameters: Sequence[Parameter], roles: Iterable[str] = tuple(SIGNED))
 
 
 def bodies_of(parameters: Sequence[Parameter]) -> tuple[BodyConstraint, ...]:
-    """Return the bodies that have all ten inertial parameters; the others are no bodies but lumped parameters."""
+    """Return the bodies that have all ten inertial parameters; others are treated as lumped parameters."""
     place = {(x.body, x.role): k for k, x in enumerate(parameters)}
     names = dict.fromkeys(x.body for x in parameters if x.role in INERTIAL)
     whole = [name for name in names if all((name, role) in place for role in INERTIAL)]
@@ -219,8 +219,8 @@ def _body(name: str, columns: list[int], parameters: Sequence[Parameter]) -> Bod
 def scales(parameters: Sequence[Parameter], bodies: Iterable[BodyConstraint], effect: Array, torque: float) -> Array:
     """Return the usual size (p) of each parameter, in its unit.
 
-    That of a body's parameters follows from its mass and length; else it is the nominal value, or, where that is not
-    known or zero, the value at which the parameter's ``effect`` (p, torque per unit) makes the whole ``torque``.
+    For a body's parameters it follows from mass and length; else it is the nominal value, or, where that is unknown or
+    zero, the value at which the parameter's ``effect`` (p, torque per unit) equals the whole ``torque``.
     """
     rest = np.where(effect > 0, torque / np.where(effect > 0, effect, 1.0), 1.0)
     nominal = np.array([abs(x.value or 0.0) for x in parameters])

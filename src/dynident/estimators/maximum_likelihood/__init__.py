@@ -2,7 +2,7 @@
 
 from dynident.estimators.maximum_likelihood.equations import Equations, equations, leverage, scores
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
-from dynident.estimators.maximum_likelihood.friction import has_sign, softened
+from dynident.estimators.maximum_likelihood.friction import has_sign, with_smooth_signs
 from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
 from dynident.estimators.maximum_likelihood.physics import psd_constraints
 from dynident.estimators.maximum_likelihood.plan import plan, steps_of, whiteness
@@ -29,7 +29,7 @@ __all__ = [
     "plan",
     "psd_constraints",
     "scores",
-    "softened",
     "steps_of",
     "whiteness",
+    "with_smooth_signs",
 ]

@@ -1,4 +1,4 @@
-"""Normal equations with the shape of an arrow: a band for the trajectory, a border for what acts everywhere."""
+"""Normal equations of arrow shape: a band for the trajectory, bordered by the parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Arrow", "gather", "overlap"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding has spoilt it
+JITTER = (0.0, 1e-13, 1e-10)  # added to the unit diagonal where rounding makes the factorisation fail
 
 
 def overlap(first: Index, w: int, size: int) -> csr_array:
@@ -75,14 +75,14 @@ class Arrow:
         return np.asarray(found * scale[:, None])
 
     @cached_property
-    def turned(self) -> Array:
-        """N^-1 B (m, b): how the trajectory follows the border."""
+    def border_solution(self) -> Array:
+        """N^-1 B (m, b): the dependence of the trajectory on the border."""
         return self.inner(self.border)
 
     @property
     def profiled(self) -> Array:
-        """B' N^-1 B (b, b): what the border loses by not knowing the trajectory."""
-        found = self.border.T @ self.turned
+        """B' N^-1 B (b, b): the border's information lost to the unknown trajectory."""
+        found = self.border.T @ self.border_solution
         return np.asarray((found + found.T) / 2)
 
     @cached_property

@@ -23,15 +23,15 @@ NUDGE = 1e-6  # of a state, for differences of the regressor
 class Equations:
     """Gauss-Newton equations of one segment about a state; border columns: W (k n), theta (p).
 
-    ``band`` (w, m n), ``border`` (m n, k n + p), ``corner`` of the border with itself, ``bend`` (m n, p) the second
-    derivatives of the cost by trajectory and theta that Gauss-Newton leaves out, (m n, 0) where not asked for; minus
-    the gradients by C (m n) and by the border. ``cost`` is half the sum of the weighted squares.
+    ``band`` (w, m n), ``border`` (m n, k n + p), ``corner`` of the border with itself, ``mixed_hessian`` (m n, p) the
+    second derivatives of the cost by trajectory and theta that Gauss-Newton leaves out, (m n, 0) where not asked for;
+    minus the gradients by C (m n) and by the border. ``cost`` is half the sum of the weighted squares.
     """
 
     band: Array
     border: Array
     corner: Array
-    bend: Array
+    mixed_hessian: Array
     by_coefficients: Array
     by_border: Array
     cost: float
@@ -63,7 +63,7 @@ def _parts(segment: Segment, model: Model, state: State, theta: Array, sigma_tau
 
 
 def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Array) -> Array:
-    """Return the derivatives (B, n, 5 n + k n + p) of the model by C, W and theta; in a last column what is left."""
+    """Return the derivatives (B, n, 5 n + k n + p) of the model by C, W and theta, and last the residual."""
     B, n, p = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
     rows = np.zeros((B, n, w + k * n + p + 1))
@@ -77,18 +77,18 @@ def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Arr
 
 
 def equations(
-    segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, *, bend: bool = True
+    segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, *, mixed_hessian: bool = True
 ) -> Equations:
     """Return the normal equations about a state."""
     n, p, k = len(sigma.q), len(theta), segment.hats.shape[1]
     w, b, size = 5 * n, k * n + p, segment.trajectory.size * n
-    band, side = np.zeros((w, size)), np.zeros((size, b + p * bend + 1))
+    band, side = np.zeros((w, size)), np.zeros((size, b + p * mixed_hessian + 1))
     total = np.zeros((b + 1, b + 1))
     for part in _parts(segment, model, state, theta, sigma.tau):
         blocks = part.block.products(part.rows[:, :, :w], part.rows)
         for j in range(n):
             blocks[:, j:w:n, j:w:n] += segment.gram[part.block.intervals] / sigma.q[j] ** 2
-        bends = _bends(segment, model, part) if bend else np.zeros((len(blocks), w, 0))
+        bends = _mixed_hessian(segment, model, part) if mixed_hessian else np.zeros((len(blocks), w, 0))
         wide = np.concatenate([blocks[:, :, w:-1], bends, blocks[:, :, -1:]], axis=2)
         one, other = gather(blocks[:, :, :w], wide, part.block.adds)
         band += one
@@ -103,7 +103,7 @@ def equations(
     return Equations(band, side[:, :b], total[:-1, :-1], side[:, b:-1], side[:, -1], total[:-1, -1], cost)
 
 
-def _bends(segment: Segment, model: Model, part: _Part) -> Array:
+def _mixed_hessian(segment: Segment, model: Model, part: _Part) -> Array:
     """Return the sums (I, w, p) of -sum_j pull_j d^2 tau_j / dC dtheta, by differences of the regressor."""
     (P, n, p), states = part.Z.shape, part.states
     nudged = [np.repeat(one[None], 3 * n, axis=0) for one in states]
@@ -121,12 +121,12 @@ def _bends(segment: Segment, model: Model, part: _Part) -> Array:
 
 
 def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma) -> Array:
-    """Return how many degrees of freedom (2, n) the trajectory takes from the positions and torques of each joint.
+    """Return the degrees of freedom (2, n) that the trajectory takes from the positions and torques of each joint.
 
     These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.
     """
     n, out = len(sigma.q), np.zeros((2, len(sigma.q)))
-    found = equations(segment, model, state, theta, sigma, bend=False)
+    found = equations(segment, model, state, theta, sigma, mixed_hessian=False)
     inverse = Arrow(found.band, found.border).inverse
     for part in _parts(segment, model, state, theta, sigma.tau):
         at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(5 * n)
@@ -141,9 +141,9 @@ def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: 
 
 
 def scores(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, follow: Array) -> Array:
-    """Return the pull (I, p) of each interval's positions and torques on theta, the trajectory profiled out.
+    """Return the score (I, p) of theta from each interval's positions and torques, the trajectory profiled out.
 
-    ``follow`` (m n + k n, p) is how C and W follow theta, with the sign turned.
+    ``follow`` (m n + k n, p) is minus the dependence of C and W on theta.
     """
     n, p, w, out = len(sigma.q), len(theta), 5 * len(sigma.q), []
     edge, V = segment.trajectory.size * n, segment.shown[1]

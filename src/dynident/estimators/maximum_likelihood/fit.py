@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, Note, changed, 
 from dynident.estimators.constraints import Barrier, bodies_of
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import LeastSquares, weighted
-from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined
+from dynident.estimators.maximum_likelihood.findings import residual_notes, undetermined_notes
 from dynident.estimators.maximum_likelihood.friction import has_sign
 from dynident.estimators.maximum_likelihood.measured import feasible, misfit, recordings, usual_noise
 from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings
@@ -30,30 +30,33 @@ __all__ = ["MaximumLikelihood"]
 Array = NDArray[np.float64]
 Positive = Annotated[float, Gt(0)]
 Start = Literal["free", "rest", "test"]
-DEEP = 0.8  # room to the boundary that a second start is given, relative to the usual size
+DEEP = 0.8  # slack of a second start, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 LEVEL = 0.01  # of the test whether the recordings start from rest
-ROUNDING = 1e-15  # an undetermined parameter that is smaller than the largest by so much is nothing
+ROUNDING = 1e-15  # an undetermined parameter smaller than this share of the largest is set to zero
 
 
 @dataclass(frozen=True)
 class MaximumLikelihood:
-    """The trajectory and theta that make measured positions and torques most likely: article, eq. (7).
+    """The trajectory and theta that maximise the likelihood of measured positions and torques: article, eq. (7).
 
-    ``start``: "rest" where the recordings start from standstill, "test" to decide it by a likelihood ratio at the level
-    of 1 %, "free" where they may start in motion. ``spacing`` (samples) of the knots far from steps of the torque; None
-    halves 80, or less in short recordings, until the positions are fitted to white residuals; where they never are, the
-    torque decides.
-    ``steps``: whether steps of the torque are looked for; None does so unless the model has Coulomb friction, whose
-    reversals look like steps. A start from rest is one. ``huber`` (standard deviations, such as 1.345) bounds the pull
-    of a torque sample. ``rounds`` of estimating the noise of each joint's position and torque. Parameters whose
-    standard error exceeds the share ``profile`` of their value get intervals by profile likelihood; None leaves all
-    symmetric. ``rate`` (Hz): faster recordings are thinned to it by means of neighbouring samples; None leaves all.
+    ``start``: "rest" where the recordings start from rest, "test" to decide this by a likelihood ratio test at the 1 %
+    level, "free" where they may start in motion. ``spacing`` (samples) of the knots away from steps of the torque; None
+    halves it from 80, or less in short recordings, until the residuals of the positions are white, or, where they never
+    are, until the torque no longer improves.
+    ``steps``: whether to search for steps of the torque; None does so unless the model has Coulomb friction, whose
+    reversals look like steps. A start from rest counts as a step. ``huber`` (standard deviations, such as 1.345) bounds
+    the influence of a torque sample. ``rounds``: how often the noise of each joint's position and torque is estimated.
+    Parameters whose standard error exceeds the share ``profile`` of their value get intervals by profile likelihood;
+    with None all intervals are symmetric. ``rate`` (Hz): faster recordings are averaged down to it; None keeps them.
 
-    The start is a fit of least squares, or the consistent one for bodies, moved to where physics allows it; where the
-    iteration fails it is returned, and the status says so. Sharp signs of Coulomb friction are made as smooth as the
-    velocities are known. The barrier ``weight`` that keeps inertia and friction physical is in units of half a squared
-    standard deviation.
+    The iteration starts from least squares, or from the physically consistent fit for bodies, moved into the feasible
+    set; where it fails, the start is returned, with a note. The discontinuous sign of Coulomb friction is smoothed over
+    the uncertainty of the velocity. The ``weight`` of the barrier that keeps inertia and friction physical is in units
+    of half a squared standard deviation. ``iterations`` and ``tolerance`` (expected decrease of the cost, in the same
+    units) end the iteration.
+
+    Calling it with a ``Problem`` gives an ``Estimate``. Raises ConfigError for bad settings.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -96,25 +99,25 @@ class MaximumLikelihood:
                 raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; notes say how it went. Raises ConfigError, InputError and ModelError as the start does."""
+        """Estimate, with notes on the iteration. Raises ConfigError, InputError and ModelError as the start does."""
         model = problem.model
         start = PhysicallyConsistent(costs=False)(problem) if bodies_of(model.parameters) else LeastSquares()(problem)
         fallback = start
         try:
             run = _Run.begin(self, problem, start)
-            fallback = replace(start, value=run.search.theta)  # as near to it as physics allows
+            fallback = replace(start, value=run.search.theta)  # the nearest feasible point
             return run.estimate()
         except (ModelError, InputError, np.linalg.LinAlgError) as error:
             return replace(fallback, notes=(Failed(str(error)), *fallback.notes))
 
     def quick(self) -> LeastSquares:
-        """Return least squares: the search for the trajectory takes too long to be repeated."""
+        """Return least squares: fitting the trajectory takes too long for a search."""
         return LeastSquares()
 
 
 @dataclass(eq=False)
 class _Run:
-    """One estimation on its way: the search, and what is to be said of it."""
+    """One estimation in progress: the search and its notes."""
 
     settings: MaximumLikelihood
     problem: Problem
@@ -124,7 +127,7 @@ class _Run:
 
     @classmethod
     def begin(cls, settings: MaximumLikelihood, problem: Problem, start: Estimate) -> _Run:
-        """Return the run with its data, noise as far as it is known, and a start that physics allows."""
+        """Return the run with its data, a first estimate of the noise, and a feasible start."""
         model = problem.model
         coulomb = any(parameter.role == "coulomb" for parameter in model.parameters)
         look = not coulomb if settings.steps is None else settings.steps
@@ -132,7 +135,7 @@ class _Run:
         barrier = Barrier(psd_constraints(model, given.logs, start.value), settings.weight)
         theta = feasible(start.value, problem, barrier.psd_constraints)
         sigma_q, sigma_tau = usual_noise(given.logs)
-        sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # what the model cannot explain counts as noise
+        sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
         return cls(
@@ -140,31 +143,31 @@ class _Run:
         )
 
     def estimate(self) -> Estimate:
-        """Fit, decide whether the recordings start from rest where that is asked, and tell."""
+        """Fit, test for a start from rest where that is configured, and return the estimate."""
         fitted = self.fitted()
         if self.settings.start == "test" and (chance := self.from_rest(fitted)) < LEVEL:
-            # knots, noise and theta are those of another motion
+            # knots, noise and theta must be found anew
             moving = _Run.begin(replace(self.settings, start="free"), self.problem, self.start)
             moving.notes.append(MovingStart(chance))
             return moving.estimate()
         if not fitted.converged:
             self.notes.append(NotConverged(fitted.iterations, float(abs(fitted.decrement) / 2)))
-        return self.told(fitted)
+        return self.to_estimate(fitted)
 
     def fitted(self) -> LikelihoodFit:
-        """Lay out the segments, and fit with the noise known better each round; once more where that leads nowhere."""
+        """Choose the knots, fit with a better noise estimate each round, and restart once where that fails."""
         search, settings = self.search, self.settings
         rest = settings.start != "free"
-        search.lay_out(settings.spacing, rest=rest, condense=settings.huber is None)
-        if has_sign(search.model) and (widths := search.soften()):
+        search.choose_knots(settings.spacing, rest=rest, condense=settings.huber is None)
+        if has_sign(search.model) and (widths := search.smooth_signs()):
             self.notes.append(SmoothSigns(widths))
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)
         for _ in range(settings.rounds - 1):
             search.reweight(settings.huber)
             fitted = search.run()
-        bodies = not search.settings.newton  # some of their parameters are never determined
-        lost = bool(self.directions(fitted).lost.any()) and not bodies
-        return fitted if fitted.converged and not lost else self.again(fitted)
+        bodies = not search.settings.newton  # some parameters of bodies are never determined
+        undetermined = bool(self.directions(fitted).undetermined.any()) and not bodies
+        return fitted if fitted.converged and not undetermined else self.restarted(fitted)
 
     def directions(self, fitted: LikelihoodFit) -> Rank:
         """Return what the information determines of the directions that the smoothed motions show."""
@@ -172,25 +175,25 @@ class _Run:
         _, rank = weighted(triangular, 1.0 / self.search.sigma.tau, self.problem.model.parameters)
         return rank.within(fitted.information)
 
-    def again(self, fitted: LikelihoodFit) -> LikelihoodFit:
-        """Search once more from well inside of what physics allows, and keep the more likely end."""
+    def restarted(self, fitted: LikelihoodFit) -> LikelihoodFit:
+        """Search once more from well inside the feasible set, and return the more likely result."""
         deep = feasible(self.start.value, self.problem, self.search.barrier.psd_constraints, DEEP)
         other = self.search.searched(deep, self.search.states, hold=3)
         better = other.converged and (other.cost < fitted.cost or not fitted.converged)
         return self.search.moved_to(other if better else fitted)
 
     def from_rest(self, fitted: LikelihoodFit) -> float:
-        """Return how likely so much less a likelihood is if the recordings start from rest: its ratio's probability."""
+        """Return the p-value of the likelihood ratio test that the recordings start from rest."""
         from scipy.stats import chi2
 
-        free = self.search.freed().run()
+        free = self.search.with_free_start().run()
         gain, degrees = 2 * (fitted.cost - free.cost), len(self.search.segments) * len(self.search.sigma.q)
         return float(chi2.sf(max(gain, 0.0), degrees))
 
     def intervals(self, fitted: LikelihoodFit, covariance: Array) -> Array:
         """Return the 95 % intervals (p, 2): along profile likelihoods where a standard error is large, else symmetric.
 
-        Each parameter follows the one with a large standard error that it is correlated with most.
+        Each parameter uses the profile of the parameter with a large standard error that it is most correlated with.
         """
         std, share = np.sqrt(np.diag(covariance)), self.settings.profile
         out = fitted.theta[:, None] + NORMAL_95 * std[:, None] * np.array([-1.0, 1.0])
@@ -203,17 +206,17 @@ class _Run:
                 out[leader == at] = self.search.profiled(fitted, covariance, int(k))[leader == at]
         return np.asarray(out)
 
-    def told(self, fitted: LikelihoodFit) -> Estimate:
-        """Return the estimate that belongs to a fit: covariance, intervals and notes."""
+    def to_estimate(self, fitted: LikelihoodFit) -> Estimate:
+        """Return the estimate of a fit, with covariance, intervals and notes."""
         model, search = self.problem.model, self.search
-        tau = search.left()[1]
+        tau = search.residuals()[1]
         directions = self.directions(fitted)
-        inverse, rank, lost = directions.inverse, directions.rank, directions.lost
+        inverse, rank, undetermined = directions.inverse, directions.rank, directions.undetermined
         covariance = directions.covariance()
-        provenance = self.provenance(lost) if bodies_of(model.parameters) else ()
-        notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, lost, tau))
+        provenance = self.provenance(undetermined) if bodies_of(model.parameters) else ()
+        notes = (*self.notes, *residual_notes(search, fitted, model.names, inverse, undetermined, tau))
         used = sum((one.raw.weight > 0).sum(axis=0) for one in search.segments)
-        nothing = lost & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
+        nothing = undetermined & (np.abs(fitted.theta) <= ROUNDING * np.abs(fitted.theta).max())
         bodies = bodies_of(model.parameters)
         smallest = {body.name: float(np.linalg.eigvalsh(body.scaled(fitted.theta))[0]) for body in bodies}
         return Estimate(
@@ -226,15 +229,15 @@ class _Run:
                 sum(map(len, search.given.logs)),
                 1.0 / search.sigma.tau,
             ),
-            notes=(*notes, *undetermined(model.names, lost, rank, provenance)),
+            notes=(*notes, *undetermined_notes(model.names, undetermined, rank, provenance)),
             provenance=provenance,
             consistency=Consistency(smallest) if smallest else None,
             interval=self.intervals(fitted, covariance) if fitted.converged else None,
             information=fitted.information,
         )
 
-    def provenance(self, lost: NDArray[np.bool_]) -> tuple[Provenance, ...]:
-        """Say what each parameter was determined by: where not by the data, by the start, and so as that says."""
+    def provenance(self, undetermined: NDArray[np.bool_]) -> tuple[Provenance, ...]:
+        """Return what determines each parameter; where not the data, the provenance is that of the start."""
         data, prior = Provenance.DATA, Provenance.PRIOR
-        pairs = zip(lost, self.start.provenance, strict=True)
+        pairs = zip(undetermined, self.start.provenance, strict=True)
         return tuple((prior if was is data else was) if gone else data for gone, was in pairs)

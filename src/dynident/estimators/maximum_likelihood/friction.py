@@ -1,4 +1,4 @@
-"""Dry friction with a smooth sign, as wide as the velocity is known: a jump has no derivative to search by."""
+"""Coulomb friction with a smooth sign, because Newton's method needs a derivative."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.models import HasSign, Model, Term
 
-__all__ = ["has_sign", "softened"]
+__all__ = ["has_sign", "with_smooth_signs"]
 
 Array = NDArray[np.float64]
 
@@ -20,17 +20,16 @@ def has_sign(model: Model) -> bool:
     return any(map(_sharp, model.terms))
 
 
-def softened(model: Model, width: Array) -> Model:
+def with_smooth_signs(model: Model, width: Array) -> Model:
     """Return the model with each sign(dq) replaced by tanh(dq / width), ``width`` (n) in rad/s or m/s by joint.
 
-    The parameters stay the same, in the same order. Terms with a width or a dead band of their own are left as they
-    are.
+    The parameters and their order do not change. Terms that have a width or a dead band are not changed.
     """
     terms: list[Term] = []
     for term in model.terms:
-        terms += term.softened(width) if _sharp(term) else (term,)
+        terms += term.with_smooth_sign(width) if _sharp(term) else (term,)
     return replace(model, terms=tuple(terms))
 
 
 def _sharp(term: object) -> TypeGuard[HasSign]:
-    return isinstance(term, HasSign) and term.sharp
+    return isinstance(term, HasSign) and term.discontinuous

@@ -1,4 +1,4 @@
-"""What maximum likelihood takes from a problem: its logs as measured, their noise, and a start that physics allows."""
+"""The input of maximum likelihood: logs as measured, their noise, and a feasible start."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, Note
 from dynident.estimators.constraints import PsdConstraint
-from dynident.estimators.constraints.cone import positive
+from dynident.estimators.constraints.cone import nearest_feasible
 from dynident.estimators.estimator import Problem
 from dynident.estimators.maximum_likelihood.plan import steps_of
 from dynident.estimators.maximum_likelihood.search import Recordings
@@ -21,16 +21,16 @@ from dynident.splines import median_sigma, steady_noise
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
 
 Array = NDArray[np.float64]
-MARGIN = 0.3  # room to the boundary that a start is given, relative to the usual size
+MARGIN = 0.3  # slack of the start, relative to the usual size
 THIN = 1e-3  # the same for bodies, which are often nearly rods or plates
 LEAST = {"q": 1e-7, "tau": 1e-4}  # least noise, relative to the largest value: the spline is hardly more exact
 SHORTEST = 20  # samples of a recording
 
 
 def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Recordings, list[Note]]:
-    """Return the logs as measured, thinned to about ``rate`` (Hz), and notes on what was done.
+    """Return the logs as measured, averaged down to about ``rate`` (Hz), and notes on this.
 
-    Where the problem has none, the runs of usable samples of the motions stand for them.
+    Where the problem has no logs, the runs of usable samples of the motions are used.
     """
     notes: list[Note] = []
     logs = problem.logs or _runs(problem)
@@ -42,12 +42,12 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
         notes.append(Averaged(group))
     sigma_tau = usual_noise(logs)[1]
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
-    bend = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
-    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, bend), notes
+    acceleration = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
+    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, acceleration), notes
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
-    """Return which torques (N, n) of each of the logs count, None where all do."""
+    """Return which torques (N, n) of each log are used, None for all."""
     min_speed = problem.regression.min_speed
     if min_speed is None or logs != len(problem.motions):
         return [None] * logs
@@ -55,7 +55,7 @@ def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
 
 
 def _grouping(logs: Sequence[Log], rate: float | None) -> int:
-    """Return of how many neighbouring samples the mean is to be taken; of one where a log would become too short."""
+    """Return how many neighbouring samples to average; 1 where a log would become too short."""
     most = max((len(log) - 1) / float(np.ptp(log.t)) for log in logs)
     group = 1 if rate is None else int(np.ceil(most / rate))
     return group if min(map(len, logs)) >= SHORTEST * group else 1
@@ -70,37 +70,37 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 
 
 def misfit(problem: Problem, theta: Array) -> Array:
-    """Return the usual size (n) of what theta leaves of the torques on the smoothed motions, but for transients."""
+    """Return the usual size (n) of the torque residuals of theta on the smoothed motions, without transients."""
     left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
     return median_sigma(np.concatenate(left))
 
 
 def feasible(theta: Array, problem: Problem, wanted: Sequence[PsdConstraint], margin: float = MARGIN) -> Array:
-    """Return theta (p) moved into the demands by the least change of the torque, with some room to their boundary.
+    """Return theta (p) moved into the constraints by the least change of the torque, with some slack.
 
-    It stays where it is where the solver finds no such point.
+    theta is returned unchanged where the solver finds no such point.
     """
     triangular = problem.regression.triangular_factors
     factor = triangular.stacked(
         1.0 / np.maximum(np.sqrt(triangular.residual(theta) / np.maximum(triangular.rows, 1)), 1e-12)
     )
     hessian = factor[:, :-1].T @ factor[:, :-1]
-    matrices, room = [], []
+    matrices, slack = [], []
     for one in wanted:
         usual = np.abs(np.diagonal(one.slopes @ theta, axis1=1, axis2=2)).max(axis=0)
         usual = np.maximum(usual, 1e-6 * max(float(usual.max()), 1e-12))
         scale = 1.0 / np.sqrt(usual)
         matrices.append(one.slopes * np.multiply.outer(scale, scale)[None, :, :, None])
-        room.append(margin if one.centre is None else THIN)
-    if _roomy(theta, matrices, room):
+        slack.append(margin if one.centre is None else THIN)
+    if _has_slack(theta, matrices, slack):
         return theta
-    point = positive(theta, hessian, matrices, room)
-    # a solver that stopped halfway is no help to a start that is inside already
-    return point if _roomy(point, matrices, [0.5 * least for least in room]) else theta
+    point = nearest_feasible(theta, hessian, matrices, slack)
+    # an inaccurate solution is not used where the start is feasible
+    return point if _has_slack(point, matrices, [0.5 * least for least in slack]) else theta
 
 
-def _roomy(theta: Array, matrices: Sequence[Array], room: Sequence[float]) -> bool:
-    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, room, strict=True))
+def _has_slack(theta: Array, matrices: Sequence[Array], slack: Sequence[float]) -> bool:
+    return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, slack, strict=True))
 
 
 def _runs(problem: Problem) -> tuple[Log, ...]:
@@ -120,6 +120,6 @@ def _thinned(log: Log, group: int) -> Log:
 
 
 def _means(x: Array, group: int) -> Array:
-    """Return the means of ``group`` neighbours of x (N, ...); those left over at the end go."""
+    """Return the means of ``group`` neighbours of x (N, ...); the remainder at the end is dropped."""
     whole = len(x) // group * group
     return np.asarray(x[:whole].reshape(-1, group, *x.shape[1:]).mean(axis=1))

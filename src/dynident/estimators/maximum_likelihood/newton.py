@@ -1,4 +1,4 @@
-"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay inside of what physics allows."""
+"""Newton's method on eq. (7): the trajectory is eliminated, the parameters stay feasible."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class NewtonSettings:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFit:
-    """What Newton's method ended at; ``information`` (p, p) of theta with all else profiled out.
+    """The result of Newton's method; ``information`` (p, p) of theta with all else profiled out.
 
-    ``gradient`` (p) is the data's slope of the cost once the step is taken that is left to go.
+    ``gradient`` (p) is the data's gradient of the cost after the remaining step.
     ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
     """
 
@@ -64,14 +64,14 @@ class LikelihoodFit:
 
     __repr__ = brief
 
-    def carried(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
-        """Return the states that belong to another theta nearby, to first order."""
+    def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
+        """Return the states for another theta nearby, to first order."""
         return _carried(segments, self.states, self.maps, theta - self.theta)
 
 
-def _turned(one: Equations, border: Array) -> Array:
+def _solve_border(one: Equations, border: Array) -> Array:
     """Return N^-1 times minus the gradient by C and a border, side by side."""
-    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).turned
+    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).border_solution
 
 
 def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
@@ -113,14 +113,14 @@ class _Quadratic:
     maps: tuple[tuple[Array, int], ...]
 
     @classmethod
-    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, bend: bool) -> _Quadratic:
-        """Sum over the segments; ``turned`` are N^-1 [gradient, border, bend] of each."""
+    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, mixed_hessian: bool) -> _Quadratic:
+        """Sum over the segments; ``turned`` are N^-1 [gradient, border, mixed_hessian] of each."""
         information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
         for one, whole in zip(found, turned, strict=True):
             border, back = one.border, whole[:, : one.border.shape[1] + 1]
-            if bend:
+            if mixed_hessian:
                 border, back = border.copy(), back.copy()
-                border[:, -p:] += one.bend
+                border[:, -p:] += one.mixed_hessian
                 back[:, -p:] += whole[:, -p:]
             k = border.shape[1] - p
             S, g, way, extra = _schur(one, border, back, k)
@@ -134,10 +134,10 @@ class _Quadratic:
 def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: NewtonSettings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
-    turned = [_turned(one, np.column_stack([one.border, one.bend])) for one in found]
-    gauss = used = _Quadratic.of(found, turned, p, bend=False)
+    turned = [_solve_border(one, np.column_stack([one.border, one.mixed_hessian])) for one in found]
+    gauss = used = _Quadratic.of(found, turned, p, mixed_hessian=False)
     if settings.newton:
-        bent = _Quadratic.of(found, turned, p, bend=True)
+        bent = _Quadratic.of(found, turned, p, mixed_hessian=True)
         if _safe(bent.information, gauss.information):
             used = bent
     H, g = _positive(used.information), used.gradient
@@ -168,7 +168,7 @@ def _safe(observed: Array, gauss: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """What is to be made most likely: a model on the segments of its logs, with their noise, inside of a barrier."""
+    """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -176,32 +176,38 @@ class Likelihood:
     barrier: Barrier
 
     def cost(self, states: Sequence[State], theta: Array) -> float:
-        """Return half the weighted squares and the barrier; infinite outside of it."""
+        """Return half the weighted squares plus the barrier; infinite outside the feasible set."""
         if not self.barrier.inside(theta):
             return np.inf
         pairs = zip(self.segments, states, strict=True)
         data = sum(one.cost(self.model, state, theta, self.sigma) for one, state in pairs)
         return data + self.barrier.value(theta)
 
-    def equations(self, states: Sequence[State], theta: Array, *, bend: bool) -> list[Equations]:
+    def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
         """Return the normal equations of each segment."""
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma, bend=bend) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian) for one, x in pairs]
 
     def linearised(
-        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, bend: bool
+        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool
     ) -> list[Equations]:
         """Return the equations about states and theta; with the second derivatives of those before, if any."""
-        found = self.equations(states, theta, bend=bend and not before)
-        return [replace(one, bend=old.bend) for one, old in zip(found, before, strict=True)] if before else found
+        found = self.equations(states, theta, mixed_hessian=mixed_hessian and not before)
+        return (
+            [replace(one, mixed_hessian=old.mixed_hessian) for one, old in zip(found, before, strict=True)]
+            if before
+            else found
+        )
 
-    def followed(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
+    def gauss_newton_step(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
         """Return the states after one step of Gauss and Newton at this theta."""
         p, out = len(theta), []
-        for one, state, found in zip(self.segments, states, self.equations(states, theta, bend=False), strict=True):
+        for one, state, found in zip(
+            self.segments, states, self.equations(states, theta, mixed_hessian=False), strict=True
+        ):
             k = found.border.shape[1] - p
             border = found.border[:, :k]
-            move = _schur(found, border, _turned(found, border), k)[2][:, 0]
+            move = _schur(found, border, _solve_border(found, border), k)[2][:, 0]
             out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
         return tuple(out)
 
@@ -226,7 +232,7 @@ def _carried(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Where the search stands."""
+    """The current point of the search."""
 
     states: tuple[State, ...]
     theta: Array
@@ -240,9 +246,9 @@ def maximise(
     settings: NewtonSettings | None = None,
     trace: Callable[[int, float, float, Array], None] = lambda *_: None,
 ) -> LikelihoodFit:
-    """Minimise the cost over trajectories, torques after steps, and theta (p), which must start inside the barrier.
+    """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    A step that fails because the trajectory's valley is curved is followed by one at fixed theta before it is halved.
+    A failing step is corrected by a step of the trajectory at fixed theta before it is halved.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
@@ -250,7 +256,7 @@ def maximise(
     at, near, slow = _begun(likelihood, states, theta, settings.hold), False, 0
     found: list[Equations] = []
     for iteration in itertools.count():
-        found = likelihood.linearised(at.states, at.theta, found if near else [], bend=settings.newton)
+        found = likelihood.linearised(at.states, at.theta, found if near else [], mixed_hessian=settings.newton)
         step = _step(found, at.theta, likelihood.barrier, settings)
         trace(iteration, at.cost, step.decrement, at.theta)
         converged = abs(step.decrement) < settings.tolerance
@@ -266,20 +272,20 @@ def maximise(
 
 
 def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
-    """Return the start after ``hold`` steps of the states alone; ModelError outside of the barrier."""
+    """Return the start after ``hold`` steps of the states alone; ModelError for an infeasible start."""
     states = tuple(states)
     for _ in range(hold):
-        states = likelihood.followed(states, theta)
+        states = likelihood.gauss_newton_step(states, theta)
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
-        raise ModelError(f"{likelihood.model.name}: the start is outside of what physics allows.")
+        raise ModelError(f"{likelihood.model.name}: the start violates the physical constraints.")
     return _Point(states, theta, cost)
 
 
 def _improved(
     likelihood: Likelihood, at: _Point, step: _Step, found: Sequence[Equations], settings: NewtonSettings
 ) -> tuple[_Step, _Point | None]:
-    """Return the step that was taken and where it led, None where none lowers the cost."""
+    """Return the step taken and the new point, None where no step lowers the cost."""
     better = _descend(likelihood, at, step) if step.decrement > 0 else None
     if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
         step = _step(found, at.theta, likelihood.barrier, replace(settings, newton=False))
@@ -292,11 +298,11 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
     size = 1.0
     while size > SHORTEST:
         moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
-        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may leave what can be computed
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
             for _ in range(3):
                 cost = likelihood.cost(moved, aim)
                 if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
                     return _Point(moved, aim, cost)
-                moved = likelihood.followed(moved, aim)
+                moved = likelihood.gauss_newton_step(moved, aim)
         size *= 0.4
     return None

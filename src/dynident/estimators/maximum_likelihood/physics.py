@@ -1,4 +1,4 @@
-"""What physics demands of the parameters of eq. (7), and what bodies are drawn to where the data leave them free."""
+"""Physical constraints on the parameters of eq. (7), and the prior of bodies that the data do not determine."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from dynident.models import Model, to_pseudo
 __all__ = ["psd_constraints"]
 
 Array = NDArray[np.float64]
-ROUND = 0.01  # least eigenvalue of a body to draw others to, beside its diagonal
+ROUND = 0.01  # least eigenvalue of a prior, relative to its diagonal
 POSES = 16  # configurations of the recordings at which the mass matrix must be positive definite
 
 
 def psd_constraints(model: Model, logs: Sequence[Log], start: Array) -> tuple[PsdConstraint, ...]:
-    """Return what physics demands of a model at the configurations of the logs.
+    """Return the physical constraints on a model at the configurations of the logs.
 
-    Bodies are drawn to their nominal ones, or to those of ``start`` (p).
+    The prior of the bodies is nominal, or that of ``start`` (p).
     """
     poses = np.concatenate([log.q[:: max(len(log) * len(logs) // POSES, 1)] for log in logs])
     found = physics(model, poses)
     bodies, p = found.bodies, len(model.parameters)
-    drawn = [replace(body.demand(p), centre=_centre(body, model, start)[None]) for body in bodies]
+    drawn = [replace(body.psd_constraint(p), centre=_centre(body, model, start)[None]) for body in bodies]
     return (*drawn, *found.matrices, *found.numbers(np.zeros(p), np.eye(p)))
 
 
 def _centre(body: BodyConstraint, model: Model, start: Array) -> Array:
-    """Return the pseudo-inertia (4, 4) to draw a body to: the nominal one, or where that is none a start made round."""
+    """Return the prior pseudo-inertia (4, 4) of a body: the nominal one, or else that of the start, regularised."""
     known = [model.parameters[k].value for k in body.columns]
     size = np.outer(body.size, body.size)
     if None not in known:

@@ -1,4 +1,4 @@
-"""Ends of 95 % intervals by profile likelihood: where the best fit with one parameter held there is too unlikely."""
+"""Ends of 95 % intervals by profile likelihood: where the best fit with one parameter fixed becomes too unlikely."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 LONGEST = 6.0  # of the search for the end of an interval, in the parameter's logarithm
 NEAR = (0.6, 2.0)  # share of the limit between which the curve through the points known will do
 TRIALS = 6
-TELLING = 0.5  # root of the deviance below which a best fit does not tell how the path bends
+TELLING = 0.5  # root of the deviance below which a best fit says little about the curvature of the path
 
 
 def crossing(root: Callable[[float], tuple[float, float]], size: float, side: int) -> float:

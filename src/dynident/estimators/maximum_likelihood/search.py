@@ -1,4 +1,4 @@
-"""From measured logs to the most likely parameters: knots, noise known better each round, and where the search ends."""
+"""From measured logs to the most likely parameters: knots, noise estimated in rounds, and Newton's search."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
-from dynident.estimators.maximum_likelihood.friction import softened
+from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
 from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
 from dynident.estimators.maximum_likelihood.plan import plan, whiteness
 from dynident.estimators.maximum_likelihood.profile import crossing, swept
@@ -28,41 +28,41 @@ FEWEST = 4  # intervals of a recording: the residuals of fewer are too few to te
 TELLING = 4.0  # spacing, in samples, below which a spline makes any residual look white
 STILL = 1e-8  # usual acceleration (rad/s^2, m/s^2) of a joint that does not move
 NO_SIGN = 1e3  # rad/s, m/s: width of a sign of velocity that is not there
-SAME = 1.1  # ratio of two powers of the torque's residual that are as good as the same
-CLOSE = 1e-9  # residual of a position, relative to its range, that is as good as none
+SAME = 1.1  # ratio of two powers of the torque's residual that count as equal
+CLOSE = 1e-9  # residual of a position, relative to its range, that counts as zero
 LOOSE = 1e3  # factor of the usual accelerations, that leaves a spline free
-MANY = 0.02  # share of the samples at which a sign is not sure, from which on it is told
+MANY = 0.02  # share of the samples with an uncertain sign above which it is noted
 WHITE = 1e-3  # probability below which residuals are not white
 AFAR = 300.0  # factor of the tolerance where a parameter is held for its profile: the expected fall is taken off
 TINY = 1e-6  # half the deviance that counts as none
-CLUSTERS = 200  # parts of the recordings whose pulls on theta count as independent
+CLUSTERS = 200  # parts of the recordings whose scores count as independent
 
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """What was measured: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the
-    ``time_offset`` (s) of the positions, and the usual accelerations ``bend`` (n).
+    """The measurements: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the
+    ``time_offset`` (s) of the positions, and the ``usual_acceleration`` (n) of the joints.
     """
 
     logs: tuple[Log, ...]
     steps: tuple[tuple[float, ...], ...]
     used: tuple[NDArray[np.bool_] | None, ...]
     time_offset: float
-    bend: Array
+    usual_acceleration: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Knots:
-    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``settled`` as noise."""
+    """Segments of one spacing, the power (n) they leave of the positions, and whether that is ``converged``."""
 
     segments: tuple[Segment, ...]
     power: Array
-    settled: bool
+    converged: bool
 
 
 @dataclass(eq=False)
 class Search:
-    """Where the search stands: theta (p), the noise ``sigma``, segments and their states."""
+    """The state of the search: theta (p), the noise ``sigma``, segments and their states."""
 
     model: Model
     given: Recordings
@@ -75,23 +75,23 @@ class Search:
 
     @property
     def likelihood(self) -> Likelihood:
-        """What is searched for the maximum of."""
+        """The likelihood at the current settings."""
         return Likelihood(self.model, self.segments, self.sigma, self.barrier)
 
-    def lay_out(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
+    def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
 
-        Their residuals must be white. Where they never are, because real noise is not, the torque decides: those are
-        taken that are the narrowest from which it follows as well as from any other.
+        Their residuals must be white. Where they never are, because real noise is not white, the narrowest knots are
+        taken that predict the torque as well as any other.
         """
         if spacing:
             self.segments = self._planned(spacing, rest=rest)
         else:
             found = self._spaced(rest=rest)
-            # what the spline cannot follow counts as noise
+            # the spline's misfit counts as noise
             self.segments = found.segments
             self.sigma = replace(self.sigma, q=np.maximum(self.sigma.q, np.sqrt(found.power)))
-        self.states = tuple(one.start(self.sigma.q, self.given.bend) for one in self.segments)
+        self.states = tuple(one.start(self.sigma.q, self.given.usual_acceleration) for one in self.segments)
         if condense:
             pairs = zip(self.segments, self.states, strict=True)
             self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma.tau) for one, state in pairs)
@@ -104,18 +104,18 @@ class Search:
         )
 
     def _spaced(self, *, rest: bool) -> _Knots:
-        """Return the widest knots that leave white residuals of the positions, else those that the torque decides."""
+        """Return the widest knots that leave white residuals of the positions, else those chosen by the torque."""
         widest = max(map(len, self.given.logs)) / FEWEST
         tried = []
         for size in SPACINGS:
             if TELLING < size <= widest:
                 tried.append(self._tried(size, rest=rest))
-                if tried[-1].settled:
+                if tried[-1].converged:
                     return tried[-1]
         return self._by_torque(tried, rest=rest)
 
     def _by_torque(self, tried: list[_Knots], *, rest: bool) -> _Knots:
-        """Return the narrowest knots, those tried or still narrower, from which the torque follows as well as any."""
+        """Return the narrowest knots, tried or narrower, that predict the torque as well as any other."""
         missed = [self._missed(one.segments) for one in tried]
         for size in SPACINGS:
             if size < TELLING:
@@ -134,21 +134,21 @@ class Search:
         return _Knots(segments, power, self._white(left, segments) or bool((power < exact**2).all()))
 
     def _fitted(self, segment: Segment) -> State:
-        """Return the motion that a segment's positions alone suggest."""
-        return segment.start(self.sigma.q, LOOSE * self.given.bend)
+        """Return the motion fitted to a segment's positions alone."""
+        return segment.start(self.sigma.q, LOOSE * self.given.usual_acceleration)
 
     def _missed(self, segments: Sequence[Segment]) -> float:
-        """Return the power of the torque that fits to the positions alone leave."""
+        """Return the power of the torque residual of fits to the positions alone."""
         left = [one.residuals(self.model, self._fitted(one), self.theta)[1] / self.sigma.tau for one in segments]
         return sum(float((((one.raw.weight > 0) * x) ** 2).sum()) for one, x in zip(segments, left, strict=True))
 
-    def soften(self) -> tuple[float, ...]:
-        """Make the sign of velocities as smooth as these are known; return the widths if that concerns many samples."""
-        known = [one.resolution(self.sigma.q, self.given.bend) for one in self.segments]
-        still = self.given.bend < STILL
+    def smooth_signs(self) -> tuple[float, ...]:
+        """Smooth the sign over the uncertainty of the velocities; return the widths if many samples are affected."""
+        known = [one.resolution(self.sigma.q, self.given.usual_acceleration) for one in self.segments]
+        still = self.given.usual_acceleration < STILL
         width = np.where(still, NO_SIGN, np.max(known, axis=0))
         speed = [np.abs(one.motion(state)[1]) for one, state in zip(self.segments, self.states, strict=True)]
-        self.model = softened(self.model, width)
+        self.model = with_smooth_signs(self.model, width)
         if float((np.concatenate(speed) < 2 * width).mean(axis=0)[~still].max(initial=0.0)) < MANY:
             return ()
         return tuple(width[~still].tolist())
@@ -158,11 +158,11 @@ class Search:
         return min(whiteness(x, one.trajectory.size) for x, one in pairs) > WHITE
 
     def run(self, hold: int = 0, loose: float = 1.0) -> LikelihoodFit:
-        """Search from where all stands, and move there."""
+        """Search from the current state, and move to the result."""
         return self.moved_to(self.searched(self.theta, self.states, hold, loose))
 
     def moved_to(self, fitted: LikelihoodFit) -> LikelihoodFit:
-        """Move to where a search ended, and return that."""
+        """Move to the result of a search, and return it."""
         self.theta, self.states = fitted.theta, fitted.states
         return fitted
 
@@ -173,11 +173,11 @@ class Search:
         settings = replace(self.settings, tolerance=loose * self.settings.tolerance, hold=hold, fixed=fixed)
         return maximise(self.likelihood, states, theta, settings)
 
-    def freed(self) -> Search:
+    def with_free_start(self) -> Search:
         """Return the search with the velocities at the start unknown."""
         return replace(self, segments=tuple(replace(one, rest=False) for one in self.segments))
 
-    def left(self) -> tuple[list[Array], list[Array]]:
+    def residuals(self) -> tuple[list[Array], list[Array]]:
         """Return the residuals of positions and torques by segment, in units of their deviations; zero where unused."""
         pairs = [
             one.residuals(self.model, state, self.theta) for one, state in zip(self.segments, self.states, strict=True)
@@ -188,8 +188,8 @@ class Search:
         ]
 
     def reweight(self, huber: float | None) -> None:
-        """Estimate the noise from the residuals and the degrees of freedom left; with ``huber``, the trust too."""
-        q, tau = self.left()
+        """Estimate the noise from the residuals and the degrees of freedom; with ``huber``, also the sample weights."""
+        q, tau = self.residuals()
         pairs = zip(self.segments, self.states, strict=True)
         taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
         there = np.array(
@@ -214,15 +214,15 @@ class Search:
         if not self.barrier.inside(theta):
             return None
         try:
-            return self.searched(theta, last.carried(self.segments, theta), hold=1, loose=AFAR, fixed=k)
-        except (ModelError, np.linalg.LinAlgError):  # too far away for numbers
+            return self.searched(theta, last.extrapolated(self.segments, theta), hold=1, loose=AFAR, fixed=k)
+        except (ModelError, np.linalg.LinAlgError):  # too far away to be evaluated
             return None
 
     def profiled(self, fitted: LikelihoodFit, covariance: Array, k: int) -> Array:
         """Return 95 % intervals (p, 2) along the profile likelihood of parameter k.
 
-        The parameter keeps its sign where physics does not let it be zero. Where physics stops it before, that is the
-        end as far as it was seen.
+        The parameter keeps its sign where it must not be zero. Where a physical constraint is reached first, the
+        interval ends there.
         """
         value, std = float(fitted.theta[k]), float(np.sqrt(covariance[k, k]))
         along, zero = covariance[:, k] / std**2, fitted.theta.copy()
@@ -232,7 +232,7 @@ class Search:
 
         def end(side: int) -> float:
             last, inward = fitted, keeps and side * value < 0
-            # from one share to the next; a parameter near zero, or at the edge, is no measure
+            # from one share to the next; not the parameter itself, which may be near zero or at a bound
             unit, way = (value, -1) if inward else (side * max(abs(value), std), 1)
 
             def root(share: float) -> tuple[float, float]:
@@ -254,11 +254,11 @@ class Search:
         out[k] = ends
         return out
 
-    def spread(self, fitted: LikelihoodFit, inverse: Array) -> tuple[Array, Array]:
-        """Return the sandwich's standard deviations (p), and by how many parts of the recordings each is borne (p).
+    def sandwich_std(self, fitted: LikelihoodFit, inverse: Array) -> tuple[Array, Array]:
+        """Return the sandwich's standard deviations (p), and how many parts of the recordings contribute to each (p).
 
-        ``inverse`` (p, p) is that of the information. The pulls of stretches of the recordings on theta are taken as
-        independent, whatever their noise is like.
+        ``inverse`` (p, p) is that of the information. The scores of stretches of the recordings are taken as
+        independent; no assumption is made on the noise within them.
         """
         out = []
         for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):

@@ -1,4 +1,4 @@
-"""One recording in eq. (7): its spline trajectory, and what is left of its positions and torques."""
+"""One recording in eq. (7): its spline trajectory, and the residuals of its positions and torques."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A log with the space its motion is sought in.
+    """A log with the spline space of its trajectory.
 
-    After each of the steps the torque is piecewise linear on ``torque_knots`` (k per step, s): there the trajectory
-    obeys the equations of motion between the samples, too. ``rest``: the motion starts with velocity zero. ``raw`` are
-    the torques as measured, ``torques`` the same, or points that stand for them. The positions show the motion
-    ``time_offset`` (s) late.
+    After each step the torque is piecewise linear on ``torque_knots`` (k per step, s): there the trajectory satisfies
+    the equations of motion also between the samples. ``rest``: the motion starts with velocity zero. ``raw`` are the
+    torques as measured, ``torques`` the same, or fewer points that replace them. The positions are ``time_offset`` (s)
+    late.
     """
 
     log: Log
@@ -78,20 +78,20 @@ class Segment:
         return t[order], order < len(self.torques.t)
 
     def _collocation(self, knots: Array) -> Array:
-        """Gauss's points of the trajectory's intervals, and the torque knots themselves, without which W could hang."""
+        """Gauss's points of the trajectory's intervals, and the torque knots, which make W determined."""
         breaks = self.trajectory.breaks
         middle, size = (breaks[:-1] + breaks[1:]) / 2, np.diff(breaks)
         points = np.concatenate([middle - GAUSS * size, middle + GAUSS * size])
         return np.sort(np.concatenate([points[(points > knots[0]) & (points < knots[-1])], knots]))
 
     def condensed(self, model: Model, state: State, theta: Array, sigma_tau: Array) -> Segment:
-        """Return the segment with few points for many torques, where the model's torque about a state allows it."""
+        """Return the segment with the torques replaced by fewer points, where the model's torque is smooth enough."""
         torque = self._modelled(model, state, theta)
         interval = self.trajectory.interval(self.raw.t)
         return replace(self, torques=condensed(self.raw, interval, torque, sigma_tau))
 
     def trusting(self, weight: Array) -> Segment:
-        """Return the segment with all its torques, each of a weight (K, n) besides its own."""
+        """Return the segment with all its torques, multiplied by weights (K, n)."""
         return replace(self, torques=replace(self.raw, weight=self.raw.weight * weight))
 
     @cached_property
@@ -150,7 +150,7 @@ class Segment:
         turned = self.positions.T
         band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
         band[0] += RIDGE * band[0].max()
-        middle = self.log.q.mean(axis=0)  # joints may have turned far
+        middle = self.log.q.mean(axis=0)  # positions may be far from zero
         C = middle + Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ (self.log.q - middle))
         left = self.log.q - self.positions @ C
         return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)

@@ -13,7 +13,7 @@ __all__ = ["POINTS", "Torques", "condensed"]
 
 Array = NDArray[np.float64]
 POINTS = 8  # of Gauss's rule, for the samples of one interval
-CLOSE = 0.03  # torques this near to a polynomial, in standard deviations of a sample, count as one
+CLOSE = 0.03  # torques this close to a polynomial, in standard deviations of a sample, count as polynomial
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Torques:
 
 
 def condensed(raw: Torques, interval: NDArray[np.intp], torque: Array, sigma_tau: Array) -> Torques:
-    """Return torques with those of each interval replaced by a few points, where that loses nothing.
+    """Return torques with those of each interval replaced by a few points, where that is exact.
 
     ``interval`` (K) tells, in order, where each lies; ``torque`` (K, n) is about what the model will say, which has to
     be a polynomial of degree 7 there, but for a small part of ``sigma_tau`` (n), and so in the intervals beside. The

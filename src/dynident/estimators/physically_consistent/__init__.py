@@ -1,4 +1,4 @@
-"""Least squares under physics: positive masses and inertias, signs of friction, and a prior where data say nothing."""
+"""Least squares with physical constraints, and a prior for what the data do not determine."""
 
 from dynident.estimators.physically_consistent.fit import PhysicallyConsistent
 

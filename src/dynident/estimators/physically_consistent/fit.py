@@ -1,7 +1,7 @@
-"""The physically consistent fit: least squares under what physics and the user demand, with a prior for the rest.
+"""The physically consistent fit: least squares with physical and user constraints, and a prior for the rest.
 
-Settings become constraints and a prior here. Two convex programs, small whatever the length of the logs, do the rest:
-``staged`` fits the data, ``prior`` decides what they leave free, and no more, so that no prior can touch the rest.
+Settings become constraints and a prior here. Two convex programs follow, whose size does not depend on the length of
+the logs: ``staged`` fits the data; ``prior`` moves only along the directions that the data do not determine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from dynident.estimators.constraints import (
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import Weights, check_weights, joint_weights, weighted
 from dynident.estimators.notes import DecidedByPrior, HeldByConstraints, NotIdentifiable, PriorApproached, RankDeficient
-from dynident.estimators.physically_consistent.prior import nearest, settle
+from dynident.estimators.physically_consistent.prior import move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
@@ -40,7 +40,7 @@ __all__ = ["PhysicallyConsistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
-CLOSED = 1e-6  # duality gap from which on the prior is only approached
+CLOSED = 1e-6  # duality gap above which the prior was not reached
 FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
@@ -49,25 +49,25 @@ CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's si
 class PhysicallyConsistent:
     """Least squares with a positive definite pseudo-inertia for each body that has all ten inertial parameters.
 
-    ``inertia``, ``viscous``, ``coulomb``, ``rotor`` switch the demands on the bodies and on the signs of friction and
-    rotor inertia. ``total_mass`` is a value or (lower, upper) in kg, ``bounds`` are (lower, upper) by parameter name,
-    ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
+    ``inertia``, ``viscous``, ``coulomb``, ``rotor`` switch the constraints on the bodies and on the signs of friction
+    and rotor inertia. ``total_mass`` is a value or (lower, upper) in kg, ``bounds`` are (lower, upper) by parameter
+    name, ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
 
-    ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It decides only what the data
-    leave free, by the rank (``rank_of``) of the regressor; ``threshold`` is its tolerance (None: the
-    precision of the model). ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, which depends on
-    no frame or unit; Euclidean for all others) or "euclidean" (in units of each parameter's usual size). What no
-    prior covers is made as small as the constraints allow.
+    ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It determines only what the data
+    do not, by the rank (``rank_of``) of the noise-weighted regressor; ``threshold`` is its tolerance (None: the
+    precision of the model). The ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, invariant to
+    frames and units; Euclidean for all other parameters) or "euclidean" (in units of each parameter's usual size).
+    Undetermined parameters without a prior are made as small as the constraints allow.
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
-    values, else 1 kg and 0.1 m), of which the prior may use up half. ``weights`` and ``iterations`` are those of
-    ``joint_weights``. ``costs`` = False saves the fits that tell what constraints cost. Bodies that would fit
-    ever better by growing without end are held back, at a cost far below the noise, whatever the prior.
+    values, else 1 kg and 0.1 m); the second program may use half of it. ``weights`` and ``iterations`` are those of
+    ``joint_weights``. ``costs`` = False skips the extra fits that measure the cost of each constraint. A small penalty,
+    far below the noise, keeps bodies finite that would fit slightly better the larger they are.
 
-    Constraints that the true parameters do not meet, or a model that lacks something, make it biased: what they move
-    the value by counts in the covariance, so that intervals hold wherever those without constraints do.
+    Constraints that the true parameters violate, or effects missing from the model, bias the estimate: what they move
+    the value by is included in the covariance, so that intervals hold wherever those without constraints do.
 
-    Here the inertia of a pendulum is known to exceed 0.09 kg m^2:
+    Calling it with a ``Problem`` gives an ``Estimate``. Here the inertia of a pendulum is known to exceed 0.09 kg m^2:
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -125,10 +125,10 @@ class PhysicallyConsistent:
                 _check_sides(f"centre of mass of {name}", *sides)
 
     def __call__(self, problem: Problem) -> Estimate:
-        """Estimate; notes say what the data did not determine.
+        """Estimate; notes say what the data do not determine.
 
-        Raises ConfigError where settings name what the model has not, or the constraints contradict each other, and
-        ModelError where the program cannot be solved.
+        Raises ConfigError where settings name parameters or bodies that the model does not have, or the constraints
+        contradict each other, and ModelError where the program cannot be solved.
         """
         model, triangular = problem.model, problem.regression.triangular_factors
         weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
@@ -141,11 +141,11 @@ class PhysicallyConsistent:
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
         theta, excess = staged_fit(known, constraints, start)
-        value, gap = settle(known, constraints, theta, aim, self._entropic(known, constraints, prior))
-        value = _snapped(value, constraints)
+        value, gap = move_to_prior(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        value = _clipped_to_limits(value, constraints)
         provenance = _provenance(value, known, constraints, ~np.isnan(prior))
         costs = _costs(known, constraints, start, excess) if self.costs else {}
-        moved = np.where(directions.lost, 0.0, value - known.base)
+        moved = np.where(directions.undetermined, 0.0, value - known.base)
         return Estimate(
             parameters=model.parameters,
             value=value,
@@ -195,10 +195,10 @@ class PhysicallyConsistent:
         return np.array([given.get(k, np.nan) for k in range(len(model.names))])
 
     def _entropic(self, known: Information, constraints: Constraints, prior: Array) -> list[BodyConstraint]:
-        """Return the bodies to keep close in the log-det sense: free ones whose prior is itself a possible body."""
+        """Return the bodies with a log-det distance: undetermined ones whose prior is physically consistent."""
         if self.distance == "euclidean":
             return []
-        free = [body for body in constraints.bodies if known.directions.lost[body.columns].any()]
+        free = [body for body in constraints.bodies if known.directions.undetermined[body.columns].any()]
         known_bodies = [body for body in free if not np.isnan(prior[body.columns]).any()]
         return [body for body in known_bodies if np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin]
 
@@ -221,8 +221,8 @@ def _index(name: str, model: Model, where: str) -> int:
     return model.names.index(name)
 
 
-def _snapped(theta: Array, constraints: Constraints) -> Array:
-    """Return theta with what the solver's rounding leaves between a parameter and its limit taken off."""
+def _clipped_to_limits(theta: Array, constraints: Constraints) -> Array:
+    """Return theta with parameters moved to their limits where only the solver's rounding separates them."""
     theta = theta.copy()
     for limit in constraints.limits:
         for i in np.flatnonzero((limit.rows != 0).sum(axis=1) == 1):
@@ -240,7 +240,7 @@ def _eigenvalues(bodies: Sequence[BodyConstraint], theta: Array) -> dict[str, fl
 def _provenance(
     theta: Array, known: Information, constraints: Constraints, prior: NDArray[np.bool_]
 ) -> tuple[Provenance, ...]:
-    free = known.directions.lost
+    free = known.directions.undetermined
     at = np.zeros(len(theta), dtype=bool)
     for body in constraints.bodies:
         if np.linalg.eigvalsh(body.scaled(theta))[0] < 10 * constraints.margin:
@@ -256,7 +256,7 @@ def _provenance(
 
 
 def _costs(known: Information, constraints: Constraints, start: Array, excess: float) -> dict[str, float]:
-    """Return what each family of constraints alone, and "all" of them, add to the error, in percentage points."""
+    """Return the increase of the error, in percentage points, by each family of constraints alone and by "all"."""
     alone = {family: staged_fit(known, constraints.only(family), start)[1] for family in constraints.families}
     return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
 

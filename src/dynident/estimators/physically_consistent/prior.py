@@ -1,8 +1,8 @@
-"""The second program of a consistent fit: towards a prior, along the directions only that the data leave free.
+"""The second program of a consistent fit: towards a prior, only along the directions that the data do not determine.
 
-A point that meets the constraints is known from the first program, so that a barrier method with Newton steps in the
-few free directions cannot fail to return one: where a body lies on the boundary of what is possible, the room left is
-too thin for a general conic solver. Boyd and Vandenberghe (2004), "Convex optimization", chapter 11.
+The first program gives a feasible point, from which a barrier method with Newton steps in the few free directions
+always returns a feasible point; a general conic solver may fail where a body lies on the boundary and the feasible set
+is thin. Boyd and Vandenberghe (2004), "Convex optimization", chapter 11.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 from dynident.estimators.constraints import Barrier, BodyConstraint, Constraints, Penalised
 from dynident.estimators.physically_consistent.staged import Information
 
-__all__ = ["nearest", "settle"]
+__all__ = ["move_to_prior", "nearest"]
 
 Array = NDArray[np.float64]
-TINY = 1e-9  # room given to limits that the first program left none
-GAP = 1e-8  # distance from the optimum, relative to the objective, at which the barrier has done its work
+TINY = 1e-9  # slack given to limits that are active after the first program
+GAP = 1e-8  # distance from the optimum, relative to the objective, at which the barrier method stops
 STEPS = 60  # Newton steps for one weight of the barrier; about ten are needed
 
 
 def nearest(known: Information, theta: Array, prior: Array) -> Array:
-    """Return theta (p) moved along the free directions to the least Euclidean distance from the prior (p)."""
+    """Return theta (p) moved along the free directions to the smallest Euclidean distance from the prior (p)."""
     aim = (prior - theta) / known.scale
     return np.asarray(theta + known.free @ ((known.free / known.scale[:, None]).T @ aim))
 
 
-def settle(
+def move_to_prior(
     known: Information, constraints: Constraints, theta: Array, prior: Array, entropic: Sequence[BodyConstraint]
 ) -> tuple[Array, float]:
-    """Return theta (p) moved along the free directions towards the prior (p), and the duality gap left.
+    """Return theta (p) moved along the free directions towards the prior (p), and the remaining duality gap.
 
     The distance is tr(P0^-1 P) - log det(P0^-1 P) of the pseudo-inertia P from the prior's P0 for the bodies in
     ``entropic``: Lee, Wensing and Park (2020), "Geometric robot dynamic identification". It is half the squared
@@ -42,17 +42,17 @@ def settle(
     directions = known.free @ _held(constraints, known.free)
     if not directions.shape[1]:
         return theta, 0.0
-    eased = constraints.eased(0.5)
-    if not entropic and eased.violation(close := nearest(known, theta, prior)) <= 0:
+    relaxed = constraints.relaxed(0.5)
+    if not entropic and relaxed.violation(close := nearest(known, theta, prior)) <= 0:
         return close, 0.0
-    program = _program(known, eased, theta, directions, prior, entropic)
+    program = _program(known, relaxed, theta, directions, prior, entropic)
     x, gap = program.descended()
     return theta + directions @ x, gap
 
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """Minimise x' H x / 2 - g' x + ``kept`` at x (v), inside of ``edge``."""
+    """Minimise x' H x / 2 - g' x + ``kept`` at x (v), inside ``edge``."""
 
     H: Array
     g: Array
@@ -60,12 +60,12 @@ class _Program:
     edge: Barrier
 
     def descended(self) -> tuple[Array, float]:
-        """Follow the central path from x = 0; return x and how far at most the objective is from its optimum."""
+        """Follow the central path from x = 0; return x and a bound on the objective's distance from its optimum."""
         x, weight = np.zeros(len(self.g)), 1.0
         while True:
             both = ((self.kept, 1.0), (self.edge, weight))
             task = Penalised(self.H, self.g, np.zeros_like(x), both, np.arange(len(x)))
-            x, fall = task.settled(x, 1e-2 * weight, STEPS)
+            x, fall = task.minimised(x, 1e-2 * weight, STEPS)
             cost = float(0.5 * x @ self.H @ x - self.g @ x) + self.kept.value(x)
             gap = (weight * self.edge.degree + fall) / max(1.0, abs(cost))
             if gap < GAP or weight < 1e-2 * GAP:
@@ -92,7 +92,7 @@ def _program(
     others = np.ones(len(theta), dtype=bool)
     others[[k for body in entropic for k in body.columns]] = False
     slope, away = directions / known.scale[:, None] * others[:, None], others * (theta - prior) / known.scale
-    drawn = [replace(body.demand(len(theta)), centre=body.scaled(prior)[None]) for body in entropic]
+    drawn = [replace(body.psd_constraint(len(theta)), centre=body.scaled(prior)[None]) for body in entropic]
     kept = tuple(one.along(theta, directions) for one in drawn)
     moved = [
         one for one in constraints.psd_constraints(theta, directions) if np.abs(one.slopes).max(initial=0.0) > TINY

@@ -1,4 +1,4 @@
-"""The first program of a consistent fit: what the data determine, and its best value under the constraints."""
+"""The first program of a consistent fit: the directions that the data determine, and their constrained optimum."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from dynident.regression import Rank
 __all__ = ["Information", "read", "staged_fit"]
 
 Array = NDArray[np.float64]
-PULL = 1.0  # squared standard errors for one usual size of a free direction: no body grows far for less
+PULL = 1.0  # penalty, in squared standard errors, of one usual size along a free direction, which keeps bodies finite
 UNITS = (1.0, 1e3, 1e6)  # of d, in standard errors
 SLACK = 0.4  # share of the margin that the solver may use up; the second program keeps half of the margin
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What the data say of theta = base + informed d + free w, read off the weighted triangular factor.
+    """The data's information on theta = base + informed d + free w, from the weighted triangular factor.
 
     ``base`` (p): the least-squares solution without a free part; ``informed`` (p, k): steps of ``unit`` in the weighted
     residual, so that the squared error is rss + unit^2 |d|^2; ``free`` (p, p - k): directions that the data do not
-    determine, orthonormal in units of the parameters' ``scale`` (p); ``directions``: the rank that divides them;
+    determine, orthonormal in units of the parameters' ``scale`` (p); ``directions``: the rank that separates them;
     ``variance`` of the weighted residual; ``torque``: the norm of the weighted torque.
     """
 
@@ -57,7 +57,7 @@ class Information:
 
 
 def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
-    """Divide the parameters' space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
+    """Split the parameter space by the ``rank`` of the factor (p + 1, p + 1) of ``rows`` weighted rows, torque last.
 
     ``scale`` (p) is the usual size of each parameter.
     """
@@ -66,7 +66,7 @@ def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
     target = rank.left[:, :k].T @ y
     rss = float(np.sum((y - rank.left[:, :k] @ target) ** 2) + factor[p, p] ** 2)
     torque = float(np.linalg.norm(factor[:, p]))
-    # exact data have no noise to measure by: a tiny share of the torque instead
+    # for exact data, a tiny share of the torque instead of the noise
     step = max(np.sqrt(rss / max(rows - k, 1)), 1e-5 * torque / np.sqrt(rows)) or 1.0
     half = rank.determined / rank.values[:k]
     free, _ = np.linalg.qr(rank.free / scale[:, None])
@@ -86,8 +86,8 @@ def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
 def staged_fit(known: Information, constraints: Constraints, start: Array) -> tuple[Array, float]:
     """Return the theta (p) of least squared error under the constraints, and |d|^2 there.
 
-    ``start``, an unconstrained solution, is the answer where it meets them. Raises ConfigError where they contradict
-    each other, ModelError where the solver fails.
+    ``start``, an unconstrained solution, is returned where it is feasible. Raises ConfigError where the constraints
+    contradict each other, ModelError where the solver fails.
     """
     if constraints.violation(start) <= 0:
         return start, 0.0
@@ -98,15 +98,15 @@ def staged_fit(known: Information, constraints: Constraints, start: Array) -> tu
     broken = constraints.violation(theta)
     if not (found.good and broken <= SLACK * constraints.margin):
         raise ModelError(
-            f"the consistent fit failed: the conic solver ended with {found.status}, its optimality conditions are met "
-            f"to {max(found.stationarity, found.gap):.1e} (1e-05 is asked) and the constraints to {broken:.1e}; check "
+            f"the consistent fit failed: the conic solver stopped with {found.status}; its optimality conditions hold "
+            f"to {max(found.stationarity, found.gap):.1e} (1e-05 is required), the constraints to {broken:.1e}; check "
             "nominal values and bounds for wrong units, or raise the threshold, the margin, or both."
         )
     return theta, float(np.sum(found.point[:k] ** 2))
 
 
 def _freed(known: Information, constraints: Constraints, start: Array) -> Array | None:
-    """Return an unconstrained solution that meets the constraints, or None: ``start`` moved along free directions."""
+    """Return a feasible unconstrained solution, ``start`` moved along free directions, or None."""
     q = known.free.shape[1]
     try:
         found = minimise(np.eye(q), np.zeros(q), constraints, start, known.free) if q else None
@@ -119,7 +119,7 @@ def _freed(known: Information, constraints: Constraints, start: Array) -> Array 
 
 
 def _solved(known: Information, constraints: Constraints) -> Optimum:
-    """Solve for x = (d, w). Where d is huge the solver may see no answer: then it is measured in larger units."""
+    """Solve for x = (d, w). Where d is so large that the solver fails, d is scaled."""
     p, k = known.scale.size, known.rank
     for unit in UNITS:
         sizes = np.where(np.arange(p) < k, unit, 1.0)

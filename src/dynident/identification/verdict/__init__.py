@@ -1,4 +1,4 @@
-"""The verdict on an identification: is the model fit for use, and if not, why? As data; ``report`` makes the words.
+"""The verdict on an identification, as data: is the model fit for use, and if not, why? ``report`` makes the text.
 
 ``verdict``, ``reasons`` and ``steps`` hold the nouns, ``rules`` decides.
 """

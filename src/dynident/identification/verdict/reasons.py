@@ -1,4 +1,4 @@
-"""The reasons against a use of a model, each with its figures and what to do about it."""
+"""The reasons against a use of a model, each with its figures and a remedy."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ __all__ = [
 class Reason:
     """Base of the reasons; errors are in %."""
 
-    cure: ClassVar[Remedy | None] = None
+    usual_remedy: ClassVar[Remedy | None] = None
 
     @property
     def remedy(self) -> Remedy | None:
-        """What to do about it, None where nothing single helps."""
-        return self.cure
+        """What to do about it, None where there is no single remedy."""
+        return self.usual_remedy
 
 
 @dataclass(frozen=True)
 class NoHoldOut(Reason):
     """No log was held out."""
 
-    cure = Remedy.HOLD_OUT
+    usual_remedy = Remedy.HOLD_OUT
 
 
 @dataclass(frozen=True)
 class Repeats(Reason):
     """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
 
-    cure = Remedy.ANOTHER_MOTION
+    usual_remedy = Remedy.ANOTHER_MOTION
     pairs: tuple[tuple[str, str], ...]
 
 
@@ -59,7 +59,7 @@ class Repeats(Reason):
 class SilentTorque(Reason):
     """The torque of these ``joints`` is zero in all of the training."""
 
-    cure = Remedy.TORQUE_COLUMN
+    usual_remedy = Remedy.TORQUE_COLUMN
     joints: tuple[str, ...]
 
 
@@ -67,7 +67,7 @@ class SilentTorque(Reason):
 class TorqueErrorTooLarge(Reason):
     """The torque ``error`` on a held-out ``log`` exceeds the ``limit``."""
 
-    cure = Remedy.CHECK
+    usual_remedy = Remedy.CHECK
     log: str
     error: float
     limit: float
@@ -82,7 +82,7 @@ class UnfilteredErrorTooLarge(TorqueErrorTooLarge):
 class JointErrorsTooLarge(Reason):
     """Single joints have a torque error above the ``limit``: pairs of name and error."""
 
-    cure = Remedy.LONGER_TRAINING
+    usual_remedy = Remedy.LONGER_TRAINING
     log: str
     errors: tuple[tuple[str, float], ...]
     limit: float
@@ -92,7 +92,7 @@ class JointErrorsTooLarge(Reason):
 class NotCarriedOver(Reason):
     """The error on a held-out ``log`` is ``ratio`` times that of the training."""
 
-    cure = Remedy.LONGER_TRAINING
+    usual_remedy = Remedy.LONGER_TRAINING
     log: str
     ratio: float
 
@@ -101,13 +101,13 @@ class NotCarriedOver(Reason):
 class MassMatrixNotPositive(Reason):
     """The mass matrix has an ``eigenvalue`` that is not positive."""
 
-    cure = Remedy.CONSISTENT_FIT
+    usual_remedy = Remedy.CONSISTENT_FIT
     eigenvalue: float
 
 
 @dataclass(frozen=True)
 class MostlyUnexcited(Reason):
-    """The data do not show so many base parameters of the ``total`` that the model is of no use."""
+    """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
     unexcited: int
     total: int
@@ -115,7 +115,7 @@ class MostlyUnexcited(Reason):
 
 @dataclass(frozen=True)
 class PartlyUnexcited(Reason):
-    """The data do not show some base parameters of the ``total``, so that what excites them is not predicted."""
+    """The data do not excite some of the ``total`` base parameters; motions that do are not predicted."""
 
     unexcited: int
     total: int
@@ -123,24 +123,24 @@ class PartlyUnexcited(Reason):
 
 @dataclass(frozen=True)
 class NegativeValues(Reason):
-    """Parameters with ``names`` are negative, which physics forbids."""
+    """Parameters with ``names`` are negative, which is not physical."""
 
-    cure = Remedy.CONSISTENT_FIT
+    usual_remedy = Remedy.CONSISTENT_FIT
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class InertiasFree(Reason):
-    """The bodies' inertias were not held to what is physically possible."""
+    """The bodies' inertias were not constrained to be physically consistent."""
 
-    cure = Remedy.CONSISTENT_FIT
+    usual_remedy = Remedy.CONSISTENT_FIT
 
 
 @dataclass(frozen=True)
 class NoFreeRun(Reason):
     """No free simulation was asked for."""
 
-    cure = Remedy.SIMULATE
+    usual_remedy = Remedy.SIMULATE
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ class FreeRunFails(Reason):
 
 @dataclass(frozen=True)
 class FreeRunAstray(Reason):
-    """The free simulation of a ``log`` is off by ``error`` (% of the way of a ``joint``).
+    """The free simulation of a ``log`` has a large ``error`` (% of the motion of a ``joint``).
 
-    With the measured torque as ``driver`` it starts again each ``restart`` s.
+    With the measured torque as ``driver`` it is restarted every ``restart`` s.
     """
 
     log: str
@@ -166,5 +166,5 @@ class FreeRunAstray(Reason):
 
     @property
     def remedy(self) -> Remedy | None:
-        """An arm driven by torque alone drifts; in the loop of its controller nothing single helps."""
+        """Closed-loop simulation where the torque alone drove the arm, which drifts; else no single remedy."""
         return None if self.driver is Driver.CONTROLLER else Remedy.CONTROLLER_LOOP

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 TORQUE = 10.0  # %, held-out torque error up to which a feedforward helps
 UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 JOINT = 25.0  # %, the same of one joint
-SMALL = 1.0  # %, of a joint's effort limit: errors below it do no harm, whatever they are of a small torque
+SMALL = 1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
 GAP = 2.0  # held-out error over training error
 REPEAT = 10.0  # %, torques of two logs that differ by less are of the same motion
 MISSING = 0.25  # share of the base parameters that the data may leave out
@@ -114,7 +114,7 @@ def _astray(run: FreeRun, joint: str, error: float) -> Iterator[Reason]:
 
 
 def _straying(found: Identification) -> tuple[FreeRun, str, float]:
-    """Return the free simulation and the joint with the largest position error, % of its way."""
+    """Return the free simulation and the joint with the largest position error, % of its motion."""
     every = [(run, joint, error) for run in found.runs for joint, error in run.motion_error.items()]
     return max(every, key=lambda one: -1.0 if np.isnan(one[2]) else one[2])
 
@@ -171,7 +171,7 @@ def _joints_with(causes: dict[str, tuple[Cause, ...]], kind: type[Cause]) -> tup
 
 
 def _unsure(found: Identification) -> Iterator[Sharpen]:
-    """Yield which motion would sharpen the parameters that are known least, of those that move the torque."""
+    """Yield the motions that would improve the least accurate parameters, of those that matter to the torque."""
     basis = found.base.on_data
     if basis is None:
         value, names, std = found.estimate.value, found.estimate.names, found.errors.std_hac
@@ -201,7 +201,7 @@ def _effects(found: Identification) -> Array:
 
 
 def _motion_for(found: Identification, column: int) -> tuple[Excitation, str | None]:
-    """Return which motion shows a parameter: it acts on the torque by position, velocity or acceleration."""
+    """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
     model, n = found.model, len(found.model.joints)
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
@@ -224,10 +224,9 @@ def _logs(found: Identification, role: str) -> list[LogValidation]:
 
 
 def _error(log: LogValidation) -> float:
-    """Return the error that the model is asked to keep small: after the low-pass of the fit, where one is used."""
-    return (
-        log.errors.relative_error if log.errors.relative_error_filtered is None else log.errors.relative_error_filtered
-    )
+    """Return the error that is judged: after the low-pass of the fit, where one is used."""
+    filtered = log.errors.relative_error_filtered
+    return log.errors.relative_error if filtered is None else filtered
 
 
 def _joints(log: LogValidation) -> dict[str, float]:
@@ -239,14 +238,14 @@ def _harmful(log: LogValidation, joint: str, error: float) -> bool:
 
 
 def _unexcited(found: Identification) -> tuple[int, int]:
-    """Return how many base parameters the data leave out, and how many there are."""
+    """Return how many base parameters the data do not excite, and how many there are."""
     if found.base.on_data is None or found.base.structural is None:
         return max(len(found.estimate.names) - found.estimate.determined.rank, 0), len(found.estimate.names)
     return max(found.base.structural.rank - found.base.on_data.rank, 0), found.base.structural.rank
 
 
 def _repeat(one: Motion, other: Motion) -> bool:
-    """Tell whether the torques of two motions are the same, time by time from their starts."""
+    """Return whether the torques of two motions are the same, compared from their starts."""
     t = one.t - one.t[0]
     use = one.mask & (t <= other.t[-1] - other.t[0])
     if use.sum() < max(0.5 * one.mask.sum(), 10):

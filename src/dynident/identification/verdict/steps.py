@@ -1,4 +1,4 @@
-"""What to do next about a model: remedies of the reasons against it, and motions that would sharpen it."""
+"""Next steps to improve a model: remedies of the reasons against it, and motions to record."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Remedy(Enum):
 
 
 class Excitation(Enum):
-    """How a joint should move to show a parameter, by whether this acts through velocity, position or acceleration."""
+    """How a joint should move to excite a parameter, which acts through velocity, position or acceleration."""
 
     CONSTANT_SPEEDS = auto()
     MANY_POSES = auto()
@@ -31,14 +31,14 @@ class Excitation(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """Base of the next steps that come from the data, beside remedies and base parameters that are not excited."""
+    """Base of the next steps that follow from the data, besides remedies and unexcited base parameters."""
 
 
 @dataclass(frozen=True)
 class Sharpen(Step):
-    """Record a motion that shows a ``parameter`` better.
+    """Record a motion that excites a ``parameter`` better.
 
-    Its ``value`` is known to one standard error ``std`` (both in SI units), which is worth ``share`` % of the torque.
+    Its ``value`` has the standard error ``std`` (both in SI units), which is ``share`` % of the torque.
     ``joint`` is the one to move, None for all of them.
     """
 

@@ -14,7 +14,7 @@ __all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun"]
 
 
 class Use(StrEnum):
-    """What a model is fit for; simulation includes control."""
+    """What a model is good for; simulation includes control."""
 
     SIMULATION = "good for simulation"
     CONTROL = "good for control"
@@ -36,7 +36,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class WorstRun:
-    """The free simulation that strays most: on a ``log`` a ``joint`` is off by ``error`` % of its way."""
+    """The free simulation with the largest ``error``, in % of the motion of a ``joint`` on a ``log``."""
 
     log: str
     joint: str
@@ -45,7 +45,7 @@ class WorstRun:
 
 @dataclass(frozen=True)
 class LargestResidual:
-    """The ``joint`` and ``log`` in which most of the torque is left, and the ``causes`` that its residual points to."""
+    """The ``joint`` and ``log`` with the largest torque residual, and its likely ``causes``."""
 
     joint: str
     log: str
@@ -54,10 +54,10 @@ class LargestResidual:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a model is fit for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
+    """What a model is good for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
 
     ``reasons`` are empty only for simulation. ``held_out`` is None where no log was held out, ``run`` where no free
-    simulation succeeded, ``residual`` where nothing can be said of what is left of the torque.
+    simulation succeeded, ``residual`` where the torque residual could not be tested.
     """
 
     use: Use

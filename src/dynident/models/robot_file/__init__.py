@@ -1,4 +1,4 @@
-"""Robot files: URDF and MJCF as text to links and joints, and these to an arm of moving bodies."""
+"""Robot files: from the text of a URDF or MJCF to links and joints, and from these to moving bodies."""
 
 from dynident.models.robot_file.arm import Arm, ArmBody, assemble
 from dynident.models.robot_file.mjcf import read_mjcf

@@ -1,4 +1,4 @@
-"""The moving part of a robot file: which joints move, which stand still, and which links are one body."""
+"""The moving part of a robot file: which joints move, which are fixed, and which links are one body."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ArmBody:
-    """A moving body: its ``joint``, the index of the body it hangs on (None: the base), the placement (4, 4) of its
+    """A moving body: its ``joint``, the index of its parent body (None: the base), the placement (4, 4) of its
     joint's frame in that body's, its nominal inertia (10) about that frame, nan where not known, its ``links``, and
     the ``frames`` (4, 4) of these in the body's, the first of which is the identity.
     """
@@ -37,8 +37,8 @@ class ArmBody:
 @dataclass(frozen=True, eq=False)
 class Arm:
     """The moving ``bodies``, depth first, each after its parent; ``order[k]`` is the place of body k among the joints
-    as they were chosen. ``still`` are the links that do not move; ``standing`` (rad or m) says where the joints stand
-    that could move and do not.
+    as they were chosen. ``still`` are the links that do not move; ``standing`` (rad or m) are the positions of the
+    joints that are held fixed.
     """
 
     bodies: tuple[ArmBody, ...]
@@ -55,9 +55,9 @@ class Arm:
 
 
 def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> Arm:
-    """Return the arm whose joints ``used`` move (None: all but the locked); the others stand at ``locked``, else at 0.
+    """Return the arm whose joints ``used`` move (None: all but the locked); the others are at ``locked``, else at 0.
 
-    Raises ModelError where a name is unknown, a moving joint cannot be one, or a constraint ties moving links.
+    Raises ModelError where a name is unknown, a joint cannot be a moving one, or a constraint closes a loop.
     """
     names = _used(file, used, locked)
     arm = _walk(file, set(names), locked)
@@ -69,7 +69,7 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:
-    """Return the names of the moving joints: all known, of one coordinate, not bound to another."""
+    """Return the names of the moving joints: known, with one coordinate, not constrained to another."""
     movable = {joint.name: joint for joint in file.joints if joint.kind != "fixed" or joint.refusal}
     names = [name for name in movable if name not in locked] if used is None else list(used)
     _check_named(file, movable, names, locked)
@@ -135,7 +135,7 @@ class _Body:
 
 
 def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm:
-    """Gather the links into bodies, from the root outwards, in the order of the file."""
+    """Group the links into bodies, from the root to the tips, in the order of the file."""
     below: dict[str, list[RobotJoint]] = {}
     for branch in file.joints:
         below.setdefault(branch.parent, []).append(branch)
@@ -161,7 +161,7 @@ def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm
 
 
 def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -> float:
-    """Return where a joint stands still: as stated, else as what it mimics stands, else at zero."""
+    """Return the position of a fixed joint: as given in ``locked``, else that of the joint it mimics, else zero."""
     named = {x.name: x for x in file.joints}
     factor, offset, seen = 1.0, 0.0, [joint.name]
     while seen[-1] not in locked and (follows := named[seen[-1]].follows):
@@ -174,7 +174,7 @@ def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -
 
 
 def _check_ties(file: RobotFile, arm: Arm) -> None:
-    """Refuse closed loops; a tie between links that do not move against each other is none."""
+    """Raise ModelError for a closed loop; a constraint between links of one body is none."""
     host = {link: body.joint.child for body in arm.bodies for link in body.links} | dict.fromkeys(arm.still, file.root)
     for tie in file.constraints:
         if isinstance(tie, Tied):

@@ -1,7 +1,7 @@
-"""Reads a MuJoCo model (MJCF): bodies, joints, inertias, limits and nominal friction; shapes are left out.
+"""Reads a MuJoCo model (MJCF): bodies, joints, inertias, limits and nominal friction; shapes are ignored.
 
 Reference: the XML reference of MuJoCo, https://mujoco.readthedocs.io/en/stable/XMLreference.html. A body's frame here
-lies at its joint's anchor, with the body's axes. What MuJoCo would compute from shapes is not known.
+is at its joint's anchor, with the body's axes. Inertias that MuJoCo would compute from shapes are not known.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ ALTERED = ("balanceinertia", "boundmass", "boundinertia", "settotalmass", "inert
 
 @dataclass(frozen=True, eq=False)
 class _Reader:
-    """What holds for the whole file, and what has been read of it so far."""
+    """Settings of the whole file, and what has been read so far."""
 
     source: str
     compiler: Attributes
@@ -144,7 +144,7 @@ class _Reader:
             nominal={k: float(numbers(attributes, v, "0", where)[0]) for k, v in names.items() if v in attributes},
             refusal=refusal,
         )
-        # the file draws the arm at q = ref, not at zero
+        # the file shows the arm at q = ref, not at zero
         return _moved_back(joint, scale * float(numbers(attributes, "ref", "0", where)[0]))
 
     def _limits(self, attributes: Attributes, scale: float, where: str) -> Limits:
@@ -161,10 +161,10 @@ class _Reader:
 
 
 def read_mjcf(root: Element, source: str) -> RobotFile:
-    """Return what the <mujoco> element says.
+    """Parse the <mujoco> element.
 
-    Raises ModelError for what changes the dynamics and cannot be read, for joints or bodies without a name, names
-    given twice, bodies with several joints, and attributes that are not what they should be.
+    Raises ModelError for elements that change the dynamics and are not supported, joints or bodies without a name,
+    duplicate names, bodies with several joints, and invalid attributes.
     """
     compiler = _merged(root, "compiler")
     _check_read(root, compiler, source)
@@ -191,21 +191,21 @@ def read_mjcf(root: Element, source: str) -> RobotFile:
 
 
 def _check_read(root: Element, compiler: Attributes, source: str) -> None:
-    """Raise ModelError for what changes the dynamics and is not read."""
+    """Raise ModelError for elements that change the dynamics and are not supported."""
     for element in root.iter():
         if element.tag in UNREAD:
             raise ModelError(
-                f"{source}: <{element.tag}> is not read; save the compiled model from MuJoCo "
+                f"{source}: <{element.tag}> is not supported; save the compiled model from MuJoCo "
                 "(mj_saveLastXML), which writes it out, and use that file."
             )
     if compiler.get("coordinate") == "global":
-        raise ModelError(f"{source}: coordinate='global' is not read; save the file again with a current MuJoCo.")
+        raise ModelError(f"{source}: coordinate='global' is not supported; save the file again with a current MuJoCo.")
 
 
 def _corrected(bodies: list[Element]) -> tuple[str, ...]:
-    """Say which angles in rad are taken as the exact ones."""
+    """Return a note on the angles in rad that are replaced by exact ones."""
     keys = ((body, key) for body in bodies for key in ANGULAR if key in body.attrib)
-    last = {"euler": -3, "axisangle": -1}  # the words that are angles
+    last = {"euler": -3, "axisangle": -1}  # which numbers are angles
     pairs = ((repr(body.get("name", "")), " ".join(body.attrib[key].split()[last[key] :])) for body, key in keys)
     return corrected("euler, axisangle", pairs)
 
@@ -220,7 +220,7 @@ def _merged(root: Element, tag: str) -> dict[str, str]:
 
 
 def _classes(root: Element) -> dict[str, dict[str, Attributes]]:
-    """Return the attributes of each default class by element, with those of the classes around it."""
+    """Return the attributes of each default class by element, with those of its parent classes."""
     found: dict[str, dict[str, Attributes]] = {"main": {}}
 
     def read(element: Element, name: str, outer: Mapping[str, Attributes]) -> None:
@@ -258,18 +258,18 @@ def _tendons(root: Element) -> Iterator[Coupled]:
 
 
 def _notes(root: Element, compiler: Attributes) -> Iterator[str]:
-    """Say what the file holds besides that is not read."""
+    """Yield notes on what of the file is ignored."""
     option = _merged(root, "option")
     for key in (one for one in ("density", "viscosity", "wind") if one in option):
-        yield f"<option> {key} = {option[key]!r} is not read"
+        yield f"<option> {key} = {option[key]!r} is ignored"
     for altered in (one for one in ALTERED if one in compiler):
         yield f"<compiler> {altered} = {compiler[altered]!r} is not applied to the inertias"
     yield from _forces(root)
 
 
 def _forces(root: Element) -> Iterator[str]:
-    """Say which forces on bodies are not read."""
+    """Yield notes on forces on bodies that are ignored."""
     if lifted := [body.get("name", "") for body in root.iter("body") if body.get("gravcomp", "0").strip("0.")]:
-        yield f"the gravity compensation of {', '.join(lifted)} is not read"
+        yield f"the gravity compensation of {', '.join(lifted)} is ignored"
     if spatial := [x.get("name", "") for group in root.findall("tendon") for x in group.findall("spatial")]:
-        yield f"the spatial tendons {', '.join(map(repr, spatial))} are not read"
+        yield f"the spatial tendons {', '.join(map(repr, spatial))} are ignored"

@@ -1,7 +1,7 @@
-"""Reads a URDF: links, joints, inertias, limits and nominal friction; shapes and all else are left out.
+"""Reads a URDF: links, joints, inertias, limits and nominal friction; shapes and all else are ignored.
 
 Reference: the URDF specification of ROS, http://wiki.ros.org/urdf/XML. An inertia is given about the link's centre of
-mass, in a frame that may be turned against the link's.
+mass, in a frame that may be rotated against the link's.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ TENSOR = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 
 
 def read_urdf(root: Element, source: str) -> RobotFile:
-    """Return what the <robot> element says.
+    """Parse the <robot> element.
 
-    Raises ModelError where links and joints do not make one tree, a name is unknown, missing or given twice, or an
-    attribute is not what it should be.
+    Raises ModelError where links and joints do not form one tree, a name is unknown, missing or duplicate, or an
+    attribute is invalid.
     """
     links, joints = root.findall("link"), root.findall("joint")
     unique((link.get("name", "") for link in links), "link", source)
     unique((joint.get("name", "") for joint in joints), "joint", source)
     inertias = {link.get("name", ""): _inertia(link, source) for link in links}
-    # exporters leave the world undeclared that the base is welded to
+    # some exporters do not declare the world link that the base is fixed to
     if any(parent.get("link") == WORLD for parent in root.findall("joint/parent")):
         inertias.setdefault(WORLD, np.zeros(10))
     found = tuple(_joint(joint, list(inertias), source) for joint in joints)
@@ -131,7 +131,7 @@ def _joint(element: Element, links: list[str], source: str) -> RobotJoint:
     if type_ not in KINDS:
         raise ModelError(f"{where}: type {type_!r}; {choices(type_, KINDS)}")
     ends = {tag: _end(element, tag, links, where) for tag in ("parent", "child")}
-    # exporters write an axis without direction for fixed joints
+    # some exporters write a zero axis for fixed joints
     axis = (
         np.eye(3)[0]
         if KINDS[type_] == "fixed"
@@ -173,7 +173,7 @@ def _end(joint: Element, tag: str, links: list[str], where: str) -> str:
 
 
 def _limits(limit: Element | None, type_: str, where: str) -> Limits:
-    """Return the limits; an infinite one is none, and a continuous joint has none of position."""
+    """Return the limits; infinite ones are None, as are those of position for a continuous joint."""
     keys = ["effort", "velocity"] + (["lower", "upper"] if type_ in ("revolute", "prismatic") else [])
     values: dict[str, float] = {}
     for key in keys if limit is not None else []:

@@ -1,4 +1,4 @@
-"""What a robot file says, whichever its format: links with inertias, joints that connect them, and their limits."""
+"""The content of a robot file of either format: links with inertias, joints that connect them, and their limits."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-HUGE = 1e30  # no length, mass or angle of a robot is as large, and squares of larger ones overflow
+HUGE = 1e30  # larger than any length, mass or angle of a robot; squares of larger numbers overflow
 STEP, QUARTER = np.pi / 12, np.pi / 2  # 15 and 90 degrees
-SAID = 1e-8  # rad: an angle that is off by more than this is named in the notes
+NOTED = 1e-8  # rad: an angle that is changed by more than this is named in the notes
 DEEPEST = 300  # levels of nesting: no arm needs more, and readers that recurse would fail
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a joint may do, None where the file does not say: N m or N, rad/s or m/s, and rad or m."""
+    """Limits of a joint, None where the file gives none: N m or N, rad/s or m/s, and rad or m."""
 
     effort: float | None = None
     velocity: float | None = None
@@ -55,9 +55,9 @@ class Limits:
 class RobotJoint:
     """A joint between two links: at position q the child's frame in the parent's is ``placement`` @ motion(q).
 
-    ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` tells why the joint
-    cannot be one of the moving ones. ``follows`` is (joint, multiplier, offset) of a mimic joint. ``nominal`` holds
-    what the file says of damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or kg).
+    ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` is the reason why the
+    joint cannot be a moving one. ``follows`` is (joint, multiplier, offset) of a mimic joint. ``nominal`` holds the
+    file's damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or kg).
     """
 
     name: str
@@ -74,7 +74,7 @@ class RobotJoint:
 
 @dataclass(frozen=True)
 class Coupled:
-    """Joints that an equation of the file, worded in ``what``, makes depend on each other."""
+    """Joints coupled by an equation of the file, described in ``what``."""
 
     what: str
     joints: tuple[str, ...]
@@ -82,7 +82,7 @@ class Coupled:
 
 @dataclass(frozen=True)
 class Tied:
-    """Two links that a constraint of the file, worded in ``what``, ties together; None is one that is not known."""
+    """Two links connected by a constraint of the file, described in ``what``; None is an unknown link."""
 
     what: str
     links: tuple[str | None, str | None]
@@ -92,8 +92,8 @@ class Tied:
 class RobotFile:
     """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
     where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
-    m/s^2 is None where it does not say; ``notes`` tell what it says and is not read. ``origins`` (3), in m, are
-    where link frames lie in those that the file gives the links, if they differ (MJCF: at the joint's anchor).
+    m/s^2 is None where the file gives none; ``notes`` say what is ignored. ``origins`` (3), in m, are the origins of
+    the link frames used here in those of the file, where they differ (MJCF: at the joint's anchor).
     """
 
     format: Literal["urdf", "mjcf"]
@@ -110,7 +110,7 @@ class RobotFile:
 
 
 def parse(xml: str, source: str) -> Element:
-    """Return the root element of the text of a robot file; no entity is expanded and no other file is read.
+    """Return the root element of a robot file's text; no entity is expanded and no other file is opened.
 
     Raises ModelError for malformed XML, with its line, and for a document type or entity declaration.
     """
@@ -155,7 +155,7 @@ def parse(xml: str, source: str) -> Element:
 def numbers(element: Element | Mapping[str, str] | None, key: str, default: str, where: str, count: int = 1) -> Array:
     """Return ``count`` numbers of an attribute, or of ``default`` where element or attribute is missing.
 
-    Raises ModelError, with the place worded in ``where``, where they are not as many, not finite, or huge.
+    Raises ModelError, with the place ``where``, for another number of them, or where one is not finite or too large.
     """
     text = default if element is None else (element.get(key) or default)
     try:
@@ -169,17 +169,17 @@ def numbers(element: Element | Mapping[str, str] | None, key: str, default: str,
 
 
 def angles(element: Element | Mapping[str, str] | None, key: str, default: str, where: str, count: int = 1) -> Array:
-    """Return ``numbers`` in rad, rounded multiples of 15 degrees taken as what they stand for (``exact``)."""
+    """Return ``numbers`` in rad, with rounded multiples of 15 degrees made exact (``exact``)."""
     numbers(element, key, default, where, count)
     text = default if element is None else (element.get(key) or default)
     return np.array([exact(word) for word in text.split()])
 
 
 def exact(word: str) -> float:
-    """Return the number, or the multiple of 15 degrees in rad that it is printed for: pi for 3.1416, 3.1415 and 3.14.
+    """Return the number, or the multiple of 15 degrees in rad that it is rounded from: pi for 3.1416, 3.1415 and 3.14.
 
-    A printed angle stands for one that it differs from by less than a unit in its last place, be it rounded or cut
-    off. Three places at least are needed, or two for right angles.
+    A rounded or truncated angle differs from the exact one by less than a unit in its last place. It needs at least
+    three decimal places, or two for right angles.
     """
     value, printed = float(word), Decimal(word).normalize().as_tuple()
     if not isinstance(printed.exponent, int) or printed.exponent > -2:
@@ -190,27 +190,27 @@ def exact(word: str) -> float:
 
 
 def corrected(what: str, pairs: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return a note on the angles of ``pairs`` (name of a joint or body, text) that ``exact`` changes, if any."""
+    """Return a note on the angles of ``pairs`` (name of a joint or body, text) changed by ``exact``, if any."""
     changed = [
         f"{word} of {name} as {exact(word):.10g}"
         for name, text in pairs
         for word in text.split()
-        if abs(exact(word) - float(word)) > SAID
+        if abs(exact(word) - float(word)) > NOTED
     ]
-    said = f"rounded angles ({what}) are read as the multiples of 15 deg that they stand for: {', '.join(changed)}"
-    return (said,) if changed else ()
+    note = f"rounded angles ({what}) are read as exact multiples of 15 deg: {', '.join(changed)}"
+    return (note,) if changed else ()
 
 
 def unit(vector: Array, where: str) -> Array:
     """Return the vector (3) at length 1; ModelError where it has none."""
     length = float(np.linalg.norm(vector))
     if length == 0:
-        raise ModelError(f"{where}: the axis is {vector.tolist()}, which has no direction; write such as '0 0 1'.")
+        raise ModelError(f"{where}: the axis is {vector.tolist()}, which has no direction; give one such as '0 0 1'.")
     return vector / length
 
 
 def unique(names: Iterable[str], what: str, source: str) -> None:
-    """Raise ModelError where one of the names is given twice or empty."""
+    """Raise ModelError where one of the names is duplicate or empty."""
     seen: set[str] = set()
     for name in names:
         if not name:

@@ -36,7 +36,8 @@ class Rank:
 
     ``scale`` (p) divides the factor's columns; ``values`` (p) are the singular values of the scaled factor, in
     descending order, with their ``left`` (p, p) and right ``vectors`` (p, p) as columns. ``tolerance``: values below
-    this share of the largest count as zero. ``unweighted`` is the rank without weights of the rows, where there are any.
+    this share of the largest count as zero. ``unweighted`` is the rank without weights of the
+    rows, where there are any.
     """
 
     rank: int

@@ -77,3 +77,19 @@ def test_an_information_that_says_less_than_the_factor_lowers_the_rank() -> None
 def test_wrong_tolerance(tolerance: float) -> None:
     with pytest.raises(ConfigError, match=f"rank is {tolerance}"):
         rank_of(np.eye(3), tolerance=tolerance)
+
+
+def test_weights_of_the_rows_do_not_decide() -> None:
+    """A weight of a million makes rounding large, or all other rows small; the null space is that without weights."""
+    X = columns([1.0, 1.0, 1.0, 1e-7])  # the last is the rounding of an angle
+    weight = np.where(np.arange(50) < 5, 1e6, 1.0)[:, None]
+    weighted = X * weight
+    weighted[:5, :2] *= 1e-6  # only the third acts on the heavy rows
+    shown = rank_of(factor(weighted / weight), BODY)
+    found = rank_of(factor(weighted), BODY, shown=shown)
+    assert rank_of(factor(weighted), BODY).rank < shown.rank == found.rank == 3
+    assert found.groups == ((3,),)
+    np.testing.assert_allclose(found.determined[3], 0.0, atol=1e-12)
+    full = rank_of(factor(X[:, :3]), FREE[:3])
+    again = rank_of(factor(X[:, :3]), FREE[:3], shown=full)
+    np.testing.assert_allclose(again.inverse, full.inverse, rtol=1e-12)

@@ -170,6 +170,14 @@ class TestPredict:
         assert "has changed since" in done.output
         assert run("predict", arm / "result.json", arm.parent / "tuesday.csv").exit_code == 0
 
+    def test_a_robot_file_that_is_gone_is_not_missed(self, arm: Path) -> None:
+        robot, tuesday = arm.parent / "arm.urdf", arm.parent / "tuesday.csv"
+        expected = run("predict", arm / "result.json", tuesday).output
+        robot.rename(arm.parent / "elsewhere.urdf")
+        done = run("predict", arm / "result.json", tuesday)
+        (arm.parent / "elsewhere.urdf").rename(robot)
+        assert (done.exit_code, done.output) == (0, expected)
+
     def test_the_smoother_of_the_result_is_used_again(self, slider: Path) -> None:
         data = json.loads(slider.read_text())
         assert data["recipe"]["smoother"]["kind"] == "spline"
@@ -179,6 +187,17 @@ class TestPredict:
             done = run("predict", slider, slider.parents[1] / "log.csv")
             assert done.exit_code == int(factor < 0)
             assert words in done.output
+
+    def test_a_result_of_an_older_version_says_what_it_lacks(self, tmp_path: Path) -> None:
+        old = Path(__file__).parents[1] / "data" / "result-0.json"
+        log, table = write_log(tmp_path), tmp_path / "parameters.yaml"
+        for done in (run("predict", old, log), run("export", old, "--format", "yaml", "--out", table)):
+            assert done.exit_code == 0, done.output
+            (line,) = (line for line in done.output.splitlines() if line.startswith("Warning"))
+            assert "has version 0 of the format and lacks covariances, base parameters, validations" in line
+        done = run("predict", old.with_name("result-1.json"), log)
+        assert done.exit_code == 0, done.output
+        assert "Warning" not in done.output
 
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:

@@ -19,6 +19,7 @@ from dynident.io.config import read_config
 from dynident.io.named_log import log_spec
 from dynident.io.project import run
 from dynident.io.saved import load, read_log_like, save
+from dynident.io.schema import result_schema
 from dynident.log import Log
 from dynident.models import Model, Viscous, record, simulate
 from dynident.models.gallery import slider, two_link_arm
@@ -27,6 +28,7 @@ from dynident.smoothers import Spline, TimeShifted
 from dynident.validation import RunsAway
 from tests.cli.test_cli import configure, write_log
 from tests.identification.test_calibration import tilted
+from tests.io.keeps import wrong
 from tests.io.same import assert_same
 
 DATA = Path(__file__).parents[1] / "data"
@@ -106,6 +108,7 @@ def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path)
     path = found.save(tmp_path / "deep" / "result.json")
     again = load(path, model)
     assert_same(found, again)
+    assert list(wrong(schema := result_schema(), json.loads(path.read_text()), schema)) == []
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
 
 

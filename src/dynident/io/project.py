@@ -14,7 +14,7 @@ from dynident.identification import Identification, Recipe, SourceFile, Sources,
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.recipe import build_recipe
-from dynident.io.robot import fingerprint, model_file
+from dynident.io.robot import SUFFIXES, fingerprint, model_file, read_robot
 from dynident.io.settings import Config
 from dynident.log import Log
 from dynident.models import Model
@@ -121,9 +121,14 @@ def _built(config: Config, path: Path, text: str, progress: Progress) -> Project
     progress("building the model")
     model = load_model(config.model, path.parent)
     file = model_file(config.model, path.parent)
-    robot = None if file is None else SourceFile(str(file.resolve()), fingerprint(file))
+    robot = None if file is None else SourceFile(str(file.resolve()), fingerprint(file), _robot_text(file))
     sources = Sources(SourceFile(str(path.resolve()), sha256(text.encode()).hexdigest(), text), robot)
     return Project(path, config, model, build_recipe(config), config_warnings(config), sources)
+
+
+def _robot_text(file: Path) -> str:
+    """Return the text of a robot file, which a result keeps; of a Python file nothing."""
+    return read_robot(file) if file.suffix.lower() in SUFFIXES else ""
 
 
 def run(path: str | Path, *, progress: Progress | None = None) -> Identification:

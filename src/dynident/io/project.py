@@ -14,7 +14,7 @@ from dynident.identification import Identification, Recipe, SourceFile, Sources,
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.recipe import build_recipe
-from dynident.io.robot import SUFFIXES, fingerprint, model_file, read_robot
+from dynident.io.robot import SUFFIXES, fingerprint, model_file, robot_text
 from dynident.io.settings import Config
 from dynident.log import Log
 from dynident.models import Model
@@ -128,7 +128,7 @@ def _built(config: Config, path: Path, text: str, progress: Progress) -> Project
 
 def _robot_text(file: Path) -> str:
     """Return the text of a robot file, which a result keeps; of a Python file nothing."""
-    return read_robot(file) if file.suffix.lower() in SUFFIXES else ""
+    return robot_text(file) if file.suffix.lower() in SUFFIXES else ""
 
 
 def run(path: str | Path, *, progress: Progress | None = None) -> Identification:

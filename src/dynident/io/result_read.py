@@ -76,7 +76,7 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
 
 
 def model_of(sources: Sources, source: str) -> Model:
-    """Return the model of a configuration, or of a robot file alone; where that is gone, its text in the result will do.
+    """Return the model of a configuration, or of a robot file alone; a file that is gone is replaced by its saved text.
 
     Raises InputError where there is neither, ModelError where the model's file is gone or has changed.
     """

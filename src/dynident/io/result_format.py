@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from dynident.estimators import Consistency, Provenance
+from dynident.estimators import Provenance
 from dynident.identification import BaseTilt, Sources, TimeOffset
 from dynident.models import Joint
 from dynident.validation import Driver, ResidualTest, TorqueErrors
@@ -80,13 +80,21 @@ class ResidualPart(Part):
     weights: list[float] | None
 
 
+class ConsistencyPart(Part):
+    """How the estimate relates to physics; see ``Consistency``. ``unconstrained`` in the order of ``parameters``."""
+
+    eigenvalues: dict[str, float]
+    costs: dict[str, float]
+    unconstrained: list[float] | None = None
+
+
 class EstimatePart(Part):
     """What is known of all parameters together; rows and columns of matrices in the order of ``parameters``."""
 
     rank: int
     condition: float
     residual: ResidualPart
-    consistency: Consistency | None
+    consistency: ConsistencyPart | None
     notes: list[Kind]
     covariance: list[list[float]]
     interval: list[tuple[float, float]] | None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from dynident.errors import InputError, ModelError, Note
-from dynident.estimators import Determined, Estimate, Residual
+from dynident.estimators import Consistency, Determined, Estimate, Residual
 from dynident.identification import (
     Calibration,
     Choice,
@@ -25,7 +25,15 @@ from dynident.identification import (
 from dynident.io.config import load_model, parse_config
 from dynident.io.families import ESTIMATORS, SMOOTHERS, Family
 from dynident.io.parts import build
-from dynident.io.result_format import BasePart, ChoicePart, Kind, RecipePart, ResultFile, ValidationPart
+from dynident.io.result_format import (
+    BasePart,
+    ChoicePart,
+    ConsistencyPart,
+    Kind,
+    RecipePart,
+    ResultFile,
+    ValidationPart,
+)
 from dynident.io.robot import fingerprint
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
@@ -118,10 +126,18 @@ def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
         Residual(np.array(residual.sigma), residual.samples, weights),
         tuple(_noun(Note, one, source) for one in given.notes),
         known if len(known) == p else (),
-        given.consistency,
+        _consistency(given.consistency, p, source),
         None if given.interval is None else _matrix(given.interval, (p, 2), "estimate.interval", source),
         None if given.information is None else _matrix(given.information, (p, p), "estimate.information", source),
     )
+
+
+def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consistency | None:
+    if given is None:
+        return None
+    free = given.unconstrained
+    value = None if free is None else _matrix([free], (1, p), "estimate.consistency.unconstrained", source)[0]
+    return Consistency(given.eigenvalues, given.costs, value)
 
 
 def _errors(file: ResultFile) -> StandardErrors:

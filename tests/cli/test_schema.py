@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from dynident.io.schema import config_schema, result_schema
-from tests.cli.test_cli import run
+from tests.cli.commands import run
 
 
 def test_it_prints_and_writes_the_schemas(tmp_path: Path) -> None:

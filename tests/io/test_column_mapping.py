@@ -115,7 +115,7 @@ def test_units_follow_from_names():
 def test_positions_beyond_two_pi_are_asked_about():
     found = map_columns(table(**signals(size=90.0)), NUMBERED)
     assert {one.unit for one in found.position.values()} == {"deg"}
-    assert all("degrees?" in one.question for one in found.position.values())
+    assert all("is it in degrees" in one.question for one in found.position.values())
     turning = map_columns(table(**signals(size=90.0)), NUMBERED, ros=True)
     assert {one.unit for one in turning.position.values()} == {"rad"}
     assert all("exceeds the range of the joint" in one.question for one in turning.position.values())

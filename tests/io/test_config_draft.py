@@ -138,7 +138,7 @@ def test_what_cannot_be_guessed_is_to_be_filled_in(arm, tmp_path):
     done = run("identify", "identify.yaml")
     assert done.exit_code == 1
     assert "time: is missing" in done.output
-    assert "torque: a mapping (`key: value` lines) is expected; got None, as where all lines are" in done.output
+    assert "torque: a mapping (`key: value` lines) is expected; got None; if all lines are" in done.output
     text = (tmp_path / "identify.yaml").read_text()
     filled = text.replace("# time: { rate: }", "time: { rate: 200 }").replace("gain: ,", "gain: 0.01,")
     filled = filled.replace("    # window: [ , ]", "    window: [0, 2]", 1).replace(

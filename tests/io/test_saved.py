@@ -26,7 +26,7 @@ from dynident.models.gallery import slider, two_link_arm
 from dynident.regression import ParallelFilter
 from dynident.smoothers import Spline, TimeShifted
 from dynident.validation import RunsAway
-from tests.cli.test_cli import configure, write_log
+from tests.cli.commands import configure, write_log
 from tests.identification.test_calibration import tilted
 from tests.io.keeps import wrong
 from tests.io.same import assert_same

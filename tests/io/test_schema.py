@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 import yaml
-from dynident.parts import ESTIMATORS, SMOOTHERS
 
+from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.schema import SCHEMAS, config_schema, result_schema
-from tests.cli.test_cli import settings
+from tests.cli.commands import settings
 from tests.io.keeps import wrong
 
 ROOT = Path(__file__).parents[2]

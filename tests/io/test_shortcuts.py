@@ -78,7 +78,7 @@ class TestReadLog:
             dy.read_log(file, **{"time": ("ms", "ms"), "position": RAIL, "torque": FORCE, **changes})
 
     def test_what_is_odd_in_the_file_is_a_warning(self, file: Path) -> None:
-        with pytest.warns(UserWarning, match="reaches past the recording"):
+        with pytest.warns(UserWarning, match="extends beyond the recording"):
             dy.read_log(file, time=("ms", "ms"), position=RAIL, torque=FORCE, window=(2, 50))
 
     def test_pieces_between_gaps_are_to_be_chosen_from(self, file: Path) -> None:

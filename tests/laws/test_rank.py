@@ -227,7 +227,7 @@ def test_a_finger_on_a_palletiser_takes_no_rank_from_it() -> None:
     assert structural.rank == structural_base_parameters(model, tolerance=1e-12).rank
     for estimator in (LeastSquares(), LeastSquares(weights="per_joint"), PhysicallyConsistent(costs=False)):
         found = estimator(Problem(model, (motion,), regression))
-        assert found.rank == structural.rank
+        assert found.determined.rank == structural.rank
         assert found.directions is not None
         basis = base_parameters(found.directions, model.parameters)
         std = base_std(basis, regression.triangular_factors, found.sigma, found.weights)
@@ -315,18 +315,18 @@ def test_intervals_hold_where_the_true_bodies_break_physics_and_a_note_says_what
     recipe = Recipe(smoother, PhysicallyConsistent(costs=False))
     for seed in range(3):
         found = identify(model, [recorded(motion, seed, 0.0, share=0.004)], recipe=recipe)
-        basis, estimate = found.base_parameters, found.estimate
+        basis, estimate, errors = found.base.on_data, found.estimate, found.errors
         assert basis is not None
-        assert found.base_std is not None
-        assert found.base_std_hac is not None
+        assert errors.base_std is not None
+        assert errors.base_std_hac is not None
         assert estimate.consistency is not None
         free = estimate.consistency.unconstrained
         assert free is not None
         error = np.abs(basis.to_base(estimate.value) - basis.to_base(true.values))
         held = np.abs(basis.to_base(estimate.value - free))
-        least_squares = np.sqrt(found.base_std**2 - held**2)
+        least_squares = np.sqrt(errors.base_std**2 - held**2)
         assert (error / least_squares).max() > 8
-        for std in (found.base_std, found.base_std_hac):
+        for std in (errors.base_std, errors.base_std_hac):
             assert (error / std).max() < 4
             assert (error < 1.96 * std).mean() > 0.85
         (note,) = (note for note in found.warnings if isinstance(note, HeldByConstraints))

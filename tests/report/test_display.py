@@ -47,7 +47,7 @@ def test_what_forbids_its_use_is_said_first() -> None:
     alone = dy.identify("gallery:slider", swinging(3, "monday"), recipe=dy.Recipe(dy.Difference("central")))
     assert repr(alone).splitlines()[:2] == [
         "<Identification of 'slider': do not use",
-        "  no log was held out, so nothing shows how the model does on unseen motion",
+        "  no log was held out, so the error on unseen motion is not known",
     ]
 
 

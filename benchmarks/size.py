@@ -64,7 +64,8 @@ def staged(config: Path) -> None:
     """Run the command's steps in this process; print the seconds of each."""
     from dynident.export import exports
     from dynident.io.project import run
-    from dynident.report import identification_page, result_dict
+    from dynident.io.result_write import result_data
+    from dynident.report import identification_page
 
     began = last = time.perf_counter()
     stage, spent = "start", {}
@@ -79,7 +80,7 @@ def staged(config: Path) -> None:
     say("exports")
     made = exports(found)
     say("report")
-    result_dict(found, made)
+    result_data(found)
     page = identification_page(found, made)
     say("end")
     for name, seconds in spent.items():

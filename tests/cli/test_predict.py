@@ -170,6 +170,14 @@ class TestPredict:
         assert "has changed since" in done.output
         assert run("predict", arm / "result.json", arm.parent / "tuesday.csv").exit_code == 0
 
+    def test_a_robot_file_that_is_gone_is_not_missed(self, arm: Path) -> None:
+        robot, tuesday = arm.parent / "arm.urdf", arm.parent / "tuesday.csv"
+        expected = run("predict", arm / "result.json", tuesday).output
+        robot.rename(arm.parent / "elsewhere.urdf")
+        done = run("predict", arm / "result.json", tuesday)
+        (arm.parent / "elsewhere.urdf").rename(robot)
+        assert (done.exit_code, done.output) == (0, expected)
+
     def test_the_smoother_of_the_result_is_used_again(self, slider: Path) -> None:
         data = json.loads(slider.read_text())
         assert data["recipe"]["smoother"]["kind"] == "spline"

@@ -9,7 +9,7 @@ import pytest
 
 from dynident.errors import ModelError
 from dynident.io.config import parse_config
-from dynident.io.project import log_hashes
+from dynident.io.project import log_files
 from dynident.io.robot import fingerprint
 
 
@@ -43,7 +43,5 @@ torque: {slider: {column: f, unit: N}}
 train: [{file: a.csv, window: [0, 1]}, {file: a.csv, window: [1, 2]}]
 validation: [{file: {x: a.csv, y: b.csv}}]
 """
-    found = log_hashes(parse_config(text, tmp_path))
-    assert found == {
-        f"SHA-256 of {tmp_path / name}": hashlib.sha256(name.encode()).hexdigest() for name in ("a.csv", "b.csv")
-    }
+    found = {file.path: file.sha256 for file in log_files(parse_config(text, tmp_path))}
+    assert found == {str(tmp_path / name): hashlib.sha256(name.encode()).hexdigest() for name in ("a.csv", "b.csv")}

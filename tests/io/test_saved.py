@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from dynident.errors import ConfigError, InputError, ModelError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.estimators.notes import NotIdentifiable
 from dynident.identification import Identification, OldResult, Recipe, identify, judge
+from dynident.io.config import read_config
 from dynident.io.named_log import log_spec
 from dynident.io.project import run
 from dynident.io.saved import load, read_log_like, save
+from dynident.io.schema import result_schema
 from dynident.log import Log
 from dynident.models import Model, Viscous, record, simulate
 from dynident.models.gallery import slider, two_link_arm
@@ -25,6 +28,7 @@ from dynident.smoothers import Spline, TimeShifted
 from dynident.validation import RunsAway
 from tests.cli.test_cli import configure, write_log
 from tests.identification.test_calibration import tilted
+from tests.io.keeps import wrong
 from tests.io.same import assert_same
 
 DATA = Path(__file__).parents[1] / "data"
@@ -39,6 +43,7 @@ def swing(model: Model, noise: float, seed: int, rate: float = 3.0, seconds: flo
     return record(moved, noise, 0.01, np.random.default_rng(seed), source=f"swing {seed}").log
 
 
+@cache
 def by_least_squares() -> Made:
     """All settings of a recipe that are numbers, two parameters that are tied, and a smoother chosen among two."""
     arm = two_link_arm()
@@ -55,6 +60,7 @@ def by_least_squares() -> Made:
     return model, identify(model, [swing(model, 1e-3, 0)], [swing(model, 1e-3, 1, 2.0)], recipe)
 
 
+@cache
 def by_consistent_fit() -> Made:
     """A robot whose base is tilted, with parameters that nothing determines and what the constraints cost."""
     model, motion = tilted(0.02, -0.035)
@@ -62,6 +68,7 @@ def by_consistent_fit() -> Made:
     return model, identify(model, [log], (), Recipe(Spline(), PhysicallyConsistent(), base_tilt="estimate"))
 
 
+@cache
 def by_maximum_likelihood() -> Made:
     """Fisher's information, intervals that are not symmetric, and a time offset that is sought."""
     arm = two_link_arm()
@@ -75,11 +82,33 @@ def made(request: pytest.FixtureRequest) -> Made:
     return found
 
 
+def known(*values: object) -> bool:
+    return all(value is not None for value in values)
+
+
+def test_the_three_results_hold_every_group() -> None:
+    """So that the law below is one of all that can be saved."""
+    (_, plain), (_, consistent), (_, likely) = by_least_squares(), by_consistent_fit(), by_maximum_likelihood()
+    assert isinstance(plain.recipe.smoother, TimeShifted)
+    assert plain.recipe.time_offset == 0.1 / 30
+    errors, base, residual = plain.errors, plain.base, plain.estimate.residual
+    assert known(base.on_data, base.structural, plain.calibration.smoother, plain.recipe.filter, plain.mass)
+    assert known(errors.std_hac, errors.base_std, errors.base_std_hac, residual.weights)
+    assert len(plain.runs) == 2
+    assert np.isinf(plain.estimate.covariance).any()
+    assert isinstance(consistent.recipe.base_tilt, tuple)
+    assert known(consistent.calibration.base_tilt, consistent.estimate.consistency)
+    assert consistent.estimate.provenance
+    assert consistent.estimate.notes
+    assert known(likely.estimate.information, likely.estimate.interval, likely.calibration.time_offset)
+
+
 def test_what_is_saved_is_read_again_to_the_last_bit(made: Made, tmp_path: Path) -> None:
     model, found = made
     path = found.save(tmp_path / "deep" / "result.json")
     again = load(path, model)
     assert_same(found, again)
+    assert list(wrong(schema := result_schema(), json.loads(path.read_text()), schema)) == []
     assert again.save(tmp_path / "again.json").read_text() == path.read_text()
 
 
@@ -220,6 +249,4 @@ def test_a_part_of_a_file_is_run_only_where_a_configuration_names_files(tmp_path
 
 def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
     write_log(tmp_path)
-    from dynident.io.config import read_config
-
     assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"

@@ -151,7 +151,7 @@ def test_emps_standard_errors_are_published_ones_and_larger_where_residuals_corr
 @pytest.mark.parametrize("example", ["lwr4", "panda", "tx40", "double_pendulum"])
 def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -> None:
     """A repeat holds nothing out; a mass matrix must be positive; one bad joint is enough; none was simulated."""
-    verdict = identify(folder, example)["verdict"]
+    verdict = identify(folder, example)["report"]["verdict"]
     expected = {
         "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
         "panda": ("do not use", "the mass matrix is not positive definite"),

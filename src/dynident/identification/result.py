@@ -104,7 +104,8 @@ class OldResult(Note):
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, and of a configuration its ``text``."""
+    """A file that was read: its ``path``, its SHA-256 in hexadecimal digits, and the ``text`` of a configuration or
+    robot file."""
 
     path: str
     sha256: str = ""
@@ -197,7 +198,7 @@ class Identification:
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 
     def save(self, path: str | Path) -> Path:
-        """Write all but the signals as JSON, which ``dynident.load`` reads again; return the path.
+        """Write all but the signals as JSON, which ``dynident.io.saved.load`` reads again; return the path.
 
         The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has
         settings without a plain form.

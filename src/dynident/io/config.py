@@ -146,11 +146,11 @@ def _named(config: Config, source: str) -> Config:
     return config.model_copy(update={"train": tuple(named[:split]), "validation": tuple(named[split:])})
 
 
-def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
+def load_model(spec: str | RobotSettings, folder: str | Path = ".", text: str | None = None) -> Model:
     """Build the model of a robot file, ``gallery:NAME`` or ``path/to/file.py:function`` (relative to ``folder``).
 
-    Raises ModelError where there is no such name, file or function, where the function raises, or where it
-    returns something else than a Model.
+    ``text`` stands for the content of a robot file where that is known. Raises ModelError where there is no such name,
+    file or function, where the function raises, or where it returns something else than a Model.
     """
     from dynident.io.robot import SUFFIXES, load_robot
     from dynident.models import Model
@@ -158,7 +158,7 @@ def load_model(spec: str | RobotSettings, folder: str | Path = ".") -> Model:
     if isinstance(spec, str) and Path(spec).suffix.lower() in SUFFIXES:
         spec = RobotSettings.model_validate({"file": spec}, context={"folder": folder})
     if isinstance(spec, RobotSettings):
-        return load_robot(spec)
+        return load_robot(spec, text)
     place, colon, name = spec.rpartition(":")
     if not (place and colon and name):
         raise ModelError(

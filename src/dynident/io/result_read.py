@@ -76,21 +76,24 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
 
 
 def model_of(sources: Sources, source: str) -> Model:
-    """Return the model of a configuration, or of a robot file alone; the file must be as it was.
+    """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
-    Raises InputError where there is neither, ModelError where the model's file has changed.
+    Where a robot file is gone, its text in the result will do. Raises InputError where there is neither, ModelError
+    where the model's file is gone or has changed.
     """
     given, robot = sources.configuration, sources.model
-    if robot is not None and fingerprint(Path(robot.path)) != robot.sha256:
+    gone = robot is not None and bool(robot.text) and not Path(robot.path).exists()
+    if robot is not None and not gone and fingerprint(Path(robot.path)) != robot.sha256:
         raise ModelError(
             f"{robot.path}: has changed since {source} was identified with it, so that its parameters may mean "
             "something else. Put the old file back, or identify again."
         )
+    text = robot.text if robot is not None and gone else None
     if given is not None:
         folder = Path(given.path).parent
-        return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder)
+        return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder, text)
     if robot is not None:
-        return load_model(robot.path)
+        return load_model(robot.path, text=text)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 

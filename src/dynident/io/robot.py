@@ -54,15 +54,17 @@ def fingerprint(path: Path) -> str:
     return digest.hexdigest()
 
 
-def load_robot(settings: RobotSettings) -> Model:
+def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     """Build the model of a robot file: rigid bodies, rotor inertias, friction, offsets, couplings as configured.
 
-    Raises ModelError where the file cannot be read or used, or a joint is unknown.
+    ``text`` stands for the content of the file where that is known. Raises ModelError where the file cannot be read or
+    used, or a joint is unknown.
     """
     if len(settings.file) != 1:
         raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
     (path,) = settings.file.values()
-    bodies = RigidBodies(robot_text(path), settings.joints, settings.lock, settings.gravity, path.name)
+    text = robot_text(path) if text is None else text
+    bodies = RigidBodies(text, settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
     terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
     for name, coupling in settings.couplings.items():

@@ -1,0 +1,20 @@
+"""``dynident schema``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from dynident.io.schema import config_schema, result_schema
+from tests.cli.test_cli import run
+
+
+def test_it_prints_and_writes_the_schemas(tmp_path: Path) -> None:
+    done = run("schema")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.output) == config_schema()
+    done = run("schema", "result", "--out", tmp_path / "result.schema.json")
+    assert done.exit_code == 0, done.output
+    assert "result.schema.json" in done.output
+    assert json.loads((tmp_path / "result.schema.json").read_text()) == result_schema()
+    assert run("schema", "robot").exit_code == 2

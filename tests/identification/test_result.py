@@ -1,0 +1,93 @@
+"""The recipe as used, and what an identification does with a new log."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError, InputError
+from dynident.estimators import Estimate, LeastSquares
+from dynident.identification import Identification, Recipe, StandardErrors, identify
+from dynident.log import Log
+from dynident.smoothers import Spline, TimeShifted
+from tests.identification.test_calibration import swing, tilted
+from tests.io.same import assert_same
+
+
+@pytest.fixture(scope="module")
+def found() -> Identification:
+    """Smoother, time offset and base tilt are all sought."""
+    model, motion = tilted(0.02, -0.03)
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "moves")
+    sought = Recipe((Spline(), Spline(factor=2.0)), time_offset="estimate", base_tilt="estimate")
+    return identify(model, [log], [replace(log, source="again")], sought)
+
+
+def test_every_noun_is_small() -> None:
+    assert len(fields(Identification)) <= 10
+    assert len(fields(Estimate)) <= 10
+
+
+def test_the_recipe_as_used_leaves_nothing_to_choose(found: Identification) -> None:
+    (smoother,), offset = found.recipe.smoothers, found.recipe.time_offset
+    assert isinstance(offset, float)
+    assert smoother == (TimeShifted(Spline(), offset) if offset else Spline())
+    tilt = found.calibration.base_tilt
+    assert tilt is not None
+    assert found.recipe.base_tilt == (tilt.x, tilt.y)
+    log = found.validations[0].recorded
+    assert log is not None
+    np.testing.assert_array_equal(found.recipe.motion(log).ddq, found.validations[0].motion.ddq)
+
+
+def test_the_recipe_as_used_gives_the_same_again(found: Identification) -> None:
+    """To the model as it was given: the tilt of the base is in the recipe."""
+    model, _ = tilted(0.0, 0.0)
+    log = found.validations[0].recorded
+    assert log is not None
+    again = identify(model, [log], [replace(log, source="again")], found.recipe)
+    assert again.recipe == found.recipe
+    assert_same(found.estimate, again.estimate)
+    assert_same(found.validations, again.validations)
+
+
+def test_a_time_offset_is_not_applied_twice() -> None:
+    arm, motion = swing()
+    log = Log(motion.t, motion.q, motion.tau, motion.joints, "swing")
+    once = identify(arm, [log], (), Recipe(time_offset=0.004))
+    twice = identify(arm, [log], (), once.recipe)
+    assert once.recipe.smoother == twice.recipe.smoother == TimeShifted(Spline(), 0.004)
+    assert (once.validations[0].motion.time_offset, twice.recipe.time_offset) == (0.004, 0.004)
+
+
+def test_a_new_log_is_predicted_with_joints_in_any_order(found: Identification) -> None:
+    log = found.validations[1].recorded
+    assert log is not None
+    turned = log.select(tuple(reversed(log.joints)))
+    predicted = found.predict(turned)
+    np.testing.assert_array_equal(predicted.predicted, found.validations[1].predicted)
+    assert predicted.errors.relative_error == found.validations[1].errors.relative_error
+
+
+def test_a_recipe_with_several_smoothers_has_no_motion_yet(found: Identification) -> None:
+    log = found.validations[0].recorded
+    assert log is not None
+    with pytest.raises(ConfigError, match="2 smoothers to choose from"):
+        Recipe((Spline(), Spline(factor=2.0)), LeastSquares()).motion(log)
+
+
+def test_signals_that_are_not_there_are_said_to_be_missing(found: Identification) -> None:
+    bare = replace(found.validations[0], signals=None)
+    for name in ("motion", "predicted", "recorded"):
+        with pytest.raises(InputError, match="moves: a saved result holds the errors"):
+            getattr(bare, name)
+
+
+def test_the_errors_to_believe_are_those_for_correlated_residuals_where_known() -> None:
+    errors = StandardErrors(np.array([1.0, 2.0]), np.array([3.0, np.inf]), np.array([4.0]), np.array([5.0]))
+    assert errors.best.tolist() == [3.0, 2.0]
+    assert replace(errors, std_hac=None).best is errors.std
+    assert errors.best_base is errors.base_std_hac
+    assert replace(errors, base_std_hac=None).best_base is errors.base_std

@@ -17,7 +17,7 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from arm import LINKS, urdf
 
-from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators import Consistency, Estimator, LeastSquares, PhysicallyConsistent, Problem
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
 from dynident.regression import Regression, structural_base_parameters
@@ -73,10 +73,11 @@ def main() -> None:
         posed = problem(arm, noise)
         for name, estimator in estimators.items():
             found = estimator(posed)
-            least = min(found.consistency.eigenvalues.values(), default=np.nan)
+            physics = found.consistency or Consistency()
+            least = min(physics.eigenvalues.values(), default=np.nan)
             print(
                 f"noise {noise:4.2f} N m  {name:<26} {1e3 * seconds(lambda e=estimator, p=posed: e(p)):6.1f} ms  "  # type: ignore[misc]
-                f"smallest eigenvalue {least:.1e}  costs {found.consistency.costs.get('all', np.nan):.4f} %",
+                f"smallest eigenvalue {least:.1e}  costs {physics.costs.get('all', np.nan):.4f} %",
                 flush=True,
             )
 

@@ -188,6 +188,17 @@ class TestPredict:
             assert done.exit_code == int(factor < 0)
             assert words in done.output
 
+    def test_a_result_of_an_older_version_says_what_it_lacks(self, tmp_path: Path) -> None:
+        old = Path(__file__).parents[1] / "data" / "result-0.json"
+        log, table = write_log(tmp_path), tmp_path / "parameters.yaml"
+        for done in (run("predict", old, log), run("export", old, "--format", "yaml", "--out", table)):
+            assert done.exit_code == 0, done.output
+            (line,) = (line for line in done.output.splitlines() if line.startswith("Warning"))
+            assert "has version 0 of the format and lacks covariances, base parameters, validations" in line
+        done = run("predict", old.with_name("result-1.json"), log)
+        assert done.exit_code == 0, done.output
+        assert "Warning" not in done.output
+
     @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {}, "parameters": []}', "{", "\x00"])
     def test_other_files_are_no_results(self, tmp_path: Path, text: str) -> None:
         (tmp_path / "r.json").write_text(text)

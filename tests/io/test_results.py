@@ -103,3 +103,18 @@ def test_a_folder_is_probed_without_a_trace(tmp_path):
     (tmp_path / "taken").write_text("mine")
     with pytest.raises(InputError, match=r"taken.*nothing can be written here"):
         probe_folder(tmp_path / "taken")
+
+
+def test_json_has_a_line_for_each_row_and_is_the_same_data(tmp_path):
+    data = {
+        "matrix": [[1.5, 2], [3, 1e-300]],
+        "rows": [{"name": "m", "value": 0.1}],
+        "long": dict.fromkeys("abc", "x" * 60),
+    }
+    data |= {"none": [], "empty": {}, "deep": {"a": {"b": [{}]}}, "infinite": [np.inf], "word": "µ"}
+    text = write_json(tmp_path / "r.json", data).read_text()
+    assert json.loads(text) == data | {"infinite": [None]}
+    lines = text.splitlines()
+    for line in ("    [1.5, 2],", '    {"name": "m", "value": 0.1}', '  "none": [],', '  "word": "µ"'):
+        assert line in lines
+    assert max(map(len, lines)) < 170

@@ -9,7 +9,7 @@ arm = dy.two_link_arm()
 arm
 
 # %% Recordings: read by dy.read_log("monday.csv", time=("t", "ms"), position=..., torque=...); here simulated
-t, rng = np.arange(4001) * 0.0025, np.random.default_rng(0)
+t, rng = np.arange(2001) * 0.005, np.random.default_rng(0)
 logs = {}
 for name, rate in (("monday", 2.0), ("tuesday", 3.0), ("wednesday", 2.5)):
     truth = dy.simulate(arm, arm.values, lambda s, w=rate: (4 * np.sin(w * s), 3 * np.sin(2 * w * s)), t)

@@ -228,10 +228,11 @@ def test_a_finger_on_a_palletiser_takes_no_rank_from_it() -> None:
     for estimator in (LeastSquares(), LeastSquares(weights="per_joint"), PhysicallyConsistent(costs=False)):
         found = estimator(Problem(model, (motion,), regression))
         assert found.determined.rank == structural.rank
-        assert found.directions is not None
-        basis = base_parameters(found.directions, model.parameters)
-        std = base_std(basis, regression.triangular_factors, found.sigma, found.weights)
-        theta = found.value if found.unconstrained is None else found.unconstrained
+        assert found.determined.directions is not None
+        basis = base_parameters(found.determined.directions, model.parameters)
+        std = base_std(basis, regression.triangular_factors, found.residual.sigma, found.residual.weights)
+        free = found.consistency.unconstrained if found.consistency else None
+        theta = found.value if free is None else free
         error = np.abs(basis.to_base(theta) - basis.to_base(weightless)) / std
         assert error.max() < 4
         assert (error < 1.96).mean() > 0.85

@@ -30,7 +30,7 @@ def test_words_of_a_result(identification):
     result = result_words(identification)
     assert result.keys() == {"verdict", "status", "warnings", "residuals", "exports"}
     assert result["verdict"].keys() == {"word", "sentences", "reasons", "next_steps"}
-    assert result["status"] == "not determined alone: theta3"
+    assert result["status"] == "not determined individually: theta3"
     assert result["warnings"] == ["elbow hardly moves"]
     assert result["residuals"].keys() == {"swing.csv", "reach.csv"}
     assert json.loads(json.dumps(result)) == result

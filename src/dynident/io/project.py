@@ -19,7 +19,7 @@ from dynident.io.settings import Config
 from dynident.log import Log
 from dynident.models import Model
 
-__all__ = ["Project", "log_files", "parse_project", "read_project", "run"]
+__all__ = ["Project", "log_files", "model_source", "parse_project", "read_project", "run"]
 
 Progress = Callable[[str], None]
 
@@ -121,14 +121,15 @@ def _built(config: Config, path: Path, text: str, progress: Progress) -> Project
     progress("building the model")
     model = load_model(config.model, path.parent)
     file = model_file(config.model, path.parent)
-    robot = None if file is None else SourceFile(str(file.resolve()), fingerprint(file), _robot_text(file))
+    robot = None if file is None else model_source(file)
     sources = Sources(SourceFile(str(path.resolve()), sha256(text.encode()).hexdigest(), text), robot)
     return Project(path, config, model, build_recipe(config), config_warnings(config), sources)
 
 
-def _robot_text(file: Path) -> str:
-    """Return the text of a robot file, which a result keeps; of a Python file nothing."""
-    return robot_text(file) if file.suffix.lower() in SUFFIXES else ""
+def model_source(file: Path) -> SourceFile:
+    """Return what a result keeps of the file of a model: of a robot file its text, too."""
+    text = robot_text(file) if file.suffix.lower() in SUFFIXES else ""
+    return SourceFile(str(file.resolve()), fingerprint(file), text)
 
 
 def run(path: str | Path, *, progress: Progress | None = None) -> Identification:

@@ -84,9 +84,10 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
 
 
 def model_of(sources: Sources, source: str) -> Model:
-    """Return the model of a configuration, or of a robot file alone; a file that is gone is replaced by its saved text.
+    """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
-    Raises InputError where there is neither, ModelError where the model's file is gone or has changed.
+    Where a robot file is gone, its text in the result will do. Raises InputError where there is neither, ModelError
+    where the model's file is gone or has changed.
     """
     given, robot = sources.configuration, sources.model
     gone = robot is not None and bool(robot.text) and not Path(robot.path).exists()

@@ -16,14 +16,14 @@ from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
 from dynident.export import exports
-from dynident.identification import Identification, Recipe, SourceFile
+from dynident.identification import Identification, Recipe
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
-from dynident.io.project import read_project
+from dynident.io.project import model_source, read_project
 from dynident.io.results import probe_folder, write_text
-from dynident.io.robot import SUFFIXES, fingerprint, load_robot
+from dynident.io.robot import SUFFIXES, load_robot
 from dynident.io.saved import check_targets
 from dynident.io.settings import Config, LogSpec, RobotSettings
 from dynident.io.wording import worded
@@ -99,14 +99,17 @@ def identify(
 
     >>> import numpy as np
     >>> import dynident as dy
-    >>> arm, t, rng = dy.two_link_arm(), np.arange(2001) * 0.005, np.random.default_rng(0)
+    >>> from dynident.models.gallery import pendulum
+    >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
     >>> logs = {}
-    >>> for name, rate in (("monday", 2.0), ("tuesday", 3.0)):
-    ...     motion = dy.simulate(arm, arm.values, lambda s: (4 * np.sin(rate * s), 3 * np.sin(2 * rate * s)), t)
+    >>> for name, rate in (("monday", 5.0), ("tuesday", 4.0)):
+    ...     motion = dy.simulate(arm, arm.values, lambda s: [np.sin(rate * s)], t)
     ...     logs[name] = dy.record(motion, sigma_q=1e-4, sigma_tau=1e-2, rng=rng).log
-    >>> found = dy.identify(arm, {"monday": logs["monday"]}, {"tuesday": logs["tuesday"]}, smoother=dy.Spline())
-    >>> print(f"theta6 = {found.estimate.value[5]:.3f}, true 0.619")
-    theta6 = 0.619, true 0.619
+    >>> dy.identify(arm, {"monday": logs["monday"]}, validation={"tuesday": logs["tuesday"]})
+    <Identification of 'pendulum': good for control
+      torque error, training: monday 1.60 %
+      torque error, held out: tuesday 1.73 %
+      J = 0.08247 +- 4.9e-5 kg m^2, h = 0.2498 +- 0.00014 kg m>
     """
     model = _model(robot)
     known = [field.name for field in fields(Recipe)]
@@ -115,10 +118,9 @@ def identify(
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
     used = replace(recipe or default_recipe(model), **changes)
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
+    path = None if isinstance(robot, Model) else Path(robot)
+    file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
     found = identification.identify(model, trained, held_out, used, progress=progress)
-    if isinstance(robot, Model) or Path(robot).suffix.lower() not in SUFFIXES:
-        return found
-    file = SourceFile(str(Path(robot).resolve()), fingerprint(Path(robot)))  # from which `load` builds the model again
     return replace(found, provenance=replace(found.provenance, model=file))
 
 
@@ -154,12 +156,13 @@ def accuracy_bound(
 
     >>> import numpy as np
     >>> import dynident as dy
-    >>> arm, t = dy.two_link_arm(), np.arange(1001) * 0.01
-    >>> motion = dy.simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), t)
+    >>> from dynident.models.gallery import pendulum
+    >>> arm = pendulum()
+    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], np.arange(1001) * 0.01)
     >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=1e-2, rng=np.random.default_rng(0)).log
     >>> bound = dy.accuracy_bound(arm, log, dy.Recipe(dy.Spline(sigma=1e-4)), sigma_q=1e-4, sigma_tau=1e-2)
-    >>> print(f"{bound.names[5]} is known to {bound.relative[5]:.4f} % at best")
-    theta6 is known to 0.01 % at best
+    >>> bound
+    <AccuracyBound of 2 base parameters from 973 samples; least known: h 0.047 %, J 0.046 %>
     """
     model = _model(robot)
     return bounds.accuracy_bound(

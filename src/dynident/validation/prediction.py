@@ -156,7 +156,7 @@ def validate(
     >>> arm, t, rng = pendulum(), np.arange(1001) * 0.01, np.random.default_rng(0)
     >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], t)
     >>> log = dy.record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=rng).log
-    >>> print(f"{dy.validate(arm, arm.values, dy.Spline(sigma=1e-4)(log)).relative_error:.1f} %")
+    >>> print(f"{dy.validate(arm, arm.values, dy.Spline(sigma=1e-4)(log)).errors.relative_error:.1f} %")
     2.6 %
     """
     if not motion.mask.any():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks.gravity import gravity_findings
+from dynident.checks.notes import OtherGravity
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, RigidBodies, RotorInertia, Viscous
 from dynident.models.gallery import slider
@@ -45,7 +46,9 @@ def motion(gravity, gain=1.0) -> Motion:
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (9.81, 0.0, 0.0), (0.0, -6.9, -6.9)])
 def test_an_arm_that_is_mounted_otherwise_is_asked_about(gravity) -> None:
     (found,) = gravity_findings(arm(), [motion(gravity)])
-    said = [float(x) for x in found.message.split("(")[1].split(")")[0].split(",")]
+    assert isinstance(found.message, OtherGravity)
+    assert found.message.assumed == (0.0, 0.0, -9.81)
+    said = found.message.fitted
     assert np.dot(said, gravity) > 0.95 * np.linalg.norm(said) * np.linalg.norm(gravity)
     assert list(gravity_findings(arm(gravity), [motion(gravity)])) == []
 

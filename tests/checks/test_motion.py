@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import ExcitedRank
+from dynident.checks import ExcitedRank, notes
 from dynident.checks.motion import excitation, excited_rank, limit_findings, rank_findings
+from dynident.errors import Note
 from dynident.log import Motion
 from dynident.models.gallery import slider, two_link_arm
 from dynident.models.robot_file import Limits
@@ -59,13 +60,24 @@ def test_limits(moved: Motion, limits: Limits | None, topics: list[str]) -> None
     assert [one.topic for one in limit_findings(excitation([moved], "a"), limits, "N m")] == topics
 
 
+def test_the_figures_are_those_of_the_motion_and_the_limits() -> None:
+    def note(moved: Motion, limits: Limits) -> Note:
+        return next(limit_findings(excitation([moved], "a"), limits, "N m")).message
+
+    low, high = (pytest.approx(x, rel=1e-3) for x in (-0.5, 0.5))
+    assert note(motion(), replace(WIDE, upper=0.2)) == notes.PositionBeyondLimits(low, high, -1, 0.2)
+    assert note(motion(), replace(WIDE, velocity=0.5)) == notes.VelocityAboveLimit(pytest.approx(1.0, rel=1e-3), 0.5)
+    assert note(motion(0.5, 0.2), WIDE) == notes.FewReversals(1)
+
+
 def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
-    def words(tau: float) -> str:
+    def note(tau: float) -> Note:
         return next(limit_findings(excitation([motion(tau=tau)], "a"), WIDE, "N m")).message
 
-    assert "motor current" in words(300)
-    assert "motor current" not in words(12)
-    assert "motor side" in words(1e-3)
+    far, near, below = map(note, (300, 12, 1e-3))
+    assert far == notes.EffortAboveLimit(pytest.approx(300, rel=0.01), 10, "N m", far=True)
+    assert near == notes.EffortAboveLimit(pytest.approx(12, rel=0.01), 10, "N m", far=False)
+    assert below == notes.EffortFarBelowLimit(pytest.approx(1e-3, rel=0.01), 10, "N m")
 
 
 def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
@@ -87,7 +99,8 @@ def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
 
 
 def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:
-    assert [one.topic for one in rank_findings(ExcitedRank(5, 5, 5, 1e6, ()))] == ["condition"]
+    (found,) = rank_findings(ExcitedRank(6, 5, 5, 1e6, ()))
+    assert (found.topic, found.message) == ("condition", notes.CorrelatedParameters(5, 1e6))
     assert list(rank_findings(ExcitedRank(5, 5, 5, 1e3, ()))) == []
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, check_robot, link_facts
-from dynident.errors import Severity
+from dynident.checks import Finding, check_robot, link_facts, notes
+from dynident.errors import Note, Severity
 from dynident.models.rigid_bodies import read_robot_file
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
@@ -32,41 +32,52 @@ def origin(mass: float, c: float) -> np.ndarray:
 
 LIMIT = '<limit effort="{}" velocity="{}" lower="{}" upper="{}"/>'
 FLAWS = {
-    "negative mass": (arm(upper=link("upper", -2.0)), "error", "impossible", "upper", "negative mass -2"),
-    "no triangle": (
-        arm(upper=link("upper", 2.0, tensor=np.diag([0.001, 0.001, 0.02]))), "error", "impossible", "upper", "triangle",
+    "negative mass": (
+        arm(upper=link("upper", -2.0)), "error", "impossible", "upper", notes.ImpossibleInertia("negative mass -2 kg"),
     ),
-    "massless": (arm(fore=link("fore")), "warning", "massless", "fore", "no mass in the file"),
-    "millimetres": (arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", "millimetres"),
-    "too wide": (arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore", "gyration of 0.41"),
+    "no triangle": (
+        arm(upper=link("upper", 2.0, tensor=np.diag([0.001, 0.001, 0.02]))), "error", "impossible", "upper",
+        notes.ImpossibleInertia(
+            "principal moments 0.001, 0.001, 0.02 kg m^2 break the triangle inequality: the largest exceeds the sum of "
+            "the others"
+        ),
+    ),
+    "massless": (arm(fore=link("fore")), "warning", "massless", "fore", notes.NoMass(("fore",))),
+    "millimetres": (
+        arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", notes.FarCentre(120.0),
+    ),
+    "too wide": (
+        arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore",
+        notes.LargeGyration(pytest.approx(0.05), pytest.approx((0.05 / 0.3) ** 0.5), 0.3, 0.3),
+    ),
     "grams": (
         arm(link("upper", 2e3, (0.15, 0, 0), tensor=1e3 * ROD), link("fore", 4e3, (0.12, 0, 0), tensor=2e3 * ROD)),
-        "warning", "total mass", "", "6004 kg",
+        "warning", "total mass", "", notes.OddTotalMass(6004.0),
     ),
     "about origin": (
         arm(
             link("upper", 2.0, (0.15, 0.0, 0.0), tensor=ROD + origin(2.0, 0.15)),
             link("fore", 1.5, (0.12, 0.0, 0.0), tensor=0.6 * ROD + origin(1.5, 0.12)),
         ),
-        "warning", "about origin", "", "upper, fore",
+        "warning", "about origin", "", notes.InertiaAboutOrigin(("upper", "fore")),
     ),
-    "a point": (arm(fore=link("fore", 0.2, tensor=np.zeros((3, 3)))), "info", "point", "fore", "rounded to zero"),
+    "a point": (arm(fore=link("fore", 0.2, tensor=np.zeros((3, 3)))), "info", "point", "fore", notes.PointMass(0.2)),
     "no effort": (
         arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(0, 2, -1, 1))),
-        "warning", "limits", "", "effort limit is 0",
+        "warning", "limits", "", notes.LimitNotPositive("effort", 0.0),
     ),
     "no range": (
         arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(9, 2, 0, 0))),
-        "warning", "limits", "", "not below its upper limit",
+        "warning", "limits", "", notes.EmptyRange(0.0, 0.0),
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("xml", "severity", "topic", "link", "words"), FLAWS.values(), ids=FLAWS)
-def test_each_flaw_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, words: str) -> None:
+@pytest.mark.parametrize(("xml", "severity", "topic", "link", "note"), FLAWS.values(), ids=FLAWS)
+def test_each_flaw_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, note: Note) -> None:
     (finding,) = found(xml)
     assert (finding.severity, finding.topic, finding.link) == (severity, topic, link)
-    assert words in finding.message
+    assert finding.message == note
     assert finding.source == "arm.urdf"
 
 
@@ -82,9 +93,10 @@ def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:
     twin = link("fore", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
     (copied,) = found(arm(fore=twin))
     assert (copied.severity, copied.topic) == ("info", "copied")
-    assert "upper, fore" in copied.message
+    assert copied.message == notes.EqualLinks(("upper", "fore"), 2.0, alone=False)
     (all_alike,) = found(arm(fore=twin).replace(BASE, link("base", 2.0, (0.15, 0.0, 0.0), tensor=ROD)))
     assert (all_alike.severity, all_alike.topic) == ("warning", "copied")
+    assert all_alike.message == notes.EqualLinks(("base", "upper", "fore"), 2.0, alone=True)
     fingers = [link(name, 0.1, tensor=1e-5 * np.eye(3)) for name in ("left", "right")]
     joints = [joint(f"{name} joint", "prismatic", "fore", name) for name in ("left", "right")]
     assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *fingers, *joints)) == ()
@@ -98,9 +110,9 @@ def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
 def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
     bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
     effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
-    assert "no effort limit for s, e" in effort.message
-    assert "no velocity limit for s, e" in velocity.message
-    assert "for s:" in found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message
+    assert effort.message == notes.NoLimit("effort", ("s", "e"))
+    assert velocity.message == notes.NoLimit("velocity", ("s", "e"))
+    assert found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message == notes.NoLimit("effort", ("s",))
 
 
 def test_both_formats_say_the_same() -> None:
@@ -116,4 +128,4 @@ def test_what_mujoco_computes_from_shapes_is_said() -> None:
         "</mujoco>"
     )
     shapes = [one for one in found(xml) if one.topic == "shapes"]
-    assert [one.link for one in shapes] == ["arm"]
+    assert [(one.link, one.message) for one in shapes] == [("arm", notes.OnlyShapes())]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import check_log_fully, timing
+from dynident.checks import check_log_fully, notes, timing
+from dynident.errors import Note, Severity
 from dynident.log import Log
 
 N, STEP = 4000, 0.005
@@ -20,9 +21,9 @@ def log(stamped: np.ndarray, sampled: np.ndarray, noise: float = 1e-6) -> Log:
     return Log(stamped, q, np.cos(q), ("a", "b"), "log")
 
 
-def topics(one: Log) -> dict[str, str]:
+def topics(one: Log) -> dict[str, tuple[Severity, Note]]:
     kinds = dict.fromkeys(one.joints, "revolute")
-    return {finding.topic: f"{finding.severity}: {finding.message}" for finding in check_log_fully(one, kinds)}
+    return {finding.topic: (finding.severity, finding.message) for finding in check_log_fully(one, kinds)}
 
 
 def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
@@ -30,17 +31,17 @@ def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
     assert timing(noisy).even < 0.05
     assert timing(true).even > 20
     assert topics(noisy).keys() == {"stamps"}
-    assert topics(noisy)["stamps"].startswith("warning")
-    assert "rate: 200" in topics(noisy)["stamps"]
+    rate = pytest.approx(200, rel=1e-5)
+    better = notes.StampsJitter(timing(noisy).jitter, 1 / timing(noisy).even, rate, None)
+    assert topics(noisy)["stamps"] == ("warning", better)
     assert topics(true).keys() == {"jitter"}
-    assert topics(true)["jitter"].startswith("info")
-    assert "Keep the stamps" in topics(true)["jitter"]
+    assert topics(true)["jitter"] == ("info", notes.SamplingJitter(timing(true).jitter, timing(true).even))
 
 
 def test_where_position_noise_hides_it_nothing_is_claimed() -> None:
     hidden = log(EVEN + JITTER, EVEN, noise=0.1)
     assert timing(hidden).even == pytest.approx(1, abs=0.05)
-    assert "do not show whether" in topics(hidden)["jitter"]
+    assert topics(hidden)["jitter"] == ("info", notes.SamplingJitter(timing(hidden).jitter, None))
 
 
 def test_an_even_time_axis_has_no_findings() -> None:
@@ -60,14 +61,15 @@ def test_lost_samples_are_counted(lost: int, severity: str) -> None:
     assert found.missing == lost
     assert found.rate == pytest.approx(200)
     told = topics(log(kept, kept))["lost"]
-    assert told.startswith(f"{severity}: about {lost} samples")
+    assert told == (severity, notes.LostSamples(lost, lost / N, pytest.approx(round(found.longest / STEP))))
 
 
 def test_noisy_stamps_with_lost_samples_are_not_to_be_replaced_by_a_rate() -> None:
     kept = np.delete(np.arange(N), np.arange(50, N, 37))
     told = topics(log(EVEN[kept] + 0.2 * JITTER[kept], EVEN[kept]))
-    assert "Round the stamps to multiples of 0.005" in told["stamps"]
-    assert "rate:" not in told["stamps"]
+    severity, note = told["stamps"]
+    assert isinstance(note, notes.StampsJitter)
+    assert (severity, note.rate, note.step) == ("warning", None, pytest.approx(STEP, rel=0.01))
 
 
 def test_a_gap_is_no_count_of_lost_samples() -> None:

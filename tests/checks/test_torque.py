@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks import notes
 from dynident.checks.torque import agreement, agreement_findings
+from dynident.errors import Note
 from dynident.log import Motion
 from dynident.models import Model, Offset, RigidBodies, RotorInertia, Viscous
 from dynident.models.gallery import slider
@@ -35,6 +37,10 @@ def topics(moved: Motion, model: Model = ARM_MODEL) -> list[tuple[str, str | Non
     return [(one.topic, one.joint) for each in found for one in agreement_findings(each, "N m")]
 
 
+def notes_on(moved: Motion, model: Model = ARM_MODEL) -> list[Note]:
+    return [one.message for each in agreement(model, [moved]) for one in agreement_findings(each, "N m")]
+
+
 def test_a_right_torque_raises_no_question() -> None:
     assert topics(motion()) == []
 
@@ -44,7 +50,11 @@ def test_a_turned_sign_is_asked_about_for_that_joint_alone(joint: int) -> None:
     gain = np.ones(len(JOINTS))
     gain[joint] = -1
     moved = motion()
-    assert topics(replace(moved, tau=gain * moved.tau)) == [("sign", JOINTS[joint].name)]
+    turned = replace(moved, tau=gain * moved.tau)
+    assert topics(turned) == [("sign", JOINTS[joint].name)]
+    (note,) = notes_on(turned)
+    assert isinstance(note, notes.ReversedSign)
+    assert note.correlation is None or note.correlation == pytest.approx(-1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("gain", [100.0, 0.01])
@@ -53,6 +63,8 @@ def test_a_missing_gear_or_unit_is_asked_about(gain: float) -> None:
     told = topics(replace(moved, tau=gain * moved.tau))
     assert told
     assert {topic for topic, _ in told} == {"scale"}
+    right = notes.OddScale(pytest.approx(gain, rel=0.01), "N m")
+    assert all(note == right for note in notes_on(replace(moved, tau=gain * moved.tau)))
 
 
 def test_a_torque_of_another_joint_is_asked_about() -> None:
@@ -62,6 +74,9 @@ def test_a_torque_of_another_joint_is_asked_about() -> None:
     swapped = moved.tau.copy()
     swapped[:, strong] = moved.tau[:, weak]
     assert ("foreign", JOINTS[strong].name) in topics(replace(moved, tau=swapped))
+    (note,) = (one for one in notes_on(replace(moved, tau=swapped)) if isinstance(one, notes.UnrelatedTorque))
+    assert note.ratio > 2
+    assert abs(note.correlation) < 0.3
 
 
 def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
@@ -69,6 +84,7 @@ def test_without_a_robot_file_friction_and_inertia_tell_the_sign() -> None:
     moved = motion(model, np.array([5.0, 8.0, 3.0, 0.5]))
     assert topics(moved, model) == []
     assert topics(replace(moved, tau=-moved.tau), model) == [("sign", model.joints[0].name)]
+    assert notes_on(replace(moved, tau=-moved.tau), model) == [notes.ReversedSign(None)]
 
 
 def test_what_the_file_does_not_say_is_not_compared() -> None:

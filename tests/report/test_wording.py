@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.bounds import Measure, Origin
+from dynident.checks import Finding
+from dynident.checks import notes as findings
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
 from dynident.identification import (
@@ -26,6 +28,7 @@ from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharp
 from dynident.models.gallery import two_link_arm
 from dynident.regression import UnexcitedParameters
 from dynident.report import advice
+from dynident.report.finding_words import finding_words
 from dynident.report.wording import Line, note_lines, words
 from dynident.smoothers import Difference, Spline
 from dynident.validation import (
@@ -58,6 +61,12 @@ def test_every_noun_has_words(base: type) -> None:
     assert len(kinds(base)) > 1
     for kind in kinds(base):
         assert words.dispatch(kind) is not words.dispatch(object), kind
+
+
+def test_findings_of_the_checks_are_among_the_notes() -> None:
+    assert {getattr(findings, name) for name in findings.__all__} <= set(kinds(Note))
+    found = Finding(Severity.WARNING, "a", findings.FewReversals(1))
+    assert finding_words(found) == words(found.message)
 
 
 def test_every_choice_has_words() -> None:

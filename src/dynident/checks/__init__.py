@@ -5,10 +5,12 @@ Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, exci
 torque, the direction of gravity. ``run_checks`` runs all of them. An error would give wrong numbers, a warning should
 be looked at."""
 
+from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, moving_span, rest
 from dynident.checks.check import CheckResult, run_checks
-from dynident.checks.finding import Finding, Topic, require
+from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
+from dynident.checks.reading import reading_words
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
 from dynident.checks.torque import Agreement
@@ -30,6 +32,9 @@ __all__ = [
     "check_robot",
     "link_facts",
     "moving_span",
+    "notes",
+    "reading_line",
+    "reading_words",
     "require",
     "rest",
     "run_checks",

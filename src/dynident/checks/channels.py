@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import time
+from dynident.checks import notes, time
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
@@ -107,26 +107,13 @@ def check_log_fully(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = f
 def _still(q: Array) -> Iterator[Finding]:
     levels = len(np.unique(q))
     if levels <= 3:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the position never moves ({levels} distinct values near {q[0]:.6g}): nothing about this joint's own "
-            "motion can be identified. Check that the right column is named, or use another window.",
-            Topic.STILL,
-        )
+        yield Finding(Severity.WARNING, None, notes.NeverMoves(levels, float(q[0])), Topic.STILL)
 
 
 def _degrees(t: Array, q: Array) -> Iterator[Finding]:
     span, speed = float(np.ptp(q)), _peak_speed(t, q)
     if span > _RANGE or speed > _SPEED:
-        yield Finding(
-            Severity.ERROR,
-            None,
-            f"the position spans {span:.4g} rad at up to {speed:.4g} rad/s, more than a robot arm does; is it in "
-            "degrees? "
-            "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn that far.",
-            Topic.DEGREES,
-        )
+        yield Finding(Severity.ERROR, None, notes.PerhapsDegrees(span, speed), Topic.DEGREES)
 
 
 def _peak_speed(t: Array, q: Array) -> float:
@@ -139,35 +126,18 @@ def _quantised(q: Array) -> Iterator[Finding]:
     resolution = _resolution(q)
     counts = np.abs(np.diff(q)) / resolution
     if not np.isnan(resolution) and np.median(counts[counts > 0.5]) < _COARSE:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the position is quantised in steps of {resolution:.4g}, and most samples differ by fewer than "
-            f"{_COARSE:.0f} of them: the error is not white noise, so do not rely on a noise level estimated from it.",
-            Topic.QUANTISED,
-        )
+        yield Finding(Severity.WARNING, None, notes.QuantisedPosition(resolution, _COARSE), Topic.QUANTISED)
 
 
 def _torque(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the torque is {low:.6g} throughout; check that the right column is named and was recorded.",
-            Topic.DEAD,
-        )
+        yield Finding(Severity.WARNING, None, notes.ConstantTorque(low), Topic.DEAD)
         return
     for extreme in (low, high):
         count = int(np.count_nonzero(tau == extreme))
         if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: motors off, not a limit
-            yield Finding(
-                Severity.WARNING,
-                None,
-                f"{count} of {len(tau)} torques are exactly the extreme value {extreme:.6g}: saturated? "
-                "A saturated torque biases the fit; leave these parts out with windows.",
-                Topic.SATURATED,
-            )
+            yield Finding(Severity.WARNING, None, notes.SaturatedTorque(count, len(tau), extreme), Topic.SATURATED)
 
 
 def _resolution(x: Array) -> float:
@@ -198,19 +168,7 @@ def _stale(q: Array) -> Iterator[Finding]:
     share = _repeats(q)
     if share > _STALE:
         every = round(1 / (1 - share)) if share < 1 else 0
-        remedy = (
-            f"Keep only one row in {every}, the first with each new value."
-            if every > 1
-            else "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
-        )
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"{100 * share:.2g} % of the positions exactly repeat the previous one although the joint moves: the "
-            "encoder "
-            f"is read less often than it is logged. {remedy}",
-            Topic.STALE,
-        )
+        yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, every), Topic.STALE)
 
 
 def _rests(log: Log) -> NDArray[np.bool_]:
@@ -247,10 +205,4 @@ def rest(log: Log) -> Iterator[Finding]:
     first, last = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
     start, stop = log.t[first * size], log.t[min(last * size, len(log) - 1)]
     if stop - start >= max(_REST, 0.1 * (log.t[-1] - log.t[0])):
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the arm is at rest from {start:.3g} to {stop:.3g} s: static friction there can take any value up to its "
-            "limit. Leave this part out with a window, or set `min_speed`.",
-            Topic.REST,
-        )
+        yield Finding(Severity.WARNING, None, notes.ArmAtRest(float(start), float(stop)), Topic.REST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
+from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gravity import gravity_findings
@@ -128,16 +129,8 @@ def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:
     for term in (term for term in model.terms if isinstance(term, HasRobotFile)):
         found += check_robot(term.file, joints, inconsistent=Severity.WARNING)
         if term.file.gravity not in (None, term.gravity):
-            words = f"the file's gravity {term.file.gravity} is ignored; {term.gravity} m/s^2 is used."
-            found.append(
-                Finding(
-                    Severity.WARNING,
-                    None,
-                    f"{words} Set `gravity` if the arm is mounted that way.",
-                    Topic.GRAVITY,
-                    source=term.source,
-                )
-            )
+            note = notes.GravityIgnored(term.file.gravity, term.gravity)
+            found.append(Finding(Severity.WARNING, None, note, Topic.GRAVITY, source=term.source))
     return found
 
 

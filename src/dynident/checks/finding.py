@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from dynident.checks.reading import reading_words
 from dynident.errors import InputError, Note, Severity
 
-__all__ = ["Finding", "Topic", "require"]
+__all__ = ["Finding", "Topic", "reading_line", "require"]
 
 
 class Topic(StrEnum):
@@ -55,11 +56,12 @@ class Topic(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and a message with the remedy.
+    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
 
-    ``message`` is a sentence, or a note with the figures, which ``report`` puts into words. ``topic`` groups findings
-    of the same kind, None where there is no group; ``source`` is the log or file and ``link`` the link concerned, each
-    empty where there is none.
+    ``message`` is a note with the figures, of ``checks/notes.py`` or of the stage that made it, which ``report`` puts
+    into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
+    ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
+    the link concerned, each empty where there is none.
     """
 
     severity: Severity
@@ -69,12 +71,15 @@ class Finding:
     source: str = ""
     link: str = ""
 
-    def __str__(self) -> str:
-        return f"{self.message}" if self.joint is None else f"joint {self.joint!r}: {self.message}"
+
+def reading_line(finding: Finding) -> str:
+    """Return as text what was found in reading a log, with the joint; TypeError for what only ``report`` words."""
+    said = reading_words(finding.message) if isinstance(finding.message, Note) else finding.message
+    return said if finding.joint is None else f"joint {finding.joint!r}: {said}"
 
 
 def require(findings: Iterable[Finding], source: str) -> None:
     """Raise InputError that lists every finding that is an error, one per line; do nothing where there is none."""
-    errors = [str(finding) for finding in findings if finding.severity is Severity.ERROR]
+    errors = [reading_line(finding) for finding in findings if finding.severity is Severity.ERROR]
     if errors:
         raise InputError(f"{source}: " + "\n  ".join(errors))

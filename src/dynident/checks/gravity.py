@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import notes
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.torque import nominal, nuisance, thinned
 from dynident.errors import Severity
@@ -38,15 +39,9 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     X, y = _rows(model, motions, size)
     down = _down(X, y, assumed / size) if len(y) else None
     if down is not None:
-        vector = ", ".join(f"{x:.1f}" for x in np.round(size * down, 1) + 0.0)
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"is gravity right? The torques fit a gravity of about ({vector}) m/s^2 in the root link's frame, "
-            f"not ({', '.join(f'{x:.4g}' for x in assumed)}). Set `gravity` if the arm is mounted that way; "
-            "otherwise check the signs of all torques and positions, and `zero`.",
-            Topic.GRAVITY,
-        )
+        fitted = np.round(size * down, 1) + 0.0
+        note = notes.OtherGravity(tuple(fitted.tolist()), tuple(assumed.tolist()))
+        yield Finding(Severity.WARNING, None, note, Topic.GRAVITY)
 
 
 def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:

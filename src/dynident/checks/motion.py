@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.log import Motion
@@ -88,13 +89,7 @@ def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Ite
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = found.joint
     if found.reversals < FEW and found.peak_speed > MOVING:
-        yield Finding(
-            Severity.WARNING,
-            joint,
-            f"the joint reverses only {found.reversals} times: friction, offset and gravity are then strongly "
-            "correlated. Record a motion that goes back and forth.",
-            Topic.REVERSALS,
-        )
+        yield Finding(Severity.WARNING, joint, notes.FewReversals(found.reversals), Topic.REVERSALS)
     if limits is not None:
         yield from _position(found, limits)
         yield from _speed(found, limits)
@@ -106,24 +101,14 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
         return
     slack = BEYOND * max(limits.upper - limits.lower, 1.0)
     if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"the position runs from {found.lower:.4g} to {found.upper:.4g}, the file allows {limits.lower:.4g} to "
-            f"{limits.upper:.4g}. Check the unit, the sign and `zero`, or the file's limits.",
-            Topic.POSITION_LIMIT,
-        )
+        note = notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper)
+        yield Finding(Severity.WARNING, found.joint, note, Topic.POSITION_LIMIT)
 
 
 def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < OVER * limits.velocity < found.peak_speed:
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"the velocity reaches {found.peak_speed:.4g}, the robot file allows {limits.velocity:.4g} (rad/s or m/s). "
-            "Check the units of position and time; or the positions are too noisy for this smoother.",
-            Topic.VELOCITY_LIMIT,
-        )
+        note = notes.VelocityAboveLimit(found.peak_speed, limits.velocity)
+        yield Finding(Severity.WARNING, found.joint, note, Topic.VELOCITY_LIMIT)
 
 
 def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
@@ -131,22 +116,11 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
     if limit is None or limit <= 0:
         return
     if found.torque > OVER * limit:
-        far = found.torque > 3 * limit
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"the torque reaches {found.torque:.4g} {unit}, the robot file allows {limit:.4g}. "
-            + ("Is it a motor current, or in another unit?" if far else "Check the unit and gain, or the file."),
-            Topic.EFFORT_LIMIT,
-        )
+        above = notes.EffortAboveLimit(found.torque, limit, unit, far=found.torque > 3 * limit)
+        yield Finding(Severity.WARNING, found.joint, above, Topic.EFFORT_LIMIT)
     elif found.torque < 1e-3 * limit:
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"the torque stays below {found.torque:.3g} {unit}, a thousandth of the robot file's limit {limit:.4g}. Is "
-            "it on the motor side of the gear, in another unit, or is the limit a placeholder?",
-            Topic.EFFORT_LIMIT,
-        )
+        below = notes.EffortFarBelowLimit(found.torque, limit, unit)
+        yield Finding(Severity.WARNING, found.joint, below, Topic.EFFORT_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -179,10 +153,5 @@ def rank_findings(found: ExcitedRank) -> Iterator[Finding]:
     for one in found.missing:
         yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
     if found.condition > ILL and not found.missing:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the {found.on_data} base parameters are strongly correlated in these motions (condition number "
-            f"{found.condition:.2g}): move more joints at the same time, faster, and over more of their range.",
-            Topic.CONDITION,
-        )
+        note = notes.CorrelatedParameters(found.on_data, found.condition)
+        yield Finding(Severity.WARNING, None, note, Topic.CONDITION)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import notes
 from dynident.checks.finding import Finding, Topic
-from dynident.errors import Severity
+from dynident.errors import Note, Severity
 from dynident.models import consistency_violations, from_physical, to_physical
 from dynident.models.robot_file import Limits, RobotFile, RobotJoint
 
@@ -22,7 +23,6 @@ SPREAD = 0.6  # radius of gyration over the size of the link; a rod has 0.29, tw
 SMALLEST = 0.15  # m: size of a link without a known length, motors and all
 OFFSET = 0.6  # share of m c^2 in the largest moment from which on the tensor may be about the frame's origin
 LIGHTEST, HEAVIEST = 0.05, 5000.0  # kg: masses of whole arms
-REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,7 @@ def check_robot(
 def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for flaw in () if theta is None else consistency_violations(theta):
-            message = f"{flaw}. No body can have such an inertia. {REMEDY}"
-            yield Finding(severity, None, message, Topic.IMPOSSIBLE, link=name)
+            yield Finding(severity, None, notes.ImpossibleInertia(flaw), Topic.IMPOSSIBLE, link=name)
 
 
 def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -82,33 +81,13 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
         carried = _rigid(file, joint.child)
         given = [file.links[name] for name in carried]
         if all(theta is not None and not theta.any() for theta in given):
-            yield Finding(
-                Severity.WARNING,
-                joint.name,
-                f"the links that the joint moves ({', '.join(carried)}) have no mass in the file: simulators reject "
-                f"this, and it gives no prior. {REMEDY}",
-                Topic.MASSLESS,
-                link=joint.child,
-            )
+            note = notes.NoMass(tuple(carried))
+            yield Finding(Severity.WARNING, joint.name, note, Topic.MASSLESS, link=joint.child)
     for name, theta in file.links.items():
         if theta is None:
-            yield Finding(
-                Severity.INFO,
-                None,
-                "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the "
-                "compiled model from MuJoCo, which writes the inertia out.",
-                Topic.SHAPES,
-                link=name,
-            )
+            yield Finding(Severity.INFO, None, notes.OnlyShapes(), Topic.SHAPES, link=name)
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
-            yield Finding(
-                Severity.INFO,
-                None,
-                f"{theta[0]:.4g} kg without an inertia about the centre of mass: a point mass, or an inertia rounded "
-                "to zero.",
-                Topic.POINT,
-                link=name,
-            )
+            yield Finding(Severity.INFO, None, notes.PointMass(float(theta[0])), Topic.POINT, link=name)
 
 
 def _rigid(file: RobotFile, link: str) -> list[str]:
@@ -123,14 +102,7 @@ def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
         if distance > FAR:
-            yield Finding(
-                Severity.WARNING,
-                None,
-                f"its centre of mass is {distance:.4g} m from its frame. Is it in millimetres, or in another frame? "
-                "A URDF gives metres in the link's own frame.",
-                Topic.FAR,
-                link=fact.link,
-            )
+            yield Finding(Severity.WARNING, None, notes.FarCentre(distance), Topic.FAR, link=fact.link)
 
 
 def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -139,15 +111,8 @@ def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         size = _size(file, fact)
         if gyration > SPREAD * size:
-            yield Finding(
-                Severity.WARNING,
-                None,
-                f"its largest moment {fact.moments[-1]:.3g} kg m^2 means a radius of gyration of {gyration:.2g} m for "
-                f"its {fact.mass:.3g} kg, on a link of about {size:.2g} m. Is it about another point, or a "
-                "placeholder? It would be a misleading prior.",
-                Topic.SPREAD,
-                link=fact.link,
-            )
+            note = notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
+            yield Finding(Severity.WARNING, None, note, Topic.SPREAD, link=fact.link)
 
 
 def _size(file: RobotFile, fact: LinkFacts) -> float:
@@ -169,13 +134,7 @@ def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Findi
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             fits.append(fact.link)
     if len(fits) >= 2 and 2 * len(fits) > len(judged):
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the inertias of {', '.join(fits)} are as large as if they were about the origins of the links' frames. A "
-            "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel axes).",
-            Topic.ABOUT_ORIGIN,
-        )
+        yield Finding(Severity.WARNING, None, notes.InertiaAboutOrigin(tuple(fits)), Topic.ABOUT_ORIGIN)
 
 
 def _point(fact: LinkFacts) -> Array:
@@ -191,43 +150,33 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         alike.setdefault((fact.mass, *np.round(fact.moments, 9).tolist()), []).append(fact)
     parents = {joint.child: joint.parent for joint in file.joints}
     for group in alike.values():
-        names = [fact.link for fact in group]
+        names = tuple(fact.link for fact in group)
         if len({parents.get(name) for name in names}) < 2:
             continue
-        same = f"have the same mass {group[0].mass:.4g} kg and the same moments:"
-        if len(group) == len(facts) > 2:
-            yield Finding(Severity.WARNING, None, f"all links {same} placeholders? {REMEDY}", Topic.COPIED)
-        else:
-            words = f"{', '.join(names)} {same} copied, or simple shapes? They are a weak prior."
-            yield Finding(Severity.INFO, None, words, Topic.COPIED)
+        alone = len(group) == len(facts) > 2
+        severity = Severity.WARNING if alone else Severity.INFO
+        yield Finding(severity, None, notes.EqualLinks(names, group[0].mass, alone), Topic.COPIED)
 
 
 def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
     if facts and not LIGHTEST <= total <= HEAVIEST:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the total mass of all links is {total:.4g} kg. Are the masses in kg?",
-            Topic.TOTAL_MASS,
-        )
+        yield Finding(Severity.WARNING, None, notes.OddTotalMass(total), Topic.TOTAL_MASS)
 
 
 def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for joint in moving:
-        for words in _impossible_limits(joint.limits):
-            message = f"{words}: simulators use it as given. Correct it."
-            yield Finding(Severity.WARNING, joint.name, message, Topic.LIMITS)
+        for note in _impossible_limits(joint.limits):
+            yield Finding(Severity.WARNING, joint.name, note, Topic.LIMITS)
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
         bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if bare:
-            words = f"no {name} limit for {', '.join(bare)}: recordings cannot be checked against it."
-            yield Finding(Severity.INFO, None, words, Topic.LIMITS)
+            yield Finding(Severity.INFO, None, notes.NoLimit(name, tuple(bare)), Topic.LIMITS)
 
 
-def _impossible_limits(limits: Limits) -> Iterator[str]:
+def _impossible_limits(limits: Limits) -> Iterator[Note]:
     if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
-        yield f"its lower limit {limits.lower:g} is not below its upper limit {limits.upper:g}"
+        yield notes.EmptyRange(limits.lower, limits.upper)
     for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
         if value is not None and value <= 0:
-            yield f"its {name} limit is {value:g}"
+            yield notes.LimitNotPositive(name, value)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.log import Log
@@ -122,12 +123,7 @@ def _long_steps(log: Log) -> NDArray[np.intp]:
 def samples(log: Log) -> Iterator[Finding]:
     """Yield an error where the log is too short."""
     if len(log) < MINIMUM_SAMPLES:
-        yield Finding(
-            Severity.ERROR,
-            None,
-            f"only {len(log)} samples; at least {MINIMUM_SAMPLES} are needed: widen the window or record longer.",
-            Topic.SAMPLES,
-        )
+        yield Finding(Severity.ERROR, None, notes.TooFewSamples(len(log), MINIMUM_SAMPLES), Topic.SAMPLES)
 
 
 def gaps(log: Log) -> Iterator[Finding]:
@@ -135,14 +131,9 @@ def gaps(log: Log) -> Iterator[Finding]:
     long = _long_steps(log)
     if len(long):
         steps, first = np.diff(log.t), long[0]
-        yield Finding(
-            Severity.ERROR,
-            None,
-            f"a gap of {steps[first]:.4g} s after t = {log.t[first]:.6g} s "
-            f"({steps[first] / np.median(steps):.0f} times the median step; {len(long)} such gaps in all). "
-            "Leave it out with a window, or set `gaps: split` to smooth each piece separately.",
-            Topic.GAP,
-        )
+        length = float(steps[first])
+        note = notes.LongGap(length, float(log.t[first]), length / float(np.median(steps)), len(long))
+        yield Finding(Severity.ERROR, None, note, Topic.GAP)
 
 
 def jitter(log: Log) -> Iterator[Finding]:
@@ -150,58 +141,27 @@ def jitter(log: Log) -> Iterator[Finding]:
     steps = np.diff(log.t)
     median, jitter = float(np.median(steps)), _rms(steps)
     if jitter > _JITTER:
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"the time steps vary by {100 * jitter:.0f} % about {median:.4g} s (from {steps.min():.3g} to "
-            f"{steps.max():.3g} s). Where the clock of the stamps is not that of the sampling, this acts as position "
-            "noise.",
-            Topic.JITTER,
-        )
+        note = notes.UnevenSteps(jitter, median, float(steps.min()), float(steps.max()))
+        yield Finding(Severity.WARNING, None, note, Topic.JITTER)
 
 
 def stamps(facts: Timing) -> Iterator[Finding]:
     """Yield which time axis to use: the stamps, or equal spacing, whichever leaves less noise in the positions."""
     best = min(facts.even, facts.slots)
-    vary = f"the time steps vary by {100 * facts.jitter:.2g} % rms, and the positions"
     if best < _BETTER:
-        remedy = f"Set `time: {{ rate: {facts.rate:.6g} }}` instead of the column, and compare the held-out error"
-        if facts.missing and facts.slots < 0.9 * facts.even:  # equal spacing would shift all that follows a loss
-            remedy = f"Round the stamps to multiples of {facts.step:.6g} s in the file"
-        yield Finding(
-            Severity.WARNING,
-            None,
-            f"{vary} would be {_times(1 / best)} less noisy with equal spacing: the sampling is regular and the stamps "
-            f"are not. {remedy}.",
-            Topic.STAMPS,
-        )
+        # equal spacing would shift all that follows a loss
+        rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
+        rate, step = (None, facts.step) if rounded else (facts.rate, None)
+        yield Finding(Severity.WARNING, None, notes.StampsJitter(facts.jitter, 1 / best, rate, step), Topic.STAMPS)
     elif facts.jitter > _JITTER:
-        axis = "do not show whether the stamps or the sampling jitter"
-        if facts.even > 1.02:
-            axis = f"would be {_times(facts.even)} noisier with equal spacing: the sampling itself jitters"
-        yield Finding(
-            Severity.INFO,
-            None,
-            f"{vary} {axis}. Keep the stamps, and use the spline smoother, which needs no equal spacing.",
-            Topic.JITTER,
-        )
+        note = notes.SamplingJitter(facts.jitter, facts.even if facts.even > 1.02 else None)
+        yield Finding(Severity.INFO, None, note, Topic.JITTER)
 
 
 def lost(facts: Timing) -> Iterator[Finding]:
     """Yield the number of samples missing between the others."""
     if facts.missing:
         share = facts.missing / (facts.samples + facts.missing)
-        yield Finding(
-            Severity.WARNING if share > _MANY else Severity.INFO,
-            None,
-            f"about {facts.missing} samples ({100 * share:.2g} %) are lost, in steps of up to "
-            f"{facts.longest / facts.step:.0f} times the median: a spline bridges them if the time is taken from "
-            "the stamps and not from a `rate`.",
-            Topic.LOST,
-        )
-
-
-def _times(factor: float) -> str:
-    if factor > 1000:
-        return "over 1000 times"
-    return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"
+        severity = Severity.WARNING if share > _MANY else Severity.INFO
+        note = notes.LostSamples(facts.missing, share, facts.longest / facts.step)
+        yield Finding(severity, None, note, Topic.LOST)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks import notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.log import Motion, subsample
@@ -106,29 +107,10 @@ def agreement_findings(found: Agreement, unit: str) -> Iterator[Finding]:
     """Yield a question where the sign or scale of a torque looks wrong; ``unit`` is that of the torque."""
     against = not found.correlation > 0 and found.rotor < 0 and found.friction < -DRIVES
     if found.correlation < -CLEAR or against:
-        why = f"it opposes the torque of the robot file's inertias (correlation {found.correlation:.2f})"
-        if against:
-            why = "friction and inertia of the joint are estimated as negative"
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"is the sign of the torque reversed? In this motion {why}. Check the signs of `gain` and "
-            "`transmission`, and that position and torque have the same positive direction.",
-            Topic.SIGN,
-        )
+        sign = notes.ReversedSign(None if against else found.correlation)
+        yield Finding(Severity.WARNING, found.joint, sign, Topic.SIGN)
     elif found.correlation > STRONG and not 1 / SCALE < found.scale < SCALE:
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            f"the torque is {found.scale:.3g} times that of the robot file's inertias. Is a gear ratio, a torque "
-            f"constant or a unit missing in `gain`? It should be in {unit}.",
-            Topic.SCALE,
-        )
+        yield Finding(Severity.WARNING, found.joint, notes.OddScale(found.scale, unit), Topic.SCALE)
     elif abs(found.correlation) < NONE and found.asked > ASKED:
-        yield Finding(
-            Severity.WARNING,
-            found.joint,
-            "does this torque belong to this joint? It hardly correlates with the torque of the robot file's inertias, "
-            f"which is {found.asked:.2g} times as large (correlation {found.correlation:.2f}). Check the column.",
-            Topic.FOREIGN,
-        )
+        foreign = notes.UnrelatedTorque(found.asked, found.correlation)
+        yield Finding(Severity.WARNING, found.joint, foreign, Topic.FOREIGN)

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, require, rest, split_gaps
+from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, reading_line, require, rest, split_gaps
 from dynident.errors import ConfigError, InputError, Severity, brief
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
@@ -58,7 +58,9 @@ def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque:
     warnings = list(reading.warnings)
     for piece in reading.logs:
         findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
-        warnings += [f"{piece.source}: {found}" for found in findings if found.severity is Severity.WARNING]
+        warnings += [
+            f"{piece.source}: {reading_line(found)}" for found in findings if found.severity is Severity.WARNING
+        ]
     return replace(reading, warnings=tuple(warnings))
 
 

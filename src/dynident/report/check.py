@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident.errors import Severity
-from dynident.identification import BaseTilt, TimeOffset
+from dynident.report.finding_words import finding_words
 from dynident.report.page import Column, PageTable, number
 from dynident.report.wording import words
 
@@ -75,21 +75,12 @@ def _plain(finding: Finding) -> dict[str, Any]:
         **vars(finding),
         "severity": finding.severity.value,
         "topic": finding.topic.value if finding.topic else "",
-        "message": _message(finding),
+        "message": finding_words(finding),
     }
 
 
 def _rank(rank: ExcitedRank) -> dict[str, Any]:
     return {**asdict(rank), "missing": [{**asdict(one), "words": words(one)} for one in rank.missing]}
-
-
-def _message(finding: Finding) -> str:
-    said = words(finding.message)
-    if isinstance(finding.message, TimeOffset):
-        return f"delay: {said}."
-    if isinstance(finding.message, BaseTilt):
-        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
-    return said
 
 
 def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
@@ -98,7 +89,7 @@ def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     seen: Counter[tuple[object, ...]] = Counter()
     for one in findings:
         place = (one.severity, one.topic, one.source, one.joint, one.link)
-        key = (one.severity, one.topic, seen[place], _message(one) if not one.topic else "")
+        key = (one.severity, one.topic, seen[place], finding_words(one) if not one.topic else "")
         seen[place] += 1
         groups.setdefault(key, []).append(one)
     return list(groups.values())
@@ -110,7 +101,7 @@ def _row(group: Sequence[Finding]) -> tuple[str, str]:
     part = first.link or first.joint or ""
     here = [one.link or one.joint or "" for one in others if one.source == first.source]
     there = list(dict.fromkeys(one.source for one in others if one.source != first.source))
-    message = _message(first)
+    message = finding_words(first)
     if here:
         message += f" Likewise {_listed(here)}."
     if there:

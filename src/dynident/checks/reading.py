@@ -1,0 +1,85 @@
+"""The text of what reading a log raises or warns of; other findings are worded in ``report``, which ``io`` is below."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+from dynident.checks import notes
+from dynident.errors import Note
+
+__all__ = ["reading_words"]
+
+
+@singledispatch
+def reading_words(note: Note) -> str:
+    """Return the text of what is wrong with a log that is read, with the remedy."""
+    raise TypeError(f"there is no text for {type(note).__name__}")
+
+
+@reading_words.register
+def _(note: notes.TooFewSamples) -> str:
+    return f"only {note.samples} samples; at least {note.least} are needed: widen the window or record longer."
+
+
+@reading_words.register
+def _(note: notes.LongGap) -> str:
+    return (
+        f"a gap of {note.length:.4g} s after t = {note.after:.6g} s "
+        f"({note.ratio:.0f} times the median step; {note.count} such gaps in all). "
+        "Leave it out with a window, or set `gaps: split` to smooth each piece separately."
+    )
+
+
+@reading_words.register
+def _(note: notes.UnevenSteps) -> str:
+    return (
+        f"the time steps vary by {100 * note.jitter:.0f} % about {note.step:.4g} s (from {note.shortest:.3g} to "
+        f"{note.longest:.3g} s). Where the clock of the stamps is not that of the sampling, this acts as position "
+        "noise."
+    )
+
+
+@reading_words.register
+def _(note: notes.NeverMoves) -> str:
+    return (
+        f"the position never moves ({note.levels} distinct values near {note.near:.6g}): nothing about this joint's "
+        "own motion can be identified. Check that the right column is named, or use another window."
+    )
+
+
+@reading_words.register
+def _(note: notes.PerhapsDegrees) -> str:
+    return (
+        f"the position spans {note.span:.4g} rad at up to {note.speed:.4g} rad/s, more than a robot arm does; is it in "
+        "degrees? "
+        "Set `unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn that far."
+    )
+
+
+@reading_words.register
+def _(note: notes.QuantisedPosition) -> str:
+    return (
+        f"the position is quantised in steps of {note.resolution:.4g}, and most samples differ by fewer than "
+        f"{note.counts:.0f} of them: the error is not white noise, so do not rely on a noise level estimated from it."
+    )
+
+
+@reading_words.register
+def _(note: notes.ConstantTorque) -> str:
+    return f"the torque is {note.value:.6g} throughout; check that the right column is named and was recorded."
+
+
+@reading_words.register
+def _(note: notes.SaturatedTorque) -> str:
+    return (
+        f"{note.count} of {note.samples} torques are exactly the extreme value {note.extreme:.6g}: saturated? "
+        "A saturated torque biases the fit; leave these parts out with windows."
+    )
+
+
+@reading_words.register
+def _(note: notes.ArmAtRest) -> str:
+    return (
+        f"the arm is at rest from {note.start:.3g} to {note.stop:.3g} s: static friction there can take any value up "
+        "to its limit. Leave this part out with a window, or set `min_speed`."
+    )

@@ -1,0 +1,255 @@
+"""Text for the findings of the checks; one small function per note of ``checks/notes.py``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dynident.checks import notes, reading_words
+from dynident.identification import BaseTilt, TimeOffset
+from dynident.report.wording import words
+
+if TYPE_CHECKING:
+    from dynident.checks import Finding
+
+__all__ = ["finding_words"]
+
+REMEDY = "Take it from CAD, or identify it with `kind: consistent`."
+
+
+def finding_words(finding: Finding) -> str:
+    """Return what was found and what to do, as a sentence, without the place."""
+    said = words(finding.message)
+    if isinstance(finding.message, TimeOffset):
+        return f"delay: {said}."
+    if isinstance(finding.message, BaseTilt):
+        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
+    return said
+
+
+@words.register
+def _(note: notes.ReadingNote) -> str:
+    return reading_words(note)
+
+
+@words.register
+def _(note: notes.StampsJitter) -> str:
+    if note.step is None:
+        remedy = f"Set `time: {{ rate: {note.rate:.6g} }}` instead of the column, and compare the held-out error"
+    else:
+        remedy = f"Round the stamps to multiples of {note.step:.6g} s in the file"
+    return (
+        f"{_vary(note.jitter)} would be {_times(note.factor)} less noisy with equal spacing: the sampling is regular "
+        f"and the stamps are not. {remedy}."
+    )
+
+
+@words.register
+def _(note: notes.SamplingJitter) -> str:
+    axis = "do not show whether the stamps or the sampling jitter"
+    if note.factor is not None:
+        axis = f"would be {_times(note.factor)} noisier with equal spacing: the sampling itself jitters"
+    return f"{_vary(note.jitter)} {axis}. Keep the stamps, and use the spline smoother, which needs no equal spacing."
+
+
+@words.register
+def _(note: notes.LostSamples) -> str:
+    return (
+        f"about {note.count} samples ({100 * note.share:.2g} %) are lost, in steps of up to {note.longest:.0f} times "
+        "the median: a spline bridges them if the time is taken from the stamps and not from a `rate`."
+    )
+
+
+@words.register
+def _(note: notes.RepeatedPositions) -> str:
+    remedy = "Drop the repeated rows if the torque repeats as well; else choose the smoothing with `rule: torque`."
+    if note.every > 1:
+        remedy = f"Keep only one row in {note.every}, the first with each new value."
+    return (
+        f"{100 * note.share:.2g} % of the positions exactly repeat the previous one although the joint moves: the "
+        f"encoder is read less often than it is logged. {remedy}"
+    )
+
+
+@words.register
+def _(note: notes.ImpossibleInertia) -> str:
+    return f"{note.violation}. No body can have such an inertia. {REMEDY}"
+
+
+@words.register
+def _(note: notes.NoMass) -> str:
+    return (
+        f"the links that the joint moves ({', '.join(note.links)}) have no mass in the file: simulators reject "
+        f"this, and it gives no prior. {REMEDY}"
+    )
+
+
+@words.register
+def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
+    return (
+        "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the compiled "
+        "model from MuJoCo, which writes the inertia out."
+    )
+
+
+@words.register
+def _(note: notes.PointMass) -> str:
+    return (
+        f"{note.mass:.4g} kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero."
+    )
+
+
+@words.register
+def _(note: notes.FarCentre) -> str:
+    return (
+        f"its centre of mass is {note.distance:.4g} m from its frame. Is it in millimetres, or in another frame? "
+        "A URDF gives metres in the link's own frame."
+    )
+
+
+@words.register
+def _(note: notes.LargeGyration) -> str:
+    return (
+        f"its largest moment {note.moment:.3g} kg m^2 means a radius of gyration of {note.gyration:.2g} m for "
+        f"its {note.mass:.3g} kg, on a link of about {note.size:.2g} m. Is it about another point, or a "
+        "placeholder? It would be a misleading prior."
+    )
+
+
+@words.register
+def _(note: notes.InertiaAboutOrigin) -> str:
+    return (
+        f"the inertias of {', '.join(note.links)} are as large as if they were about the origins of the links' frames. "
+        "A robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel axes)."
+    )
+
+
+@words.register
+def _(note: notes.EqualLinks) -> str:
+    same = f"have the same mass {note.mass:.4g} kg and the same moments:"
+    if note.alone:
+        return f"all links {same} placeholders? {REMEDY}"
+    return f"{', '.join(note.links)} {same} copied, or simple shapes? They are a weak prior."
+
+
+@words.register
+def _(note: notes.OddTotalMass) -> str:
+    return f"the total mass of all links is {note.mass:.4g} kg. Are the masses in kg?"
+
+
+@words.register
+def _(note: notes.EmptyRange) -> str:
+    return (
+        f"its lower limit {note.lower:g} is not below its upper limit {note.upper:g}: simulators use it as given. "
+        "Correct it."
+    )
+
+
+@words.register
+def _(note: notes.LimitNotPositive) -> str:
+    return f"its {note.quantity} limit is {note.value:g}: simulators use it as given. Correct it."
+
+
+@words.register
+def _(note: notes.NoLimit) -> str:
+    return f"no {note.quantity} limit for {', '.join(note.joints)}: recordings cannot be checked against it."
+
+
+@words.register
+def _(note: notes.GravityIgnored) -> str:
+    return (
+        f"the file's gravity {note.given} is ignored; {note.used} m/s^2 is used. "
+        "Set `gravity` if the arm is mounted that way."
+    )
+
+
+@words.register
+def _(note: notes.OtherGravity) -> str:
+    fitted, assumed = (", ".join(f"{x:{form}}" for x in g) for g, form in ((note.fitted, ".1f"), (note.assumed, ".4g")))
+    return (
+        f"is gravity right? The torques fit a gravity of about ({fitted}) m/s^2 in the root link's frame, "
+        f"not ({assumed}). Set `gravity` if the arm is mounted that way; "
+        "otherwise check the signs of all torques and positions, and `zero`."
+    )
+
+
+@words.register
+def _(note: notes.ReversedSign) -> str:
+    why = "friction and inertia of the joint are estimated as negative"
+    if note.correlation is not None:
+        why = f"it opposes the torque of the robot file's inertias (correlation {note.correlation:.2f})"
+    return (
+        f"is the sign of the torque reversed? In this motion {why}. Check the signs of `gain` and "
+        "`transmission`, and that position and torque have the same positive direction."
+    )
+
+
+@words.register
+def _(note: notes.OddScale) -> str:
+    return (
+        f"the torque is {note.scale:.3g} times that of the robot file's inertias. Is a gear ratio, a torque "
+        f"constant or a unit missing in `gain`? It should be in {note.unit}."
+    )
+
+
+@words.register
+def _(note: notes.UnrelatedTorque) -> str:
+    return (
+        "does this torque belong to this joint? It hardly correlates with the torque of the robot file's inertias, "
+        f"which is {note.ratio:.2g} times as large (correlation {note.correlation:.2f}). Check the column."
+    )
+
+
+@words.register
+def _(note: notes.FewReversals) -> str:
+    return (
+        f"the joint reverses only {note.count} times: friction, offset and gravity are then strongly correlated. "
+        "Record a motion that goes back and forth."
+    )
+
+
+@words.register
+def _(note: notes.PositionBeyondLimits) -> str:
+    return (
+        f"the position runs from {note.lower:.4g} to {note.upper:.4g}, the file allows {note.least:.4g} to "
+        f"{note.most:.4g}. Check the unit, the sign and `zero`, or the file's limits."
+    )
+
+
+@words.register
+def _(note: notes.VelocityAboveLimit) -> str:
+    return (
+        f"the velocity reaches {note.peak:.4g}, the robot file allows {note.limit:.4g} (rad/s or m/s). "
+        "Check the units of position and time; or the positions are too noisy for this smoother."
+    )
+
+
+@words.register
+def _(note: notes.EffortAboveLimit) -> str:
+    remedy = "Is it a motor current, or in another unit?" if note.far else "Check the unit and gain, or the file."
+    return f"the torque reaches {note.peak:.4g} {note.unit}, the robot file allows {note.limit:.4g}. {remedy}"
+
+
+@words.register
+def _(note: notes.EffortFarBelowLimit) -> str:
+    return (
+        f"the torque stays below {note.peak:.3g} {note.unit}, a thousandth of the robot file's limit {note.limit:.4g}. "
+        "Is it on the motor side of the gear, in another unit, or is the limit a placeholder?"
+    )
+
+
+@words.register
+def _(note: notes.CorrelatedParameters) -> str:
+    return (
+        f"the {note.rank} base parameters are strongly correlated in these motions (condition number "
+        f"{note.condition:.2g}): move more joints at the same time, faster, and over more of their range."
+    )
+
+
+def _vary(jitter: float) -> str:
+    return f"the time steps vary by {100 * jitter:.2g} % rms, and the positions"
+
+
+def _times(factor: float) -> str:
+    if factor > 1000:
+        return "over 1000 times"
+    return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"

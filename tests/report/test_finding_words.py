@@ -1,0 +1,308 @@
+"""The words of findings hold their figures and what to do."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.checks import Finding, notes
+from dynident.errors import Note, Severity
+from dynident.identification import TimeOffset
+from dynident.report.finding_words import finding_words
+from dynident.report.wording import words
+
+SAID = [
+    (
+        notes.TooFewSamples(11, 30),
+        "only 11 samples; at least 30 are needed: widen the window or record longer.",
+    ),
+    (
+        notes.LongGap(0.102, 0.998, 51.0, 1),
+        (
+            "a gap of 0.102 s after t = 0.998 s (51 times the median step; 1 such gaps in all). Leave it out with "
+            "a window, or set `gaps: split` to smooth each piece separately."
+        ),
+    ),
+    (
+        notes.UnevenSteps(0.17, 0.005006, 0.00461, 0.0103),
+        (
+            "the time steps vary by 17 % about 0.005006 s (from 0.00461 to 0.0103 s). Where the clock of the "
+            "stamps is not that of the sampling, this acts as position noise."
+        ),
+    ),
+    (
+        notes.NeverMoves(2, 0.0),
+        (
+            "the position never moves (2 distinct values near 0): nothing about this joint's own motion can be "
+            "identified. Check that the right column is named, or use another window."
+        ),
+    ),
+    (
+        notes.PerhapsDegrees(8.0, 47.88),
+        (
+            "the position spans 8 rad at up to 47.88 rad/s, more than a robot arm does; is it in degrees? Set "
+            "`unit: deg`, or `multi_turn: true` in the joint's position channel if it does turn that far."
+        ),
+    ),
+    (
+        notes.QuantisedPosition(1e-3, 10.0),
+        (
+            "the position is quantised in steps of 0.001, and most samples differ by fewer than 10 of them: the "
+            "error is not white noise, so do not rely on a noise level estimated from it."
+        ),
+    ),
+    (
+        notes.ConstantTorque(1.0),
+        "the torque is 1 throughout; check that the right column is named and was recorded.",
+    ),
+    (
+        notes.SaturatedTorque(300, 2000, -0.9),
+        (
+            "300 of 2000 torques are exactly the extreme value -0.9: saturated? A saturated torque biases the "
+            "fit; leave these parts out with windows."
+        ),
+    ),
+    (
+        notes.ArmAtRest(2.5, 4.0),
+        (
+            "the arm is at rest from 2.5 to 4 s: static friction there can take any value up to its limit. Leave "
+            "this part out with a window, or set `min_speed`."
+        ),
+    ),
+    (
+        notes.StampsJitter(0.163, 853.0, 200.0, None),
+        (
+            "the time steps vary by 16 % rms, and the positions would be 853 times less noisy with equal spacing: "
+            "the sampling is regular and the stamps are not. Set `time: { rate: 200 }` instead of the column, and "
+            "compare the held-out error."
+        ),
+    ),
+    (
+        notes.StampsJitter(0.169, 167.0, None, 0.00500616),
+        (
+            "the time steps vary by 17 % rms, and the positions would be 167 times less noisy with equal spacing: "
+            "the sampling is regular and the stamps are not. Round the stamps to multiples of 0.00500616 s in the "
+            "file."
+        ),
+    ),
+    (
+        notes.SamplingJitter(0.163, None),
+        (
+            "the time steps vary by 16 % rms, and the positions do not show whether the stamps or the sampling "
+            "jitter. Keep the stamps, and use the spline smoother, which needs no equal spacing."
+        ),
+    ),
+    (
+        notes.SamplingJitter(0.163, 835.0),
+        (
+            "the time steps vary by 16 % rms, and the positions would be 835 times noisier with equal spacing: "
+            "the sampling itself jitters. Keep the stamps, and use the spline smoother, which needs no equal "
+            "spacing."
+        ),
+    ),
+    (
+        notes.LostSamples(13, 0.00325, 2.0),
+        (
+            "about 13 samples (0.33 %) are lost, in steps of up to 2 times the median: a spline bridges them if "
+            "the time is taken from the stamps and not from a `rate`."
+        ),
+    ),
+    (
+        notes.RepeatedPositions(0.75, 4),
+        (
+            "75 % of the positions exactly repeat the previous one although the joint moves: the encoder is read "
+            "less often than it is logged. Keep only one row in 4, the first with each new value."
+        ),
+    ),
+    (
+        notes.ImpossibleInertia("negative mass -4 kg"),
+        (
+            "negative mass -4 kg. No body can have such an inertia. Take it from CAD, or identify it with `kind: "
+            "consistent`."
+        ),
+    ),
+    (
+        notes.NoMass(("fore",)),
+        (
+            "the links that the joint moves (fore) have no mass in the file: simulators reject this, and it gives "
+            "no prior. Take it from CAD, or identify it with `kind: consistent`."
+        ),
+    ),
+    (
+        notes.OnlyShapes(),
+        (
+            "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the "
+            "compiled model from MuJoCo, which writes the inertia out."
+        ),
+    ),
+    (
+        notes.PointMass(0.2),
+        "0.2 kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero.",
+    ),
+    (
+        notes.FarCentre(120.0),
+        (
+            "its centre of mass is 120 m from its frame. Is it in millimetres, or in another frame? A URDF gives "
+            "metres in the link's own frame."
+        ),
+    ),
+    (
+        notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
+        (
+            "its largest moment 0.05 kg m^2 means a radius of gyration of 0.41 m for its 0.3 kg, on a link of "
+            "about 0.3 m. Is it about another point, or a placeholder? It would be a misleading prior."
+        ),
+    ),
+    (
+        notes.InertiaAboutOrigin(("upper", "fore")),
+        (
+            "the inertias of upper, fore are as large as if they were about the origins of the links' frames. A "
+            "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel "
+            "axes)."
+        ),
+    ),
+    (
+        notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
+        ("upper, fore have the same mass 2 kg and the same moments: copied, or simple shapes? They are a weak prior."),
+    ),
+    (
+        notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
+        (
+            "all links have the same mass 2 kg and the same moments: placeholders? Take it from CAD, or identify "
+            "it with `kind: consistent`."
+        ),
+    ),
+    (
+        notes.OddTotalMass(6004.0),
+        "the total mass of all links is 6004 kg. Are the masses in kg?",
+    ),
+    (
+        notes.EmptyRange(0.0, 0.0),
+        "its lower limit 0 is not below its upper limit 0: simulators use it as given. Correct it.",
+    ),
+    (
+        notes.LimitNotPositive("effort", 0.0),
+        "its effort limit is 0: simulators use it as given. Correct it.",
+    ),
+    (
+        notes.NoLimit("velocity", ("s", "e")),
+        "no velocity limit for s, e: recordings cannot be checked against it.",
+    ),
+    (
+        notes.GravityIgnored((0.0, 0.0, -1.62), (0.0, 0.0, -9.81)),
+        (
+            "the file's gravity (0.0, 0.0, -1.62) is ignored; (0.0, 0.0, -9.81) m/s^2 is used. Set `gravity` if "
+            "the arm is mounted that way."
+        ),
+    ),
+    (
+        notes.OtherGravity((0.0, -6.8, -7.1), (0.0, 0.0, -9.81)),
+        (
+            "is gravity right? The torques fit a gravity of about (0.0, -6.8, -7.1) m/s^2 in the root link's "
+            "frame, not (0, 0, -9.81). Set `gravity` if the arm is mounted that way; otherwise check the signs of "
+            "all torques and positions, and `zero`."
+        ),
+    ),
+    (
+        notes.ReversedSign(-0.999),
+        (
+            "is the sign of the torque reversed? In this motion it opposes the torque of the robot file's "
+            "inertias (correlation -1.00). Check the signs of `gain` and `transmission`, and that position and "
+            "torque have the same positive direction."
+        ),
+    ),
+    (
+        notes.ReversedSign(None),
+        (
+            "is the sign of the torque reversed? In this motion friction and inertia of the joint are estimated "
+            "as negative. Check the signs of `gain` and `transmission`, and that position and torque have the "
+            "same positive direction."
+        ),
+    ),
+    (
+        notes.OddScale(99.9, "N m"),
+        (
+            "the torque is 99.9 times that of the robot file's inertias. Is a gear ratio, a torque constant or a "
+            "unit missing in `gain`? It should be in N m."
+        ),
+    ),
+    (
+        notes.UnrelatedTorque(12.0, 0.19),
+        (
+            "does this torque belong to this joint? It hardly correlates with the torque of the robot file's "
+            "inertias, which is 12 times as large (correlation 0.19). Check the column."
+        ),
+    ),
+    (
+        notes.FewReversals(1),
+        (
+            "the joint reverses only 1 times: friction, offset and gravity are then strongly correlated. Record a "
+            "motion that goes back and forth."
+        ),
+    ),
+    (
+        notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
+        (
+            "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
+            "or the file's limits."
+        ),
+    ),
+    (
+        notes.VelocityAboveLimit(1.0, 0.5),
+        (
+            "the velocity reaches 1, the robot file allows 0.5 (rad/s or m/s). Check the units of position and "
+            "time; or the positions are too noisy for this smoother."
+        ),
+    ),
+    (
+        notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
+        "the torque reaches 12 N m, the robot file allows 10. Check the unit and gain, or the file.",
+    ),
+    (
+        notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
+        "the torque reaches 300 N m, the robot file allows 10. Is it a motor current, or in another unit?",
+    ),
+    (
+        notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
+        (
+            "the torque stays below 0.001 N m, a thousandth of the robot file's limit 10. Is it on the motor side "
+            "of the gear, in another unit, or is the limit a placeholder?"
+        ),
+    ),
+    (
+        notes.CorrelatedParameters(5, 1e6),
+        (
+            "the 5 base parameters are strongly correlated in these motions (condition number 1e+06): move more "
+            "joints at the same time, faster, and over more of their range."
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("note", "said"), SAID, ids=lambda x: x[:30] if isinstance(x, str) else "")
+def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> None:
+    assert finding_words(Finding(Severity.WARNING, "a", note)) == said
+
+
+def test_every_note_of_the_checks_is_tried() -> None:
+    kinds = {getattr(notes, name) for name in notes.__all__} - {notes.ReadingNote}
+    assert {type(note) for note, _ in SAID} == kinds
+    assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
+
+
+def test_factors_are_rounded_and_small_ones_in_percent() -> None:
+    def said(factor: float) -> str:
+        return words(notes.SamplingJitter(0.2, factor))
+
+    assert "would be 5 % noisier" in said(1.05)
+    assert "would be 2 times noisier" in said(2.0)
+    assert "would be over 1000 times noisier" in said(2e3)
+
+
+def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> None:
+    assert "Drop the repeated rows" in words(notes.RepeatedPositions(0.2, 1))
+    assert "Drop the repeated rows" in words(notes.RepeatedPositions(1.0, 0))
+
+
+def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
+    assert finding_words(Finding(Severity.ERROR, None, "no such file.")) == "no such file."
+    assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("delay: none")

@@ -53,6 +53,15 @@ def test_an_unknown_name_is_no_attribute() -> None:
         _ = dy.identfy  # type: ignore[attr-defined]
 
 
+def test_python_suggests_the_name_that_is_meant() -> None:
+    done = subprocess.run([sys.executable, "-c", "import dynident as dy; dy.identfy"], capture_output=True, text=True)
+    assert "Did you mean: 'identify'?" in done.stderr
+
+
+def test_only_what_a_user_calls_is_listed() -> None:
+    assert [name for name in dir(dy) if not name.startswith("__")] == dy.__all__
+
+
 def test_the_import_loads_nothing_heavy_and_is_fast() -> None:
     code = (
         "import sys, time\n"

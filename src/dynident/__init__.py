@@ -125,11 +125,11 @@ def __getattr__(name: str) -> Any:
     """Import a name of ``__all__`` when it is first asked for (PEP 562)."""
     module = _MODULES.get(name)
     if module is None:
-        raise AttributeError(f"module 'dynident' has no attribute {name!r}")
+        raise AttributeError(f"module 'dynident' has no attribute {name!r}", name=name, obj=import_module(__name__))
     found = import_module(f"dynident.{name}") if module == "dynident" else getattr(import_module(module), name)
     globals()[name] = found
     return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

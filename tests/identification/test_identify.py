@@ -1,6 +1,7 @@
 """The whole method in one call."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +48,20 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: P
     assert (judged.errors.relative_error_filtered is None) == (parallel_filter is None)
     step = 1 if parallel_filter is None else parallel_filter.decimate
     assert found.estimate.residual.samples == -(-judged.motion.mask.sum() // step)
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"smoother": "spline"}, r"smoother: 'spline' is no smoother; give an object, such as dynident.Spline\(\)"),
+        ({"smoother": (Spline(), "gcv")}, "smoother: 'gcv' is no smoother"),
+        ({"estimator": "consistent"}, r"estimator: 'consistent' is no estimator; .*dynident.LeastSquares\(\)"),
+        ({"estimator": LeastSquares}, "estimator: <class .* is no estimator"),
+    ],
+)
+def test_a_part_is_an_object_not_its_name_or_class(parts: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        Recipe(**parts)
 
 
 def test_recipe_chooses_the_parts(log: Log) -> None:

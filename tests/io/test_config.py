@@ -229,7 +229,7 @@ CHANNELS = {
     ),
     "time unit": (changed(time={"column": "t", "unit": "sec"}), ("time.unit: 'sec'", "'ms'")),
     "multi-turn slider": (with_channel(multi_turn=True), ("position.slider.multi_turn", "slides")),
-    "sigma": (changed(smoother={"kind": "spline", "sigma": {"x": 1}}), ("smoother.sigma.x: the model has no joint",)),
+    "sigma": (changed(smoother={"kind": "spline", "sigma": {"x": 1}}), ("smoother.sigma.x: there is no joint",)),
 }
 
 

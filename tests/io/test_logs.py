@@ -179,5 +179,5 @@ def test_gaps_that_leave_nothing_are_refused(tmp_path):
 
 
 def test_channels_are_checked_against_the_joints(tmp_path):
-    with pytest.raises(ConfigError, match="the model has no joint 'elbow'"):
+    with pytest.raises(ConfigError, match="there is no joint 'elbow'"):
         read(tmp_path, recording(), joints=(Joint("wrist"),))

@@ -133,7 +133,12 @@ class TestIdentify:
             ("gone.urdf", sliding(), ModelError, "cannot be read"),
             (3, sliding(), ModelError, "a int is given"),
             ("gallery:slider", "monday.csv", InputError, "'monday.csv' is a file; read it with `read_log`"),
-            ("gallery:slider", {"monday": "monday.csv"}, InputError, "logs: 'monday' is a str, not a Log"),
+            (
+                "gallery:slider",
+                {"monday": "monday.csv"},
+                InputError,
+                "logs: 'monday' is a str, not a Log; read the file with",
+            ),
             ("gallery:slider", [sliding(), sliding()], ConfigError, "two logs have the same source"),
             ("gallery:slider", (), ConfigError, "no training log"),
             ("gallery:pendulum", sliding(), InputError, "no joint 'pivot'; the log has slider"),
@@ -142,6 +147,17 @@ class TestIdentify:
     def test_mistakes_are_named(self, robot: object, logs: object, error: type, words: str) -> None:
         with pytest.raises(error, match=words):
             dy.identify(robot, logs, recipe=dy.Recipe(dy.Difference()))
+
+    def test_a_recipe_is_one(self) -> None:
+        with pytest.raises(
+            ConfigError, match=r"the recipe is Difference\(.*give a dynident.Recipe, or parts by keyword"
+        ):
+            dy.identify("gallery:slider", sliding(), recipe=dy.Difference())  # type: ignore[arg-type]
+
+    def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:
+        found = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
+        with pytest.raises(InputError, match=r"'monday\.csv' is a str, not a Log; read a file with `read_log`"):
+            found.predict("monday.csv")  # type: ignore[arg-type]
 
     def test_a_recording_of_a_simulation_is_asked_for_its_log(self) -> None:
         arm = dy.two_link_arm()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,11 @@ def test_a_terminal_shows_verdict_errors_and_parameters(found: dy.Identification
     assert held_out.startswith("  torque error, held out: tuesday 0.")
     assert parameters.startswith("  M = 4.999 +- 0.0008")
     assert parameters.endswith(" and 1 more>")
+
+
+def test_a_plot_lists_its_figures(found: dy.Identification) -> None:
+    figures = [name for name in dir(found.plot) if not name.startswith("_") and name != "found"]
+    assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(found.plot)))
 
 
 def test_what_forbids_its_use_is_said_first() -> None:

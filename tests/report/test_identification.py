@@ -247,7 +247,9 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
     assert "Fv1" in shown
     assert "mass0" not in shown
     assert notes[0] == "50 inertial parameters are in the report."
-    assert notes[1].startswith("42 of 52 parameters act on the torque on their own in these data; the report lists")
+    assert notes[1].startswith(
+        "In these data the 52 parameters act on the torque in 42 combinations, the base parameters; the"
+    )
     assert notes[2].startswith("Warning: rank 42 of 52;")
     assert notes[2].endswith("... (in full in the report)")
     assert max(map(len, notes)) < 350

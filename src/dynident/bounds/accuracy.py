@@ -274,7 +274,7 @@ def _given(
     values = dict.fromkeys(joints, float(wanted)) if not isinstance(wanted, Mapping) else dict(wanted)
     for joint, value in values.items():
         if joint not in joints:
-            raise ConfigError(f"{name}: there is no joint {joint!r}. {choices(joint, joints)}")
+            raise ConfigError(f"{name}: there is no joint {joint!r}; {choices(joint, joints)}")
         if not 0 < value < np.inf:
             raise ConfigError(f"{name} of {joint} is {value}; give a positive number, in SI units.")
     origin = Origin(None if len(values) == len(joints) else by, tuple(values))

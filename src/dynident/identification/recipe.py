@@ -43,6 +43,13 @@ class Recipe:
 
     __repr__ = changed
 
+    def __post_init__(self) -> None:
+        for family, parts in (("smoother", self.smoothers), ("estimator", (self.estimator,))):
+            for part in parts:
+                if isinstance(part, type) or not callable(part):  # a name, or a class without its parentheses
+                    example = "Spline()" if family == "smoother" else "LeastSquares()"
+                    raise ConfigError(f"{family}: {part!r} is no {family}; give an object, such as dynident.{example}.")
+
     @property
     def smoothers(self) -> tuple[Smoother, ...]:
         """The smoothers to choose from, most often one."""
@@ -63,5 +70,5 @@ class Recipe:
             return None if self.min_speed is None else (float(self.min_speed),) * len(joints)
         for name in self.min_speed:
             if name not in joints:
-                raise ConfigError(f"min_speed: there is no joint {name!r}. {choices(name, joints)}")
+                raise ConfigError(f"min_speed: there is no joint {name!r}; {choices(name, joints)}")
         return tuple(float(self.min_speed.get(name, 0.0)) for name in joints)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
-from dynident.errors import Note, brief
+from dynident.errors import InputError, Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.calibration import BaseTilt, TimeOffset
 from dynident.identification.recipe import Recipe
@@ -193,7 +193,12 @@ class Identification:
         return tuple(one.free_run for one in self.validations if one.free_run is not None)
 
     def predict(self, log: Log) -> LogValidation:
-        """Return the torque of a log by the model, beside the measured one; raises the errors of the smoother."""
+        """Return the torque of a log by the model, beside the measured one.
+
+        Raises InputError where it is no log, and the errors of the smoother.
+        """
+        if not isinstance(log, Log):
+            raise InputError(f"predict: {log!r} is a {type(log).__name__}, not a Log; read a file with `read_log`.")
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 

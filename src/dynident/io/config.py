@@ -33,7 +33,7 @@ def read_config(path: str | Path) -> Config:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}. {_neighbours(path)}") from error
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}; {_neighbours(path)}") from error
     except ValueError as error:
         raise ConfigError(f"{path}: is not a UTF-8 text ({error}); save it as one.") from error
     return parse_config(text, path.parent, str(path))
@@ -95,7 +95,7 @@ def _overlap(one: Interval, other: Interval) -> bool:
 
 def _neighbours(path: Path) -> str:
     if not path.parent.is_dir():
-        return f"The folder {path.parent} does not exist."
+        return f"the folder {path.parent} does not exist."
     return choices(path.name, (p.name for p in sorted(path.parent.iterdir()) if p.suffix in (".yaml", ".yml")))
 
 

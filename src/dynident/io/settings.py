@@ -271,7 +271,7 @@ def _known_names(section: str, given: Mapping[str, object], joints: Sequence[Joi
     names = [joint.name for joint in joints]
     for name in given:
         if name not in names:
-            raise ConfigError(f"{section}.{name}: the model has no joint {name!r}; {choices(name, names)}")
+            raise ConfigError(f"{section}.{name}: there is no joint {name!r}; {choices(name, names)}")
 
 
 def _same_names(section: str, given: Mapping[str, object], joints: Sequence[Joint]) -> None:

@@ -116,6 +116,8 @@ def identify(
     for name in changes:
         if name not in known:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
+    if recipe is not None and not isinstance(recipe, Recipe):
+        raise ConfigError(f"identify: the recipe is {recipe!r}; give a dynident.Recipe, or parts by keyword.")
     used = replace(recipe or default_recipe(model), **changes)
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
     path = None if isinstance(robot, Model) else Path(robot)
@@ -317,6 +319,7 @@ def _named(logs: Any, what: str) -> dict[str, Log]:
     for name, log in pairs:
         if not isinstance(log, Log):
             more = "; give its `log`" if isinstance(getattr(log, "log", None), Log) else ""
+            more = "; read the file with `read_log`" if isinstance(log, str | Path) else more
             raise InputError(f"{what}: {name!r} is a {type(log).__name__}, not a Log{more}.")
     if len(dict(pairs)) < len(pairs):
         raise ConfigError(

@@ -60,9 +60,9 @@ def _judged(found: Identification) -> bool:
 
 
 def check_lines(found: CheckResult) -> str:
-    """Return a few lines: how many errors and warnings there are, and the gravest of them."""
-    gravest = [row for table in check_tables(found)[: len(found.findings) and 1] for row in table.rows][:FEW]
-    lines = [f"<CheckResult: {check_summary(found)}", *(_cut(f"  {where}: {what}") for where, what in gravest)]
+    """Return a few lines: how many errors and warnings there are, and the most severe of them."""
+    worst = [row for table in check_tables(found)[: len(found.findings) and 1] for row in table.rows][:FEW]
+    lines = [f"<CheckResult: {check_summary(found)}", *(_cut(f"  {': '.join(filter(None, row))}") for row in worst)]
     return "\n".join(lines) + ">"
 
 
@@ -100,13 +100,17 @@ def _table(table: PageTable) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """The figures of a report, drawn by plotly; a notebook shows each that a cell returns.
+    """The figures of a report, drawn by plotly; a notebook shows each that a cell returns, ``write_html`` writes it.
 
     ``log`` and ``joint`` are names; by default the first log that was held out, and the joint with its largest error.
     Raises InputError for unknown names, and for signals of a result that was loaded from a file.
     """
 
     found: Identification
+
+    def __repr__(self) -> str:
+        calls = ("torque(log, joint)", "smoothing(log, joint)", "free_run(log, joint)", "errors()", "parameters()")
+        return f"<Plot of {self.found.model.name!r}: {', '.join(calls)}; each has write_html(file)>"
 
     def torque(self, log: str | None = None, joint: str | None = None) -> go.Figure:
         """Draw measured and predicted torque of one joint, and their difference."""

@@ -30,11 +30,11 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
     columns = (*words, Column("loaded by", numeric=False), Column("written", numeric=False))
     blocks: list[PageBlock] = [_LEAD, PageTable(columns, rows, "Files of the identified model")]
     for one in exports:
-        told = [*([f"Not written: {one.refusal}"] if one.refusal else []), *(one.written.notes if one.written else ())]
-        told += [f"Not in the file: {words}." for words in (one.written.left_out if one.written else ())]
-        told += one.proof.skipped if one.proof else ()
-        if told:
-            blocks.append(PageSection(one.file, (tuple(told),)))
+        notes = [*([f"Not written: {one.refusal}"] if one.refusal else []), *(one.written.notes if one.written else ())]
+        notes += [f"Not in the file: {words}." for words in (one.written.left_out if one.written else ())]
+        notes += one.proof.skipped if one.proof else ()
+        if notes:
+            blocks.append(PageSection(one.file, (tuple(notes),)))
     yield PageSection("Files of the model", tuple(blocks))
 
 

@@ -167,8 +167,10 @@ def rank_sentence(identification: Identification) -> tuple[str, ...]:
     standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
     if rank == count or not standard:
         return ()
-    rest = "; the report lists the base parameters" if basis else ""
-    return (f"{rank} of {count} parameters act on the torque on their own in these data{rest}.",)
+    rest = "; the report lists them" if basis else ""
+    return (
+        f"In these data the {count} parameters act on the torque in {rank} combinations, the base parameters{rest}.",
+    )
 
 
 def brief(warning: str) -> str:

@@ -24,7 +24,7 @@ _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
     "robot file allows the joint. Independent after: the time after which samples of the residual count as new ones; "
     "where it is longer than one step, standard errors that assume independence are too small. White: the p-value of "
-    "Ljung and Box; real residuals are hardly ever white. The last columns tell where the residual is."
+    "Ljung and Box; real residuals are hardly ever white. The last columns show where the residual is."
 )
 _RUNS = (
     "The model is simulated instead of the robot and its position compared with the measured one. In the loop of a "

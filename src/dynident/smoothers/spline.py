@@ -155,7 +155,7 @@ class Spline:
             return [self.factor * float(value) for value in known]
         for name in self.sigma:
             if name not in log.joints:
-                raise ConfigError(f"sigma names the joint {name!r}; the log has others. {choices(name, log.joints)}")
+                raise ConfigError(f"sigma names the joint {name!r}; the log has others; {choices(name, log.joints)}")
         estimate = noise_sigma(log.t, log.q)
         return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
 

@@ -363,6 +363,6 @@ def _kind(unit: str) -> Literal["revolute", "prismatic"]:
 def _read(section: type[S], data: Mapping[str, Any], source: str) -> S:
     """Return settings, checked; ConfigError, led by ``source``, where one is wrong."""
     try:
-        return section.model_validate(dict(data), context={"folder": "."})
+        return section.model_validate(dict(data), context={"folder": ".", "code": "."})
     except ValidationError as error:
         raise ConfigError(worded(error, data, source)) from None

@@ -56,7 +56,7 @@ def _lines(found: Identification) -> Iterator[str]:
 
 def _judged(found: Identification) -> bool:
     """Whether the signals are there that a verdict looks at; a saved result has none."""
-    return all(log.signals is not None for log in found.validations)
+    return bool(found.validations) and all(log.signals is not None for log in found.validations)
 
 
 def check_lines(found: CheckResult) -> str:

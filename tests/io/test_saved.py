@@ -312,17 +312,17 @@ def test_an_old_result_and_the_recordings_like_it_run_no_python_file(tmp_path: P
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1e999", "null"])
 def test_json_of_any_other_form_is_no_result(tmp_path: Path, text: str) -> None:
     (tmp_path / "deep.json").write_text(text)
-    with pytest.raises(InputError, match="is not a result.json"):
+    with pytest.raises(InputError, match=r"is not a result\.json"):
         load(tmp_path / "deep.json")
 
 
 def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="path of a result.json is expected, not None"):
+    with pytest.raises(InputError, match="path of a file or folder is expected, not None"):
         load(None)  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="the model is a str"):
         load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]
 
 
 def test_a_result_without_logs_has_a_text(tmp_path: Path) -> None:
-    model, found = by_least_squares()
+    _, found = by_least_squares()
     assert "<Identification of" in repr(replace(found, validations=()))

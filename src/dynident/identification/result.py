@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
-from dynident.errors import Note, brief
+from dynident.errors import InputError, Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.calibration import BaseTilt, TimeOffset
 from dynident.identification.recipe import Recipe
@@ -194,6 +194,8 @@ class Identification:
 
     def predict(self, log: Log) -> LogValidation:
         """Return the torque of a log by the model, beside the measured one; raises the errors of the smoother."""
+        if not isinstance(log, Log):
+            raise InputError(f"predict: a {type(log).__name__} is given; give a Log, which `read_log` reads of a file.")
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 

@@ -16,7 +16,7 @@ from dynident.io.result_format import FORMAT, VERSION
 from dynident.io.result_read import identification_of
 from dynident.io.result_version_0 import is_version_0, upgraded
 from dynident.io.result_write import result_data
-from dynident.io.results import write_json
+from dynident.io.results import as_path, write_json
 from dynident.models import Model
 
 __all__ = ["check_targets", "load", "read_log_like", "save"]
@@ -57,11 +57,9 @@ def load(path: str | Path, model: Model | None = None, *, allow_code: bool = Fal
     >>> bool((again.estimate.value == found.estimate.value).all())
     True
     """
-    if not isinstance(path, str | Path):
-        raise InputError(f"load: the path of a result.json is expected, not {path!r}.")
     if not isinstance(model, Model | None):
         raise ModelError(f"load: the model is a {type(model).__name__}; give the Model that was identified.")
-    data, source = _load(Path(path)), str(path)
+    data, source = _load(as_path(path)), str(path)
     if is_version_0(data):
         data = upgraded(data, source, allow_code=allow_code)
     if data.get("format") != FORMAT:

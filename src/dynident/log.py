@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from reprlib import repr as short
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -35,7 +36,10 @@ class Controller(Protocol):
 
 def _frozen(value: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Return a read-only contiguous array; copied only where the caller could still write to it."""
-    array = np.ascontiguousarray(value, dtype=dtype)
+    try:
+        array = np.ascontiguousarray(value, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"numbers are expected: {error}.") from error
     if array is value or array.base is not None:
         if array.flags.owndata and not array.flags.writeable:
             return array
@@ -128,7 +132,9 @@ class Log:
     controller: Controller | None = None
 
     def __post_init__(self) -> None:
-        joints = tuple(self.joints)
+        if not isinstance(self.joints, Sequence) or not all(isinstance(name, str) for name in self.joints):
+            raise InputError(f"{self.source}: joints is {short(self.joints)}; give the names of the joints.")
+        joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints)
         object.__setattr__(self, "joints", joints)
         if not joints or len(set(joints)) != len(joints):
             raise InputError(f"{self.source}: joint names must be given and distinct, got {joints}.")

@@ -211,7 +211,7 @@ def test_a_class_of_a_file_is_described_and_built_again(tmp_path):
     assert build(SMOOTHERS, told, "smoother", tmp_path / "elsewhere") == part
     delayed = TimeShifted(part, 0.01)
     assert build(SMOOTHERS, SMOOTHERS.describe(delayed), "smoother", tmp_path) == delayed
-    with pytest.raises(ConfigError, match=r"smoother: .*names a file, which only a configuration may do"):
+    with pytest.raises(ConfigError, match=r"smoother: .*is of a Python file, which a result does not run"):
         build(SMOOTHERS, told, "smoother")
 
 

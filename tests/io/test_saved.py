@@ -237,16 +237,92 @@ def test_what_is_wrong_in_an_old_file_is_named(tmp_path: Path, key: str, value: 
         load(tmp_path / "r.json")
 
 
-def test_a_part_of_a_file_is_run_only_where_a_configuration_names_files(tmp_path: Path) -> None:
+def test_a_part_of_a_file_is_run_only_where_it_is_allowed(tmp_path: Path) -> None:
     model, found = by_least_squares()
     data = json.loads(found.save(tmp_path / "r.json").read_text())
     (tmp_path / "mine.py").write_text("raise SystemExit('it was run')")
     data["recipe"]["estimator"] = {"kind": f"{tmp_path / 'mine.py'}:Mine"}
     (tmp_path / "r.json").write_text(json.dumps(data))
-    with pytest.raises(ConfigError, match="which only a configuration may do"):
+    with pytest.raises(ConfigError, match="which a result does not run"):
         load(tmp_path / "r.json", model)
+    with pytest.raises(ConfigError, match=r"mine\.py failed .* it was run"):
+        load(tmp_path / "r.json", model, allow_code=True)
 
 
 def test_a_recording_is_named_by_the_keys_of_the_configuration(tmp_path: Path) -> None:
     write_log(tmp_path)
     assert log_spec("other.csv", read_config(configure(tmp_path))).label == "other"
+
+
+MARK = "from pathlib import Path\nPath(__file__).with_name('ran').touch()\n"
+CODE = {
+    "model": ("from dynident.models.gallery import slider as A", {"model": "mine.py:A"}),
+    "smoother": ("from dynident.smoothers import Spline as A", {"smoother": {"kind": "mine.py:A"}}),
+    "estimator": ("from dynident.estimators import LeastSquares as A", {"estimator": {"kind": "mine.py:A"}}),
+}
+
+
+PLACES = [("configuration", part) for part in CODE] + [
+    ("recipe", "smoother"),
+    ("recipe", "estimator"),
+    ("file", "model"),
+]
+
+
+@pytest.mark.parametrize(("where", "part"), PLACES)
+def test_a_result_runs_no_python_file_unless_it_is_allowed(tmp_path: Path, where: str, part: str) -> None:
+    """Whatever place in it names the file: its configuration, the recipe as used, or the file of the model."""
+    write_log(tmp_path)
+    path = run(configure(tmp_path)).save(tmp_path / "result.json")
+    source, changes = CODE[part]
+    (tmp_path / "mine.py").write_text(MARK + source)
+    data = json.loads(path.read_text())
+    origins = data["provenance"]
+    if where == "configuration":
+        origins["configuration"]["text"] = configure(tmp_path, **changes).read_text()
+    elif where == "recipe":
+        data["recipe"][part] = {"kind": str(tmp_path / "mine.py") + ":A"}
+    else:  # a text that stands for a file which is gone
+        origins |= {"configuration": None, "model": {"path": f"{tmp_path}/mine.py:A", "sha256": "", "text": "-"}}
+    path.write_text(json.dumps(data))
+    with pytest.raises((ConfigError, ModelError), match=r"mine\.py:A' is of a Python file.*allow_code=True"):
+        load(path)
+    assert not (tmp_path / "ran").exists()
+    load(path, allow_code=True)
+    assert (tmp_path / "ran").exists()
+
+
+def test_an_old_result_and_the_recordings_like_it_run_no_python_file(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    found = run(configure(tmp_path))
+    (tmp_path / "mine.py").write_text(MARK + CODE["smoother"][0])
+    given = found.provenance.configuration
+    assert given is not None
+    text = configure(tmp_path, **CODE["smoother"][1]).read_text()
+    bad = replace(found, provenance=replace(found.provenance, configuration=replace(given, text=text)))
+    with pytest.raises(ConfigError, match="is of a Python file"):
+        read_log_like(bad, str(tmp_path / "log.csv"))
+    settings = {"configuration": text, "configuration file": given.path, "smoother used": "Spline()"}
+    (tmp_path / "old.json").write_text(json.dumps({"settings": settings, "parameters": []}))
+    with pytest.raises(ConfigError, match="is of a Python file"):
+        load(tmp_path / "old.json")
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1e999", "null"])
+def test_json_of_any_other_form_is_no_result(tmp_path: Path, text: str) -> None:
+    (tmp_path / "deep.json").write_text(text)
+    with pytest.raises(InputError, match=r"is not a result\.json"):
+        load(tmp_path / "deep.json")
+
+
+def test_arguments_of_another_type_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="path of a file or folder is expected, not None"):
+        load(None)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="the model is a str"):
+        load(tmp_path / "r.json", "gallery:slider")  # type: ignore[arg-type]
+
+
+def test_a_result_without_logs_has_a_text(tmp_path: Path) -> None:
+    _, found = by_least_squares()
+    assert "<Identification of" in repr(replace(found, validations=()))

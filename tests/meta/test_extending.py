@@ -75,7 +75,7 @@ def test_a_smoother_of_a_file_identifies(folder: Path) -> None:
     }  # fmt: skip
     found = {row["name"]: row["value"] for row in result["parameters"]}
     np.testing.assert_allclose(list(found.values()), truth(slider(values=(5.0, 8.0, 3.0, 0.5))), rtol=0.05)
-    saved = load(out / "result.json")
+    saved = load(out / "result.json", allow_code=True)
     assert repr(unshifted(saved.recipe.smoothers[0])) == "SavitzkyGolay(width=0.08, order=4)"
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Literal
+from numbers import Real
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -255,6 +256,8 @@ def noise_of(
     the model, or with ``torque`` "sensor" the scatter between neighbouring samples. The scatter is at least that of
     quantisation, step / sqrt(12). Raises ConfigError for an unknown joint.
     """
+    if not isinstance(torque, str) or torque not in get_args(TorqueNoise):
+        raise ConfigError(f"torque is {torque!r}. {choices(torque, get_args(TorqueNoise))}")
     joints = found.validations[0].motion.joints
     position = _mean([_position(log) for log in logs], logs)
     sensor = _mean([_scatter(log) for log in logs], logs)
@@ -271,12 +274,12 @@ def _given(
     """Return the deviations (n), measured ``sizes`` except where given, and their source."""
     if wanted is None:
         return sizes, Origin(by)
-    values = dict.fromkeys(joints, float(wanted)) if not isinstance(wanted, Mapping) else dict(wanted)
+    values = dict(wanted) if isinstance(wanted, Mapping) else dict.fromkeys(joints, wanted)
     for joint, value in values.items():
         if joint not in joints:
             raise ConfigError(f"{name}: there is no joint {joint!r}; {choices(joint, joints)}")
-        if not 0 < value < np.inf:
-            raise ConfigError(f"{name} of {joint} is {value}; give a positive number, in SI units.")
+        if not isinstance(value, Real) or not 0 < value < np.inf:
+            raise ConfigError(f"{name} of {joint} is {value!r}; give a positive number, in SI units.")
     origin = Origin(None if len(values) == len(joints) else by, tuple(values))
     return np.array([values.get(joint, size) for joint, size in zip(joints, sizes, strict=True)]), origin
 

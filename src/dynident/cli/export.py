@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import FILE, console, say_line, tell
+from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, tell
 
 __all__ = ["export"]
 
@@ -34,7 +34,8 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 @click.argument("result", type=FILE)
 @click.option("--format", "kind", type=_Format(), required=True, help="Format.")
 @click.option("--out", type=FILE, required=True, help="File to write.")
-def export(result: Path, kind: str, out: Path) -> None:
+@ALLOW_CODE
+def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     """Write the model in RESULT (the result.json of identify), after a check of its torque at random states."""
     import numpy as np
 
@@ -48,7 +49,7 @@ def export(result: Path, kind: str, out: Path) -> None:
     from dynident.report.wording import old_result_lines
 
     probe_folder(out.parent)
-    found, exporter = load(result), EXPORTERS.get(kind)()
+    found, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
     estimate, states = found.estimate, random_states(len(found.model.joints), np.random.default_rng(0))
     made = make(Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance)), exporter, states)
     if not made.ready or made.written is None or made.proof is None:

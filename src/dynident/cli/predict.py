@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import FILE, console, say_line, status, tell
+from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +23,8 @@ __all__ = ["predict"]
 @click.argument("result", type=FILE)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
-def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
+@ALLOW_CODE
+def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
     """Predict the torque of each LOG with the model in RESULT (the result.json of identify).
 
     LOG has the channels of the configuration that was identified; torques may be missing. Where the configuration
@@ -42,10 +43,10 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
     screen = console()
     with status() as say:
         say("reading the result")
-        saved = load(result)
+        saved = load(result, allow_code=allow_code)
         for line in old_result_lines(saved):
             say_line(screen, line)
-        found = _predicted(saved, logs, screen, say)
+        found = _predicted(saved, logs, allow_code, screen, say)
     measured = [one for one, known in found if known]
     if measured:
         screen.print(terminal(prediction_table(measured, saved.model.joints)))
@@ -57,7 +58,7 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None) -> None:
 
 
 def _predicted(
-    saved: Identification, logs: tuple[str, ...], screen: Console, say: Callable[[str], None]
+    saved: Identification, logs: tuple[str, ...], allow_code: bool, screen: Console, say: Callable[[str], None]
 ) -> list[tuple[LogValidation, bool]]:
     """Return the prediction of every log, and whether its torques are known; print what reading warns of."""
     from dynident.io.saved import read_log_like
@@ -65,7 +66,7 @@ def _predicted(
     found = []
     for text in logs:
         say(f"predicting {text}")
-        reading = read_log_like(saved, text)
+        reading = read_log_like(saved, text, allow_code=allow_code)
         for warning in reading.warnings:
             screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
         found += [(saved.predict(log), reading.measured) for log in reading.logs]

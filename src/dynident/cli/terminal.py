@@ -15,11 +15,14 @@ if TYPE_CHECKING:
 
     from dynident.report.wording import Line
 
-__all__ = ["DIRECTORY", "FILE", "LOG", "bar", "console", "say_line", "status", "tell"]
+__all__ = ["ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "say_line", "status", "tell"]
 
 DIRECTORY = click.Path(file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
 LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
+ALLOW_CODE = click.option(
+    "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
+)
 
 
 def tell(console: Console, what: str, path: Path) -> None:

@@ -24,10 +24,10 @@ class ModelError(DynidentError):
     """A robot model that cannot be built or evaluated."""
 
 
-def choices(wrong: str, known: Iterable[str]) -> str:
+def choices(wrong: object, known: Iterable[str]) -> str:
     """Return a sentence with the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Known: ...``."""
-    names = list(known)
-    near = get_close_matches(wrong, names, n=1)
+    names = [str(name) for name in known]
+    near = get_close_matches(str(wrong), names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     shown = ", ".join(repr(name) for name in names[:20]) + (", ..." if len(names) > 20 else "")
     return f"{hint}Known: {shown or 'none'}."

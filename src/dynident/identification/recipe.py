@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from numbers import Real
+from reprlib import repr as short
+from typing import Any, Literal
 
 from dynident.errors import ConfigError, changed, choices
 from dynident.estimators import Estimator, LeastSquares
@@ -13,6 +16,43 @@ from dynident.regression import ParallelFilter
 from dynident.smoothers import Smoother, Spline
 
 __all__ = ["Recipe"]
+
+
+def _is_part(value: object) -> bool:
+    return callable(value) and not isinstance(value, type)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_speed(value: Any) -> bool:
+    values = value.values() if isinstance(value, Mapping) else (value,)
+    return value is None or all(_is_number(one) and one >= 0 for one in values)
+
+
+def _is_sought(value: object) -> bool:
+    return isinstance(value, str) and value == "estimate"
+
+
+def _is_tilt(value: object) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and all(map(_is_number, value))
+
+
+_FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
+    "smoother": (
+        lambda value: all(map(_is_part, value)) and len(value) > 0 if isinstance(value, tuple) else _is_part(value),
+        "a smoother, such as Spline(), or a tuple of them",
+    ),
+    "estimator": (_is_part, "an estimator, such as LeastSquares()"),
+    "filter": (lambda value: isinstance(value, ParallelFilter | None), "a ParallelFilter or None"),
+    "min_speed": (_is_speed, "a number of at least 0, such numbers by joint, or None"),
+    "time_offset": (lambda value: _is_sought(value) or _is_number(value), "a finite number (s) or 'estimate'"),
+    "base_tilt": (
+        lambda value: value is None or _is_sought(value) or _is_tilt(value), "two angles (rad), 'estimate' or None",
+    ),
+    "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -26,7 +66,7 @@ class Recipe:
     logs. ``restart`` (s) asks for free simulations from the measured torque; logs that know their controller need none.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
-    numbers: nothing in it is left to choose.
+    numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
 
     >>> import dynident as dy
     >>> dy.Recipe(dy.Difference("central"), time_offset="estimate")
@@ -44,11 +84,12 @@ class Recipe:
     __repr__ = changed
 
     def __post_init__(self) -> None:
-        for family, parts in (("smoother", self.smoothers), ("estimator", (self.estimator,))):
-            for part in parts:
-                if isinstance(part, type) or not callable(part):  # a name, or a class without its parentheses
-                    example = "Spline()" if family == "smoother" else "LeastSquares()"
-                    raise ConfigError(f"{family}: {part!r} is no {family}; give an object, such as dynident.{example}.")
+        for name in ("smoother", "base_tilt"):
+            if isinstance(value := getattr(self, name), list):
+                object.__setattr__(self, name, tuple(value))
+        for name, (fits, wanted) in _FIELDS.items():
+            if not fits(value := getattr(self, name)):
+                raise ConfigError(f"recipe: {name} is {short(value)}; it must be {wanted}.")
 
     @property
     def smoothers(self) -> tuple[Smoother, ...]:

@@ -198,7 +198,7 @@ class Identification:
         Raises InputError where it is no log, and the errors of the smoother.
         """
         if not isinstance(log, Log):
-            raise InputError(f"predict: {log!r} is a {type(log).__name__}, not a Log; read a file with `read_log`.")
+            raise InputError(f"predict: a {type(log).__name__} is given, not a Log; read a file with `read_log`.")
         joints = tuple(joint.name for joint in self.model.joints)
         return validate(self.model, self.estimate.value, self.recipe.motion(log.select(joints)))
 

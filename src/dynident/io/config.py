@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.io.fields import Interval, interval_words
-from dynident.io.python_file import from_file, guarded
+from dynident.io.python_file import CODE, from_file, guarded
 from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
 
@@ -39,11 +39,18 @@ def read_config(path: str | Path) -> Config:
     return parse_config(text, path.parent, str(path))
 
 
-def parse_config(text: str, folder: str | Path = ".", source: str = "configuration") -> Config:
-    """Return the configuration in a YAML text, as ``read_config`` does for a file."""
+def parse_config(
+    text: str, folder: str | Path = ".", source: str = "configuration", *, allow_code: bool = True
+) -> Config:
+    """Return the configuration in a YAML text, as ``read_config`` does for a file.
+
+    Unless ``allow_code``, a part of a Python file is refused, as that would run the file.
+    """
     data = _load_yaml(text, source)
     try:
-        return _named(Config.model_validate(data, context={"folder": folder}), source)
+        return _named(
+            Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None}), source
+        )
     except ValidationError as error:
         raise ConfigError(worded(error, data, source)) from None
 
@@ -147,11 +154,14 @@ def _named(config: Config, source: str) -> Config:
     return config.model_copy(update={"train": tuple(named[:split]), "validation": tuple(named[split:])})
 
 
-def load_model(spec: str | RobotSettings, folder: str | Path = ".", text: str | None = None) -> Model:
+def load_model(
+    spec: str | RobotSettings, folder: str | Path = ".", text: str | None = None, *, allow_code: bool = True
+) -> Model:
     """Build the model of a robot file, ``gallery:NAME`` or ``path/to/file.py:function`` (relative to ``folder``).
 
     ``text`` stands for the content of a robot file where that is known. Raises ModelError where there is no such name,
-    file or function, where the function raises, or where it returns something else than a Model.
+    file or function, where it is a function and not ``allow_code``, where the function raises, or where
+    it returns something else than a Model.
     """
     from dynident.io.robot import SUFFIXES, load_robot
     from dynident.models import Model
@@ -165,6 +175,8 @@ def load_model(spec: str | RobotSettings, folder: str | Path = ".", text: str | 
         raise ModelError(
             f"model: {spec!r} is neither a robot file (.urdf, .xml) nor `gallery:NAME` nor `path/to/file.py:function`."
         )
+    if place != "gallery" and not allow_code:
+        raise ModelError(f"model: {spec!r} {CODE}")
     path = (Path(folder) / place).resolve()
     found = _from_gallery(name) if place == "gallery" else from_file(path, name, "function", "model", ModelError)
     model = guarded(found, spec, path, "model", ModelError)

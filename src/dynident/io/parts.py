@@ -29,7 +29,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.families import Family, Settings, family_of, settings_hints, settings_type
 from dynident.io.fields import Name, Section, as_number
-from dynident.io.python_file import from_file
+from dynident.io.python_file import CODE, from_file
 from dynident.io.wording import worded
 from dynident.smoothers import BY_JOINT
 
@@ -80,7 +80,7 @@ def build(family: Family, settings: Mapping[str, Any], where: str, folder: Path 
     ``given`` are the fields that are no settings. Raises ConfigError, led by ``where``.
     """
     try:
-        read = TypeAdapter(Annotated[Any, PartReader(family)]).validate_python(settings, context={"folder": folder})
+        read = TypeAdapter(Annotated[Any, PartReader(family)]).validate_python(settings, context={"code": folder})
     except ValidationError as error:
         raise ConfigError(worded(error, settings, where)) from None
     return read(**given) if family.given else built(read)
@@ -124,7 +124,7 @@ def section(family: Family, part: type) -> type[Section]:
 
 def _read(family: Family, value: object, info: ValidationInfo) -> Any:
     """Return the settings of a part, or for a family with given fields the part without them."""
-    folder = (info.context or {}).get("folder")
+    folder = (info.context or {}).get("code")
     if not isinstance(value, Mapping):
         raise PydanticCustomError("mapping_type", "a mapping")
     if "kind" not in value:
@@ -141,7 +141,7 @@ def with_settings(family: Family, part: Any, settings: Mapping[str, Any], folder
 
     Raises the errors of pydantic, and ConfigError for a field of a type that no setting can have.
     """
-    read = section(family, part).model_validate(settings, context={"folder": folder})
+    read = section(family, part).model_validate(settings, context={"code": folder})
     values = {name: getattr(read, name) for name in type(read).model_fields if name != "kind"}
     return partial(part, **values) if family.given else _made(settings_type(part), values)
 
@@ -165,7 +165,7 @@ def _class(family: Family, kind: object, folder: str | Path | None) -> Any:
     if not (colon and place.endswith(".py")):
         return family.get(kind)
     if folder is None:
-        raise ConfigError(f"{kind!r} names a file, which only a configuration may do.")
+        raise ConfigError(f"{kind!r} {CODE}")
     path = (Path(folder) / place).resolve()
     part = from_file(path, name, "class", family.name, ConfigError)
     family.check(part, f"{path}: {name}")

@@ -14,6 +14,7 @@ from dynident.identification import Identification, Recipe, SourceFile, Sources,
 from dynident.io.config import config_warnings, load_model, parse_config, read_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.recipe import build_recipe
+from dynident.io.results import as_path
 from dynident.io.robot import SUFFIXES, fingerprint, model_file, robot_text
 from dynident.io.settings import Config
 from dynident.log import Log
@@ -104,7 +105,7 @@ def read_project(path: str | Path, progress: Progress = _silent) -> Project:
 
     Raises ConfigError where it is wrong, ModelError where its model cannot be built.
     """
-    path = Path(path)
+    path = as_path(path)
     config = read_config(path)
     return _built(config, path, path.read_text(encoding="utf-8-sig"), progress)
 

@@ -13,7 +13,9 @@ from typing import Any
 
 from dynident.errors import DynidentError, choices
 
-__all__ = ["from_file", "guarded"]
+__all__ = ["CODE", "from_file", "guarded"]
+
+CODE = "is of a Python file, which a result does not run; if you trust the file, give allow_code=True or --allow-code."
 
 
 def from_file(path: Path, name: str, what: str, where: str, error: type[DynidentError]) -> Any:

@@ -23,7 +23,7 @@ from dynident.identification import (
     mounted,
 )
 from dynident.io.config import load_model, parse_config
-from dynident.io.families import ESTIMATORS, SMOOTHERS, Family
+from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.parts import build
 from dynident.io.result_format import (
     BasePart,
@@ -45,8 +45,11 @@ Array = NDArray[np.float64]
 Noun = TypeVar("Noun")
 
 
-def identification_of(data: dict[str, Any], source: str, model: Model | None = None) -> Identification:
+def identification_of(
+    data: dict[str, Any], source: str, model: Model | None = None, *, allow_code: bool = False
+) -> Identification:
     """Return the identification in the plain values of a file; ``model`` is needed where it was made from Python.
+    Python files that the values name are run only where ``allow_code``.
 
     Raises InputError, led by ``source``, where the values do not fit, ModelError where the model is another than it
     was, and ConfigError where a part cannot be built.
@@ -55,8 +58,9 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
         file = ResultFile.model_validate(data)
     except ValidationError as error:
         raise InputError(_wrong(error, source)) from None
-    recipe = _recipe(file.recipe, file.provenance, source)
-    model = model_of(file.provenance, source) if model is None else model
+    folder = _folder(file.provenance, source) if allow_code else None
+    recipe = _recipe(file.recipe, folder, source)
+    model = model_of(file.provenance, source, allow_code=allow_code) if model is None else model
     if isinstance(recipe.base_tilt, tuple):
         model = mounted(model, *recipe.base_tilt)
     check_parameters(model, [row.name for row in file.parameters], source)
@@ -74,7 +78,7 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
         tuple(_validation(one, source) for one in file.validations),
         None if mass is None else MassMatrixCheck(mass.smallest, np.array(mass.q), mass.positive),
         Calibration(
-            _choice(file.calibration.smoother, file.provenance, source),
+            _choice(file.calibration.smoother, folder, source),
             file.calibration.time_offset,
             file.calibration.base_tilt,
         ),
@@ -83,7 +87,7 @@ def identification_of(data: dict[str, Any], source: str, model: Model | None = N
     )
 
 
-def model_of(sources: Sources, source: str) -> Model:
+def model_of(sources: Sources, source: str, *, allow_code: bool = False) -> Model:
     """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
     Where a robot file is gone, its text in the result will do. Raises InputError where there is neither, ModelError
@@ -99,9 +103,10 @@ def model_of(sources: Sources, source: str) -> Model:
     text = robot.text if robot is not None and gone else None
     if given is not None:
         folder = Path(given.path).parent
-        return load_model(parse_config(given.text, folder, f"{source}, its configuration").model, folder, text)
+        config = parse_config(given.text, folder, f"{source}, its configuration", allow_code=allow_code)
+        return load_model(config.model, folder, text, allow_code=allow_code)
     if robot is not None:
-        return load_model(robot.path, text=text)
+        return load_model(robot.path, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 
@@ -157,11 +162,11 @@ def _column(values: list[float | None]) -> Array | None:
     return np.array(known, dtype=float) if len(known) == len(values) else None
 
 
-def _recipe(given: RecipePart, sources: Sources, source: str) -> Recipe:
+def _recipe(given: RecipePart, folder: Path | None, source: str) -> Recipe:
     one = given.filter
     return Recipe(
-        _part(SMOOTHERS, given.smoother, sources, f"{source}: recipe.smoother"),
-        _part(ESTIMATORS, given.estimator, sources, f"{source}: recipe.estimator"),
+        build(SMOOTHERS, given.smoother.model_dump(), f"{source}: recipe.smoother", folder),
+        build(ESTIMATORS, given.estimator.model_dump(), f"{source}: recipe.estimator", folder),
         None if one is None else ParallelFilter(one.decimate, one.cutoff, one.order),
         given.min_speed,
         given.time_offset,
@@ -170,17 +175,16 @@ def _recipe(given: RecipePart, sources: Sources, source: str) -> Recipe:
     )
 
 
-def _part(family: Family, given: Kind, sources: Sources, where: str) -> Any:
-    """Return the part with the settings given; one of the user's file only where a configuration names files."""
-    folder = None if sources.configuration is None else Path(sources.configuration.path).parent
-    return build(family, given.model_dump(), where, folder)
+def _folder(sources: Sources, source: str) -> Path:
+    """Return where the relative names of Python files start."""
+    return Path(source if sources.configuration is None else sources.configuration.path).parent
 
 
-def _choice(given: ChoicePart | None, sources: Sources, source: str) -> Choice | None:
+def _choice(given: ChoicePart | None, folder: Path | None, source: str) -> Choice | None:
     if given is None:
         return None
     where = f"{source}: calibration.smoother"
-    candidates = tuple(_part(SMOOTHERS, one.smoother, sources, where) for one in given.candidates)
+    candidates = tuple(build(SMOOTHERS, one.smoother.model_dump(), where, folder) for one in given.candidates)
     if not 0 <= given.chosen < len(candidates):
         raise InputError(f"{where}.chosen is {given.chosen}, but there are {len(candidates)} candidates.")
     return Choice(candidates[given.chosen], candidates, tuple(one.error for one in given.candidates))

@@ -35,13 +35,15 @@ def is_version_0(data: Mapping[str, Any]) -> bool:
     return {TEXT, ORIGIN, SMOOTHER} <= settings.keys() and all(isinstance(one, str) for one in settings.values())
 
 
-def upgraded(data: Mapping[str, Any], source: str) -> dict[str, Any]:
+def upgraded(data: Mapping[str, Any], source: str, *, allow_code: bool = False) -> dict[str, Any]:
     """Return the values of a result without a version as version 1 has them.
 
     Raises InputError, led by ``source``, where they cannot be read, ConfigError where the configuration cannot.
     """
     settings, rows = data["settings"], data["parameters"]
-    config = parse_config(settings[TEXT], Path(settings[ORIGIN]).parent, f"{source}, its configuration")
+    config = parse_config(
+        settings[TEXT], Path(settings[ORIGIN]).parent, f"{source}, its configuration", allow_code=allow_code
+    )
     if not all(isinstance(row, dict) and {"name", "value", "std"} <= row.keys() for row in rows):
         raise InputError(f"{source}: its `parameters` need name, value and std; identify again.")
     parameters = [_parameter(row) for row in rows]

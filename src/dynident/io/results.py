@@ -18,10 +18,17 @@ from dynident.errors import InputError, choices
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["probe_folder", "read_table", "remove", "table_kind", "write_json", "write_table", "write_text"]
+__all__ = ["as_path", "probe_folder", "read_table", "remove", "table_kind", "write_json", "write_table", "write_text"]
 
 _TABLES = (".parquet", ".csv")
 WIDTH = 160  # of a line of JSON that holds a whole mapping
+
+
+def as_path(path: object) -> Path:
+    """Return a path; InputError for what is none."""
+    if not isinstance(path, str | Path):
+        raise InputError(f"the path of a file or folder is expected, not {path!r}.")
+    return Path(path)
 
 
 def probe_folder(folder: str | Path) -> None:
@@ -44,7 +51,7 @@ def probe_folder(folder: str | Path) -> None:
 
 def write_text(path: str | Path, text: str) -> Path:
     """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
-    return _write(Path(path), text.encode())
+    return _write(as_path(path), text.encode("utf-8", "backslashreplace"))
 
 
 def write_json(path: str | Path, data: Any) -> Path:

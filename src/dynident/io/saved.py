@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dynident.errors import ConfigError, InputError
+from dynident.errors import ConfigError, InputError, ModelError
 from dynident.identification import Identification, Sources
 from dynident.io.config import parse_config
 from dynident.io.logs import Reading, read_logs
@@ -16,7 +16,7 @@ from dynident.io.result_format import FORMAT, VERSION
 from dynident.io.result_read import identification_of
 from dynident.io.result_version_0 import is_version_0, upgraded
 from dynident.io.result_write import result_data
-from dynident.io.results import write_json
+from dynident.io.results import as_path, write_json
 from dynident.models import Model
 
 __all__ = ["check_targets", "load", "read_log_like", "save"]
@@ -31,12 +31,15 @@ def save(found: Identification, path: str | Path, report: Mapping[str, Any] | No
     return write_json(path, result_data(found, report))
 
 
-def load(path: str | Path, model: Model | None = None) -> Identification:
+def load(path: str | Path, model: Model | None = None, *, allow_code: bool = False) -> Identification:
     """Read a result that was saved: all that ``save`` writes, to the last digit; signals of the logs are None.
 
     The model is built again from the configuration in the result and the model's file, which must not have changed. A
     result made from Python needs the ``model`` as it was given to ``identify``. What a result of an older version lacks
-    is said by a warning ``OldResult``. Raises InputError where the file is no result or of a newer version, ModelError
+    is said by a warning ``OldResult``.
+
+    A result that names a Python file, as the model or as a part, is refused unless ``allow_code``: reading it would run
+    the file. Raises InputError where the file is no result or of a newer version, ModelError
     where the model is another than it was, ConfigError where its configuration cannot be read any more.
 
     >>> import numpy as np
@@ -54,28 +57,30 @@ def load(path: str | Path, model: Model | None = None) -> Identification:
     >>> bool((again.estimate.value == found.estimate.value).all())
     True
     """
-    data, source = _load(Path(path)), str(path)
+    if not isinstance(model, Model | None):
+        raise ModelError(f"load: the model is a {type(model).__name__}; give the Model that was identified.")
+    data, source = _load(as_path(path)), str(path)
     if is_version_0(data):
-        data = upgraded(data, source)
+        data = upgraded(data, source, allow_code=allow_code)
     if data.get("format") != FORMAT:
         raise InputError(f"{path}: is no result of `dynident identify`: it needs `format`: {FORMAT!r}.")
     if data.get("version") != VERSION:
         raise InputError(
             f"{path}: has version {data.get('version')!r}, and this dynident reads up to {VERSION}; take a newer one."
         )
-    return identification_of(data, source, model)
+    return identification_of(data, source, model, allow_code=allow_code)
 
 
-def read_log_like(found: Identification, text: str) -> Reading:
+def read_log_like(found: Identification, text: str, *, allow_code: bool = False) -> Reading:
     """Read the recording named on a command line, as ``log_spec`` says, with the channels of a result's configuration.
 
-    Its torques may be missing. Raises the errors of ``log_spec`` and ``read_logs``, and InputError for a result without
-    configuration.
+    Its torques may be missing; ``allow_code`` as in ``load``. Raises the errors of ``log_spec`` and ``read_logs``, and
+    InputError for a result without configuration.
     """
     given = found.provenance.configuration
     if given is None:
         raise InputError("the result was made from Python, without a configuration: predict a Log from Python, too.")
-    config = parse_config(given.text, Path(given.path).parent, given.path)
+    config = parse_config(given.text, Path(given.path).parent, given.path, allow_code=allow_code)
     return read_logs(log_spec(text, config), config, found.model.joints, torque=False)
 
 
@@ -92,7 +97,7 @@ def _load(path: Path) -> dict[str, Any]:
         data = json.loads(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
     if not isinstance(data, dict):
         raise InputError(f"{path}: is not a result.json of `dynident identify`.")

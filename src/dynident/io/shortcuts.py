@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, Unpack
@@ -22,7 +22,7 @@ from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.project import model_source, read_project
-from dynident.io.results import probe_folder, write_text
+from dynident.io.results import as_path, probe_folder, write_text
 from dynident.io.robot import SUFFIXES, load_robot
 from dynident.io.saved import check_targets
 from dynident.io.settings import Config, LogSpec, RobotSettings
@@ -116,9 +116,7 @@ def identify(
     for name in changes:
         if name not in known:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
-    if recipe is not None and not isinstance(recipe, Recipe):
-        raise ConfigError(f"identify: the recipe is {recipe!r}; give a dynident.Recipe, or parts by keyword.")
-    used = replace(recipe or default_recipe(model), **changes)
+    used = replace(_recipe(recipe, model), **changes)
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
@@ -140,7 +138,7 @@ def check(
     """
     model = _model(robot)
     roles = {"train": _named(logs, "logs"), "validation": _named(validation, "validation")}
-    return checks.run_checks(model, roles, recipe or default_recipe(model), progress=progress)
+    return checks.run_checks(model, roles, _recipe(recipe, model), progress=progress)
 
 
 def accuracy_bound(
@@ -170,7 +168,7 @@ def accuracy_bound(
     return bounds.accuracy_bound(
         model,
         _named(logs, "logs"),
-        recipe or default_recipe(model),
+        _recipe(recipe, model),
         sigma_q=sigma_q,
         sigma_tau=sigma_tau,
         torque=torque,
@@ -205,7 +203,7 @@ def read_robot(
     >>> door.names[-2:]
     ('leaf.Izz', 'Fv_hinge')
     """
-    data = {"file": str(path), "joints": joints, "terms": list(terms), **settings}
+    data = {"file": str(path), "joints": joints, "terms": terms, **settings}
     return load_robot(_read(RobotSettings, data, "read_robot"))
 
 
@@ -254,7 +252,7 @@ def read_log(
         read = _declared(path, {"time": time, "position": position, "torque": torque}, settings)
         spec = read.train[0]
         joints = tuple(Joint(joint, _kind(channel.unit)) for joint, channel in read.position.items())
-    given = _read(LogSpec, {"file": "-", "window": None if window is None else list(window), "name": name}, "read_log")
+    given = _read(LogSpec, {"file": "-", "window": window, "name": name}, "read_log")
     reading = read_logs(spec.model_copy(update={"window": given.window, "name": given.name}), read, joints)
     for words in reading.warnings:
         warnings.warn(words, stacklevel=2)
@@ -282,6 +280,9 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     ...     [file.name for file in dy.export_model(found, folder)]
     ['parameters.yaml', 'model.py']
     """
+    if not isinstance(found, Identification):
+        raise InputError(f"export_model: a {type(found).__name__} is given; give the Identification.")
+    folder = as_path(folder)
     made = exports(found)
     known = [one.format for one in made]
     if format is not None and format not in known:
@@ -290,10 +291,10 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     refused = [one for one in chosen if not one.ready]
     if refused and (format is not None or len(refused) == len(chosen)):
         raise ModelError(f"{refused[0].file}: {refused[0].refusal}")
-    check_targets(Path(folder), [one.file for one in chosen], found.provenance)
-    probe_folder(Path(folder))
+    check_targets(folder, [one.file for one in chosen], found.provenance)
+    probe_folder(folder)
     ready = [(one.file, one.written.text) for one in chosen if one.ready and one.written is not None]
-    return tuple(write_text(Path(folder) / file, text) for file, text in ready)
+    return tuple(write_text(folder / file, text) for file, text in ready)
 
 
 def _model(robot: Any) -> Model:
@@ -306,11 +307,19 @@ def _model(robot: Any) -> Model:
     return load_model(str(robot))
 
 
+def _recipe(recipe: Recipe | None, model: Model) -> Recipe:
+    if not isinstance(recipe, Recipe | None):
+        raise ConfigError(f"recipe: a {type(recipe).__name__} is given; give a Recipe, or its fields as keywords.")
+    return default_recipe(model) if recipe is None else recipe
+
+
 def _named(logs: Any, what: str) -> dict[str, Log]:
     """Return the logs by name; InputError where one is not a Log, ConfigError where two have one name."""
     if isinstance(logs, str | Path):
         raise InputError(f"{what}: {str(logs)!r} is a file; read it with `read_log`, which asks for its columns.")
     several = (logs,) if isinstance(logs, Log) else logs
+    if not isinstance(several, Iterable):
+        raise InputError(f"{what}: a {type(logs).__name__} is given; give a Log, logs by name, or a sequence of them.")
     pairs = (
         list(several.items())
         if isinstance(several, Mapping)
@@ -366,6 +375,6 @@ def _kind(unit: str) -> Literal["revolute", "prismatic"]:
 def _read(section: type[S], data: Mapping[str, Any], source: str) -> S:
     """Return settings, checked; ConfigError, led by ``source``, where one is wrong."""
     try:
-        return section.model_validate(dict(data), context={"folder": "."})
+        return section.model_validate(dict(data), context={"folder": ".", "code": "."})
     except ValidationError as error:
         raise ConfigError(worded(error, data, source)) from None

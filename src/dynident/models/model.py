@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
@@ -54,9 +54,14 @@ class Model:
     name: str = "model"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "terms", tuple(self.terms))
+        object.__setattr__(self, "terms", tuple(self.terms) if isinstance(self.terms, Iterable) else (self.terms,))
         if not self.terms:
             raise ModelError(f"{self.name}: a model needs at least one term.")
+        for term in self.terms:
+            if not all(hasattr(term, name) for name in ("joints", "parameters", "regressor")):
+                raise ModelError(
+                    f"{self.name}: a {type(term).__name__} is no term; give terms such as Viscous(joints)."
+                )
         for term in self.terms[1:]:
             if tuple(term.joints) != self.joints:
                 raise ModelError(

@@ -56,7 +56,7 @@ def _lines(found: Identification) -> Iterator[str]:
 
 def _judged(found: Identification) -> bool:
     """Whether the signals are there that a verdict looks at; a saved result has none."""
-    return all(log.signals is not None for log in found.validations)
+    return bool(found.validations) and all(log.signals is not None for log in found.validations)
 
 
 def check_lines(found: CheckResult) -> str:
@@ -146,11 +146,11 @@ class Plot:
         logs = {one.name: one for one in (*logs_of(self.found, "train"), *logs_of(self.found, "validation"))}
         if log is None:
             log = next(iter(logs_of(self.found, "validation")), next(iter(logs.values()))).name
-        if log not in logs:
+        if log not in list(logs):
             raise InputError(f"there is no log {log!r}; {choices(log, logs)}")
         joints = {one.name: one for one in self.found.model.joints}
         if joint is None:
             joint = max(joints, key=lambda name: logs[log].errors.per_joint.get(name, 0.0))
-        if joint not in joints:
+        if joint not in list(joints):
             raise InputError(f"there is no joint {joint!r}; {choices(joint, joints)}")
         return logs[log], joints[joint]

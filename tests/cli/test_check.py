@@ -21,7 +21,7 @@ def test_a_sound_configuration(tmp_path: Path) -> None:
     assert "No errors and no warnings" in done.output
     ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
     assert name.endswith("identify.yaml")
-    assert [one["topic"] for one in told["findings"]] == ["delay"]
+    assert [one["topic"] for one in told["findings"]] == ["time offset"]
     assert told["logs"]["log 0-3 s"]["rate"] == pytest.approx(500)
     assert told["joints"][0]["peak_speed"] == pytest.approx(0.9, rel=0.05)
     assert told["rank"]["on_data"] == 4

@@ -54,15 +54,15 @@ def test_nouns_of_findings_are_worded() -> None:
     found = CheckResult(
         (
             Finding(Severity.WARNING, None, missing, Topic.NOT_EXCITED),
-            Finding(Severity.INFO, None, time_offset, Topic.DELAY),
-            Finding(Severity.INFO, None, tilt, Topic.LEAN),
+            Finding(Severity.INFO, None, time_offset, Topic.TIME_OFFSET),
+            Finding(Severity.INFO, None, tilt, Topic.BASE_TILT),
         ),
         rank=ExcitedRank(3, 2, 3, 10.0, (missing,)),
     )
     shown = [one["message"] for one in check_dict(found)["findings"]]
     assert shown == [row[1] for table in check_tables(found) for row in table.rows]
     assert shown[0] == "Fv_b: not excited by these data; move b."
-    assert shown[1].startswith("delay: positions are stamped 5 ms later")
+    assert shown[1].startswith("time offset: positions are stamped 5 ms later")
     assert shown[1].endswith("instead of 4 %.")
     assert shown[2].startswith("The base is tilted by 1.15 deg")
     assert shown[2].endswith("If it may stand so, set `base_tilt: estimate` in the model.")

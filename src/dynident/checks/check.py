@@ -160,7 +160,7 @@ def _moving(
     progress("checking the motion")
     motions = tuple(pairing.smoother(log) for log in logs)
     if pairing.time_offset is not None:
-        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.DELAY))
+        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     findings += _tilt(model, motions, recipe, min_speed)
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
@@ -193,4 +193,4 @@ def _tilt(
     except DynidentError:  # not a small tilt: other findings name the fault
         return
     if found.after < (1.0 - WORTH) * found.before:
-        yield Finding(Severity.INFO, None, found, Topic.LEAN)
+        yield Finding(Severity.INFO, None, found, Topic.BASE_TILT)

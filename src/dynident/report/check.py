@@ -86,7 +86,7 @@ def _rank(rank: ExcitedRank) -> dict[str, Any]:
 def _message(finding: Finding) -> str:
     said = words(finding.message)
     if isinstance(finding.message, TimeOffset):
-        return f"delay: {said}."
+        return f"time offset: {said}."
     if isinstance(finding.message, BaseTilt):
         return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
     return said

@@ -76,11 +76,15 @@ def settings_of(identification: Identification) -> dict[str, str]:
     found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
     numbers = {
         "low speeds left out": recipe.min_speed,
-        "delay used": recipe.time_offset or None,
-        "lean used": recipe.base_tilt,
+        "time offset used": recipe.time_offset or None,
+        "base tilt used": recipe.base_tilt,
         "restart": recipe.restart,
     }
-    chosen = {"smoother": calibration.smoother, "delay": calibration.time_offset, "lean": calibration.base_tilt}
+    chosen = {
+        "smoother": calibration.smoother,
+        "time offset": calibration.time_offset,
+        "base tilt": calibration.base_tilt,
+    }
     found |= {key: str(value) for key, value in numbers.items() if value is not None}
     return found | {key: words(noun) for key, noun in chosen.items() if noun is not None}
 

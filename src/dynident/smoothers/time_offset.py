@@ -31,7 +31,7 @@ class TimeShifted:
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""
         motion = self.smoother(log)
-        smoothing = {**motion.smoothing, "delay": f"{1e3 * self.time_offset:.3g} ms"}
+        smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
         return replace(motion.shifted(self.time_offset), smoothing=smoothing)
 
 

@@ -24,7 +24,8 @@ from dynident.studies.published_tables import PRINTED, Row
 from dynident.studies.study import generator, run_study, statistics
 
 __all__ = [
-    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Likelihood", "Reproduction", "SmoothAndFit", "reproduce",
+    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "LikelihoodMethod", "Reproduction", "SmoothAndFit",
+    "reproduce",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -138,7 +139,7 @@ class SmoothAndFit:
 
 
 @dataclass(frozen=True)
-class Likelihood:
+class LikelihoodMethod:
     """Maximum likelihood, eq. (7), on all samples, with a start from rest."""
 
     name: str = "ml"
@@ -157,7 +158,7 @@ class Likelihood:
         return f"{self.estimator}, no sample dropped"
 
 
-ArmMethod = SmoothAndFit | Likelihood
+ArmMethod = SmoothAndFit | LikelihoodMethod
 METHODS: Mapping[str, ArmMethod] = {
     one.name: one
     for one in (
@@ -165,7 +166,7 @@ METHODS: Mapping[str, ArmMethod] = {
         SmoothAndFit("filtered", Butterworth(settle=(0.0, 0.0)), 1.7475),
         SmoothAndFit("spline", Spline(ends=0.0), 0.25),
         SmoothAndFit("spline-early", Spline(ends=0.0), 0.25, early=True),
-        Likelihood(),
+        LikelihoodMethod(),
     )
 }
 

@@ -28,7 +28,7 @@ def test_several_statements_on_one_place_stay_apart() -> None:
     assert rows(*made) == {"Warnings": [("", "move a."), ("", "move b.")]}
 
 
-def test_the_gravest_first_and_counted() -> None:
+def test_the_most_severe_first_and_counted() -> None:
     found = CheckResult(
         (
             Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),

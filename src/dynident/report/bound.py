@@ -82,7 +82,7 @@ def bound_findings(found: AccuracyBound) -> list[str]:
 def _overall(found: AccuracyBound) -> Iterator[str]:
     relative, count = found.relative, len(found.names)
     well, lost = int((relative <= WELL).sum()), int((relative > LOST).sum())
-    tail = f"; {lost} cannot be told from zero" if lost else ""
+    tail = f"; {lost} cannot be distinguished from zero" if lost else ""
     yield (
         f"{well} of {count} base parameters can be known to {WELL:g} % or better from this record, by the best method; "
         f"the median is {number(float(np.median(relative)), 2)} %{tail}."
@@ -116,7 +116,7 @@ def _why(found: AccuracyBound, k: int) -> str:
     now, relative = float(found.std["now"][k]), float(found.relative[k])
     if not np.isfinite(now):
         return "not determined by this motion at any noise level; excite it."
-    at_best = f"{number(relative, 2)} % at best" + (", not told from zero" if relative > LOST else "")
+    at_best = f"{number(relative, 2)} % at best" + (", not distinguishable from zero" if relative > LOST else "")
     name, change, share = _first(found, k)
     with np.errstate(divide="ignore", invalid="ignore"):
         after = float(100 * found.std[change][k] / abs(found.value[k]))
@@ -135,7 +135,7 @@ def _why(found: AccuracyBound, k: int) -> str:
 
 
 def _first(found: AccuracyBound, k: int) -> tuple[str, str, float]:
-    """Return the noise that limits a parameter most, the change that mends it, and its share of the variance."""
+    """Return the noise that limits a parameter most, the change that reduces it, and its share of the variance."""
     share = float(np.nan_to_num(found.position_share[k]))
     return ("position noise", "bit", share) if share > MAINLY else ("torque noise", "torque", 1 - share)
 

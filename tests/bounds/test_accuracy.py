@@ -64,7 +64,7 @@ def test_two_logs_tell_as_much_as_one_twice_as_long() -> None:
     assert two.samples == 2 * one.samples
 
 
-def test_a_robot_of_bodies_is_told_by_its_base_parameters() -> None:
+def test_a_robot_of_bodies_has_bounds_of_its_base_parameters() -> None:
     found = arm()
     basis = found.identification.base.on_data
     assert basis is not None

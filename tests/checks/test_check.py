@@ -61,7 +61,7 @@ def test_a_log_that_is_too_short_is_said_and_no_more(count: int) -> None:
     assert topics(found) == ["samples"]
 
 
-def test_the_gravest_come_first() -> None:
+def test_the_most_severe_come_first() -> None:
     given = [
         Finding(Severity.INFO, None, "so"),
         Finding(Severity.ERROR, None, "torn"),

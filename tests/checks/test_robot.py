@@ -1,4 +1,4 @@
-"""Robot files with one flaw each: the flaw is named, and nothing else is."""
+"""Robot files with one fault each: the fault is named, and nothing else is."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def origin(mass: float, c: float) -> np.ndarray:
 
 
 LIMIT = '<limit effort="{}" velocity="{}" lower="{}" upper="{}"/>'
-FLAWS = {
+FAULTS = {
     "negative mass": (
         arm(upper=link("upper", -2.0)), "error", "impossible", "upper", notes.ImpossibleInertia("negative mass -2 kg"),
     ),
@@ -73,8 +73,8 @@ FLAWS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("xml", "severity", "topic", "link", "note"), FLAWS.values(), ids=FLAWS)
-def test_each_flaw_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, note: Note) -> None:
+@pytest.mark.parametrize(("xml", "severity", "topic", "link", "note"), FAULTS.values(), ids=FAULTS)
+def test_each_fault_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, note: Note) -> None:
     (finding,) = found(xml)
     assert (finding.severity, finding.topic, finding.link) == (severity, topic, link)
     assert finding.message == note
@@ -86,10 +86,10 @@ def test_a_sound_arm_has_none() -> None:
 
 
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
-    assert {one.severity for one in found(FLAWS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
+    assert {one.severity for one in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 
 
-def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:
+def test_copies_are_distinguished_from_placeholders_and_from_a_gripper() -> None:
     twin = link("fore", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
     (copied,) = found(arm(fore=twin))
     assert (copied.severity, copied.topic) == ("info", "copied")
@@ -107,7 +107,7 @@ def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
     assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *flange)) == ()
 
 
-def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
+def test_missing_limits_are_reported_once_for_all_joints_that_move() -> None:
     bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
     effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
     assert effort.message == notes.NoLimit("effort", ("s", "e"))

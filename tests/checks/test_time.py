@@ -26,7 +26,7 @@ def topics(one: Log) -> dict[str, tuple[Severity, Note]]:
     return {finding.topic: (finding.severity, finding.message) for finding in check_log_fully(one, kinds)}
 
 
-def test_stamps_that_jitter_are_told_from_sampling_that_jitters() -> None:
+def test_stamps_that_jitter_are_distinguished_from_sampling_that_jitters() -> None:
     noisy, true = log(EVEN + JITTER, EVEN), log(EVEN + JITTER, EVEN + JITTER)
     assert timing(noisy).even < 0.05
     assert timing(true).even > 20

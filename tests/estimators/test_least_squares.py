@@ -153,7 +153,7 @@ def problem(model: Model, theta: Array, noise: Array, still: tuple[int, ...] = (
     return Problem(model, (motion,), Regression(model, (motion,)))
 
 
-def test_estimate_says_which_parameters_cannot_be_told_apart() -> None:
+def test_estimate_says_which_parameters_cannot_be_distinguished() -> None:
     joints = (Joint("a"), Joint("b"))
     model = Model(
         (

@@ -17,7 +17,7 @@ def test_urdf_says_what_it_leaves_out():
     assert identified_urdf(arm()).text.count('<dynamics damping="1.0" friction="2.0"/>') == 3
 
 
-def test_locked_joints_are_told():
+def test_locked_joints_are_noted():
     written = identified_urdf(arm(joints_used=("shoulder", "rail"), locked={"twist": 0.4}))
     assert any("'twist' were fixed" in note for note in written.notes)
 

@@ -114,7 +114,7 @@ def test_validation_logs_are_judged_and_not_fitted(log: Log) -> None:
     assert wrong.validations[1].errors.relative_error == pytest.approx(50.0, rel=1e-2)
 
 
-def test_progress_is_told_before_each_step(log: Log) -> None:
+def test_progress_is_reported_before_each_step(log: Log) -> None:
     told: list[str] = []
     identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
     reducing = "reducing the regression to triangular factors"

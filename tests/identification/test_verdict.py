@@ -11,7 +11,7 @@ import pytest
 from dynident.estimators import LeastSquares
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals
+from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.log import Log
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
@@ -177,8 +177,8 @@ def test_parameters_known_badly_are_given_a_motion(good: Identification) -> None
     verdict = judge(replace(good, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf]))))
     steps = {step.parameter: step for step in verdict.next if isinstance(step, Sharpen)}
     assert {name: step.excitation for name, step in steps.items()} == {
-        "M": Excitation.ACCELERATE,
-        "Fv": Excitation.CONSTANT_SPEEDS,
+        "M": ExcitingMotion.ACCELERATE,
+        "Fv": ExcitingMotion.CONSTANT_SPEEDS,
     }
     assert {step.joint for step in steps.values()} == {"slider"}
     assert (steps["M"].value, steps["M"].std) == (good.estimate.value[0], 4.0)

@@ -85,7 +85,7 @@ def test_measured_columns_are_preferred():
     assert "pos_des1" in found.left
 
 
-def test_commanded_columns_alone_are_no_guess():
+def test_commanded_columns_alone_are_not_mapped():
     found = map_columns(table(**signals(("q_d1", "q_d2"))), NUMBERED)
     assert chosen(found) == [None, None, "tau1", "tau2"]
 
@@ -190,7 +190,7 @@ def test_joints_that_are_not_identified_are_locked():
     assert "it moves by 0.02 m" in moving.lock["finger"][1]
 
 
-def test_channels_of_one_guess_are_equally_long():
+def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
     found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)
     assert chosen(found) == ["q_meas1", "q_meas2", "tau1", "tau2"]
@@ -220,7 +220,7 @@ def test_widths_of_files_with_one_number_a_line():
     value=st.floats(allow_nan=True, allow_infinity=True),
     joints=st.sampled_from([ARM, NUMBERED, (*ARM, *NUMBERED), ARM[:1]]),
 )
-def test_anything_gives_a_guess(names, rows, value, joints):
+def test_anything_gives_a_mapping(names, rows, value, joints):
     columns = {name: np.full(rows + (name == "x"), value) for name in names}
     found = map_columns(DataTable(columns, {}, "a.csv"), joints)
     assert set(found.position) == set(found.torque) <= {joint.name for joint in joints}

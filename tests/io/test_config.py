@@ -397,7 +397,7 @@ def test_a_validation_log_that_was_fitted_is_warned_of(spec):
     assert words.startswith("validation 'test' overlaps in time with train 'one")
 
 
-def test_a_wrong_item_is_not_told_again_as_a_list_that_is_too_short():
+def test_a_wrong_item_is_not_reported_again_as_a_list_that_is_too_short():
     with pytest.raises(ConfigError) as caught:
         parse_config(yaml.safe_dump({**TWO, "train": [{"fil": "one.csv"}]}))
     assert "unknown key 'fil'" in str(caught.value)

@@ -150,7 +150,7 @@ def test_what_cannot_be_guessed_is_to_be_filled_in(arm, tmp_path):
     assert done.exit_code == 0, done.output
 
 
-def test_what_cannot_be_read_is_told_where_something_is_missing(arm, tmp_path):
+def test_what_cannot_be_read_is_reported_where_something_is_missing(arm, tmp_path):
     np.savez(tmp_path / "a.npz", time=T, q=np.ones((2, N + 1)), tau=np.ones((N, 2)))
     result = run("init", arm, tmp_path / "a.npz", "-o", tmp_path / "c.yaml")
     assert "Note: 'q' has the shape (2, 801)" in result.output
@@ -221,7 +221,7 @@ def test_a_robot_that_cannot_move_is_refused(tmp_path, monkeypatch, robot, words
     assert words in done.output
 
 
-def test_joints_that_the_robot_does_not_have_are_told(arm, tmp_path):
+def test_joints_that_the_robot_does_not_have_are_reported(arm, tmp_path):
     write(tmp_path / "a.csv", **{"rail.position": 0.1 * T, "rail.effort": T})
     done = run("init", arm, "a.csv")
     assert "Note: recorded, but not in the robot file, so left out: 'rail.position'." in done.output

@@ -33,7 +33,7 @@ def test_arrays_are_those_that_scipy_reads(compress, kind, shape):
         np.testing.assert_array_equal(array, expected[name])
 
 
-def test_other_variables_are_told_in_words():
+def test_other_variables_are_reported_in_words():
     data = saved(
         text="abc",
         structs=np.array([(1,), (2,)], dtype=[("a", "f8")]),

@@ -55,7 +55,7 @@ def test_times_are_exact_to_the_nanosecond(tmp_path):
 
 
 @kinds
-def test_messages_out_of_order_and_twice_are_mended_and_told(tmp_path, kind):
+def test_messages_out_of_order_and_twice_are_corrected_and_reported(tmp_path, kind):
     states = ramp(10)
     moved = [*states[:3], states[5], states[4], states[3], *states[6:], states[7]]
     arrived = [replace(one, received=10_000_000 * k) for k, one in enumerate(moved)]
@@ -68,7 +68,7 @@ def test_messages_out_of_order_and_twice_are_mended_and_told(tmp_path, kind):
     ]
 
 
-def test_two_publishers_of_the_same_joints_are_told(tmp_path):
+def test_two_publishers_of_the_same_joints_are_reported(tmp_path):
     states = [x for one in ramp(5) for x in (one, replace(one, effort=(7.0, 7.0)))][:-3]
     table = read_columns(write_bag(tmp_path, "db3", states))
     assert list(table.column("a.effort")) == [0, 10, 20, 30]
@@ -97,7 +97,7 @@ def test_several_topics_have_several_prefixes(tmp_path):
         table.column("/command/a.effort")
 
 
-def test_messages_of_fewer_joints_are_apart_and_told(tmp_path):
+def test_messages_of_fewer_joints_are_apart_and_reported(tmp_path):
     states = ramp(10)
     states[4] = State(("b",), (1.0,), (), (1.0,), states[4].stamp)
     table = read_columns(write_bag(tmp_path, "bag", states))
@@ -124,7 +124,7 @@ def test_missing_values_stay_missing(tmp_path):
     np.testing.assert_array_equal(table.column("a.velocity"), [0, 0, np.nan, 0])
 
 
-def test_torn_messages_are_left_out_and_told(tmp_path):
+def test_torn_messages_are_left_out_and_reported(tmp_path):
     states = ramp(5)
     states[1] = replace(states[1], position=(1.0, 2.0, 3.0))
     states[2] = replace(states[2], names=("a", "a"))

@@ -246,7 +246,7 @@ def test_a_tilt_that_no_printed_right_angle_is_stays() -> None:
     assert RigidBodies(tilted).file.notes == ()
 
 
-def test_a_rounded_angle_is_told_and_written_as_it_was_read() -> None:
+def test_a_rounded_angle_is_noted_and_written_as_it_was_read() -> None:
     model = driven(arm("2R", 4))
     bodies = model.terms[0]
     assert isinstance(bodies, RigidBodies)

@@ -13,7 +13,7 @@ from dynident.log import Log, Motion
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline, TimeShifted
 from dynident.splines import GCV, REML, Fixed, Interpolation, smooth
 from dynident.testing import SMOOTHER_CHECKS, check_smoother
-from dynident.testing.smoother import known_motion, recorded
+from dynident.testing.smoother import recorded, two_sines
 
 SMOOTHERS = [
     Difference(),
@@ -45,7 +45,7 @@ def test_every_kind_is_checked() -> None:
 @pytest.mark.parametrize("smoother", NOISY, ids=repr)
 def test_splines_take_irregular_times_as_they_are(smoother: Spline) -> None:
     made = smoother(recorded(0.0, jitter=0.9))
-    true = known_motion(made.t)[2]
+    true = two_sines(made.t)[2]
     assert np.abs(made.ddq - true)[made.mask].max() < 3e-2 * np.abs(true).max()
 
 

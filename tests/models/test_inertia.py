@@ -77,7 +77,7 @@ def test_moved_is_linear_so_that_any_parameters_will_do():
     assert moved(one + other, T)[0] == 0
 
 
-def test_bodies_have_no_flaws_and_positive_pseudo_inertias():
+def test_bodies_violate_nothing_and_have_positive_pseudo_inertias():
     mass, centre, about_centre, *_ = bodies()
     theta = from_physical(mass, centre, about_centre)
     assert (smallest_eigenvalue(theta) > 0).all()
@@ -94,9 +94,9 @@ def test_bodies_have_no_flaws_and_positive_pseudo_inertias():
         (from_physical(1.0, np.ones(3), np.diag([-0.1, 0.2, 0.2])), "negative principal moment"),
     ],
 )
-def test_flaws_in_words(theta, words):
-    (flaw,) = consistency_violations(theta)
-    assert words in flaw
+def test_violations_in_words(theta, words):
+    (violation,) = consistency_violations(theta)
+    assert words in violation
     assert smallest_eigenvalue(theta) <= 0
 
 

@@ -112,7 +112,7 @@ def test_stretches(mask: str, runs: list[tuple[int, int]]) -> None:
     assert [(run.start, run.stop) for run in found] == runs
 
 
-def test_no_rows_compress_to_nothing() -> None:
+def test_no_rows_have_empty_triangular_factors() -> None:
     found = triangularise(iter(()), joints=2, parameters=3)
     assert found.samples == 0
     np.testing.assert_array_equal(found.factors, np.zeros((2, 4, 4)))

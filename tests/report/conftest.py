@@ -34,8 +34,8 @@ class Case:
     method: str
     estimates: np.ndarray
     failed: int = 0
-    printed_mean: tuple | None = None
-    printed_variance: tuple | None = None
+    published_mean: tuple | None = None
+    published_variance: tuple | None = None
     coverage: np.ndarray = field(default_factory=lambda: np.full(7, np.nan))
     unsettled: int = 0
 

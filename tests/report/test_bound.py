@@ -42,7 +42,7 @@ def test_a_parameter_not_excited_is_said() -> None:
     assert "∞" in {row[4] for row in bound_table(replace(one, std=std)).rows}
 
 
-def test_misfit_is_told_from_the_sensor() -> None:
+def test_misfit_is_distinguished_from_the_sensor() -> None:
     noise = replace(found().noise, torques=Origin(Measure.RESIDUAL))
     for factor, words in ((10.0, "model's misfit or slow noise"), (1e4, "filtered before it was logged")):
         one = replace(found(), noise=replace(noise, sensor=noise.tau / factor))

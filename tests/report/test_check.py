@@ -28,7 +28,7 @@ def test_several_statements_on_one_place_stay_apart() -> None:
     assert rows(*made) == {"Warnings": [("", "move a."), ("", "move b.")]}
 
 
-def test_the_gravest_first_and_counted() -> None:
+def test_the_most_severe_first_and_counted() -> None:
     found = CheckResult(
         (
             Finding(Severity.ERROR, None, "torn.", Topic.GAP, "one"),
@@ -65,5 +65,5 @@ def test_nouns_of_findings_are_worded() -> None:
     assert shown[1].startswith("Time offset: positions are stamped 5 ms later")
     assert shown[1].endswith("instead of 4 %.")
     assert shown[2].startswith("The base is tilted by 1.15 deg")
-    assert shown[2].endswith("If it may stand so, set `base_tilt: estimate` in the model.")
+    assert shown[2].endswith("If the base may be tilted, set `base_tilt: estimate` in the model.")
     assert check_dict(found)["rank"]["missing"][0]["words"] == shown[0]

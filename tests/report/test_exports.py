@@ -30,7 +30,7 @@ def test_a_proven_file_with_what_it_leaves_out() -> None:
     assert export_notes([made]) == ["robot.identified.urdf cannot hold 7 items, which the report lists."]
 
 
-def test_a_refusal_is_told() -> None:
+def test_a_refusal_is_shown() -> None:
     made = export(arm(body=from_physical(-1.0, [0, 0, 0.1], np.eye(3))), Urdf(), STATES)
     (result,) = export_results([made])
     assert (result["proven"], result["agreement"], result["readers"]) == (False, None, {})

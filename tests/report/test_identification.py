@@ -126,7 +126,7 @@ def test_seven_joints_of_long_logs_stay_below_six_megabytes():
     assert 2_000_000 < len(page) < 6_000_000
 
 
-def test_what_repeats_a_run_is_told(identification):
+def test_what_repeats_a_run_is_shown(identification):
     identification.provenance = Sources(
         SourceFile("arm.yaml", text="model: <b>arm.urdf\ntrain: []"),
         SourceFile("arm.urdf", "ab12"),

@@ -46,7 +46,7 @@ def test_findings_of_a_perfect_study():
 
 def test_the_distance_from_the_article_is_in_percent_of_the_true_value():
     printed = tuple(TRUE * 1.02)[:3] + (None,) * 4
-    assert "of the true value: smoothing splines 2.0 %." in findings(exact(printed_mean=printed))[3]
+    assert "of the true value: smoothing splines 2.0 %." in findings(exact(published_mean=printed))[3]
 
 
 def test_a_single_lost_parameter_is_found():
@@ -61,7 +61,7 @@ def test_failures_are_counted():
     assert findings(exact(failed=1))[-1].startswith("1 of 4 estimations failed and are left out")
 
 
-def test_a_method_that_always_fails_is_told_and_does_not_stop_the_report():
+def test_a_method_that_always_fails_is_named_and_does_not_stop_the_report():
     lost = exact(estimates=np.empty((0, 7)), failed=4)
     lines = findings(lost)
     assert "1e-6: no run gave an estimate" in lines[0]
@@ -80,7 +80,7 @@ def test_tables_are_numbered_and_laid_out_as_in_the_article(reproduction):
     assert all(table.row_count == 7 for table in tables)
 
 
-def test_printed_values_stand_beside_the_own_ones(reproduction):
+def test_published_values_stand_beside_the_own_ones(reproduction):
     shown = text_of(*study_tables(reproduction)[:2])
     assert "theta1     0.03400" in shown
     assert "0.0367" in shown
@@ -89,7 +89,7 @@ def test_printed_values_stand_beside_the_own_ones(reproduction):
     assert last.split()[3] == "-"
 
 
-def test_methods_and_levels_beyond_the_article_have_no_printed_column():
+def test_methods_and_levels_beyond_the_article_have_no_published_column():
     table, _ = study_tables(Reproduction((Case(1e-5, "kalman", np.tile(TRUE, (4, 1))),)))
     assert str(table.title).startswith("Sample mean of")
     assert [str(column.header) for column in table.columns] == ["\npar.", "\ntrue", "kalman\nown"]

@@ -53,7 +53,7 @@ def test_free_simulations_are_shown_with_their_failures(identification):
     assert "swing.csv: it runs away" in page
 
 
-def test_of_a_single_joint_the_error_is_told_in_its_unit():
+def test_of_a_single_joint_the_error_is_given_in_its_unit():
     found = identification_of(joints=("slider",))
     found.model.limits.clear()
     for log in found.validations:

@@ -24,7 +24,7 @@ from dynident.identification import (
     WorstRun,
 )
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals
+from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.models.gallery import two_link_arm
 from dynident.regression import UnexcitedParameters
 from dynident.report import advice
@@ -71,7 +71,7 @@ def test_findings_of_the_checks_are_among_the_notes() -> None:
 
 def test_every_choice_has_words() -> None:
     assert all(words(remedy).endswith(".") for remedy in Remedy)
-    for excitation in Excitation:
+    for excitation in ExcitingMotion:
         said = words(Sharpen("Fv", 1.0, 0.5, 12.3, excitation, None))
         assert said.startswith("Fv is 1 +- 0.5 (one standard error, 12 % of the torque): ")
         assert "the joints" in said
@@ -217,7 +217,7 @@ def test_a_noun_without_words_is_an_error() -> None:
             "the free simulation of fast has an error of 2 % of the motion of a in the controller's loop",
         ),
         (
-            Sharpen("M", 5.0, 4.0, 43.2, Excitation.ACCELERATE, "a"),
+            Sharpen("M", 5.0, 4.0, 43.2, ExcitingMotion.ACCELERATE, "a"),
             (
                 "M is 5 +- 4 (one standard error, 43 % of the torque): accelerate a harder, in several poses of the "
                 "others."

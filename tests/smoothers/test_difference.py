@@ -17,7 +17,7 @@ def log(n: int = 4001, h: float = 0.0025, noise: float = 1e-3) -> Log:
 
 
 def test_forward_differences_as_printed() -> None:
-    """Eqs. (47)-(48), with the two last samples not vouched for."""
+    """Eqs. (47)-(48), with the two last samples masked."""
     made, data = Difference()(log()), log().q
     dq = (data[1:] - data[:-1]) / 0.0025
     np.testing.assert_allclose(made.dq[:-1], dq, rtol=1e-9)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
-from dynident.studies import LEVELS, METHODS, PRINTED, SCENARIOS, Case, Reproduction, reproduce
+from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, reproduce
 
 
 @cache
@@ -22,7 +22,7 @@ def case(level: float, method: str, found: Reproduction | None = None) -> Case:
     return next(c for c in (found or study()).cases if (c.sigma_q2, c.method) == (level, method))
 
 
-def test_the_true_values_are_the_printed_column() -> None:
+def test_the_true_values_are_the_published_column() -> None:
     printed = [0.0340, 0.0030, 0.0045, 0.1329, 0.0170, 0.6189, 0.6189]
     np.testing.assert_allclose(study().true, printed, atol=1e-4)
 
@@ -31,7 +31,7 @@ def test_the_true_values_are_the_printed_column() -> None:
 def test_raw_means_agree_with_tables_2_4_and_6(level: float) -> None:
     """2.5 % where three digits or more are printed (20 % at 1e-4), 0.0002 for the small ones."""
     own = case(level, "raw").mean
-    for value, printed in zip(own, PRINTED[level, "raw"][0], strict=True):
+    for value, printed in zip(own, PUBLISHED[level, "raw"][0], strict=True):
         if printed is None:
             assert abs(value) < 1e-4  # printed as "10^-5"
         elif abs(printed) >= 0.01:
@@ -52,7 +52,7 @@ def test_smoothed_methods_agree_in_kind(level: float, method: str) -> None:
 
 def test_the_spline_finds_a_negative_inertia_at_the_highest_noise_as_printed() -> None:
     assert case(1e-4, "spline").mean[1] < 0
-    assert PRINTED[1e-4, "spline"][0][1] == -0.0032
+    assert PUBLISHED[1e-4, "spline"][0][1] == -0.0032
 
 
 def test_dropping_the_transient_before_smoothing_removes_a_bias_of_theta2() -> None:
@@ -87,7 +87,7 @@ def test_the_bound_grows_with_the_noise() -> None:
 
 def test_inputs_as_stated_do_not_give_the_tables() -> None:
     stated = study("stated", 4)
-    assert abs(case(1e-6, "raw", stated).mean[5] / PRINTED[1e-6, "raw"][0][5] - 1) > 0.1
+    assert abs(case(1e-6, "raw", stated).mean[5] / PUBLISHED[1e-6, "raw"][0][5] - 1) > 0.1
     assert np.abs(stated.traces["simulated"].dq).max() > 8
     assert np.abs(study().traces["simulated"].dq).max() < 3
 
@@ -155,7 +155,7 @@ def test_bad_settings(options: dict, error: type[Exception], words: str) -> None
         reproduce(**options)
 
 
-def test_every_method_has_its_printed_columns() -> None:
-    assert set(PRINTED) == {(level, method) for level in LEVELS for method in ("raw", "filtered", "spline")}
-    assert {method for _, method in PRINTED} < set(METHODS)
-    assert all(len(row) == 7 for rows in PRINTED.values() for row in rows)
+def test_every_method_has_its_published_columns() -> None:
+    assert set(PUBLISHED) == {(level, method) for level in LEVELS for method in ("raw", "filtered", "spline")}
+    assert {method for _, method in PUBLISHED} < set(METHODS)
+    assert all(len(row) == 7 for rows in PUBLISHED.values() for row in rows)

@@ -187,7 +187,7 @@ def test_a_foreign_table_is_not_overwritten(tmp_path: Path) -> None:
     assert pl.read_parquet(path).columns == ["a"]
 
 
-def test_statistics_are_the_printed_ones() -> None:
+def test_statistics_are_the_published_ones() -> None:
     """Eqs. (54) and (55) on numbers worked by hand."""
     table = pl.DataFrame({"value": [[1.0, 2.0], [3.0, 2.0], []]})
     found = statistics(table, 2)

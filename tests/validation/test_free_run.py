@@ -121,7 +121,7 @@ def test_in_the_loop_a_wrong_mass_shows_in_the_torque_more_than_in_the_position(
     assert 0.01 < run.relative_error["slider"] < run.torque_error["slider"] / 5
 
 
-def test_a_model_that_cannot_be_simulated_is_told_and_does_not_stop() -> None:
+def test_a_model_that_cannot_be_simulated_is_reported_and_does_not_stop() -> None:
     still = resting(T, np.full((1001, 1), 9.0), ("slider",))
     singular = free_run(slider(), (0.0, 0.0, 3.0, 0.5), still, restart=9.0)
     assert singular.failure == Singular()

@@ -51,7 +51,7 @@ def test_white_noise_is_rejected_as_often_as_stated() -> None:
     assert ljung_box(autocorrelation(ar1(0.5, 500, 0)), 500) < 1e-6
 
 
-def test_a_friction_that_is_missing_at_reversals_is_told() -> None:
+def test_a_friction_that_is_missing_at_reversals_is_reported() -> None:
     residual = 0.01 * np.random.default_rng(2).standard_normal(N) + np.where(np.abs(DQ) < 0.03, 1.0, 0.0)
     found = residual_test(residual, DQ, STEP)
     assert found.reversal_share > 0.8
@@ -59,13 +59,13 @@ def test_a_friction_that_is_missing_at_reversals_is_told() -> None:
     assert found.causes[0] == Reversals()
 
 
-def test_a_friction_of_another_level_is_told() -> None:
+def test_a_friction_of_another_level_is_reported() -> None:
     found = residual_test(0.1 * np.sign(DQ) + 0.02 * np.random.default_rng(3).standard_normal(N), DQ, STEP)
     assert found.sign_correlation > 0.9
     assert found.causes == (FrictionLevel(), LowFrequency())
 
 
-def test_a_ripple_is_told_with_its_frequency() -> None:
+def test_a_ripple_is_reported_with_its_frequency() -> None:
     found = residual_test(np.sin(2 * np.pi * 26 * T) + 0.3 * np.random.default_rng(4).standard_normal(N), DQ, STEP)
     assert found.peak == pytest.approx(26, abs=0.3)
     assert Ripple(found.peak) in found.causes

@@ -71,8 +71,8 @@ def check_robot(
 
 def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
-        for flaw in () if theta is None else consistency_violations(theta):
-            yield Finding(severity, None, notes.ImpossibleInertia(flaw), Topic.IMPOSSIBLE, link=name)
+        for violation in () if theta is None else consistency_violations(theta):
+            yield Finding(severity, None, notes.ImpossibleInertia(violation), Topic.IMPOSSIBLE, link=name)
 
 
 def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:

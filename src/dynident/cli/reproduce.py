@@ -32,7 +32,7 @@ __all__ = ["reproduce"]
 def reproduce(
     scenario: str, runs: int, seed: int, methods: str, workers: int, out: Path | None, json_file: Path | None
 ) -> None:
-    """Run the article's study (sec. 3) again and print its tables 2-7 beside the printed numbers and the bound."""
+    """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.io.results import probe_folder, write_json, write_text
     from dynident.report import study_page, study_text
     from dynident.studies import article

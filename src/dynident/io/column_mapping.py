@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.io.columns import Family, families, read_name
+from dynident.io.columns import ColumnFamily, families, read_name
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of
 from dynident.io.settings import POSITIONS, TORQUES
@@ -242,7 +242,7 @@ def _torque(joint: JointFacts, match: Match, peak: float, most: float | None, ro
     return Signal(column, unit, _asked(match.question, doubt))
 
 
-def _unit_reason(family: Family, ros: bool) -> str:
+def _unit_reason(family: ColumnFamily, ros: bool) -> str:
     if family.role == "current":
         return ""
     if family.units:

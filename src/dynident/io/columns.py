@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from dynident.io.fields import UNITS
 
-__all__ = ["Family", "Named", "families", "read_name", "tokens"]
+__all__ = ["ColumnFamily", "Named", "families", "read_name", "tokens"]
 
 
 def _words(text: str) -> frozenset[str]:
@@ -78,7 +78,7 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Family:
+class ColumnFamily:
     """Columns of one quantity, by joint or by number; None is the key of a column without either.
 
     ``units`` has the unit of each column whose name says it.
@@ -116,7 +116,7 @@ def _number(words: tuple[str, ...]) -> tuple[int | None, tuple[str, ...]]:
     return (None, words) if at is None else (int(words[at]), (*words[:at], *words[at + 1 :]))
 
 
-def families(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
+def families(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Return the families of the columns, in the order of the file; those without a known role are left out."""
     alike: dict[tuple[object, ...], dict[str | int | None, Named]] = {}
     for one in (read_name(column, joints) for column in columns):
@@ -133,8 +133,8 @@ def families(columns: Iterable[str], joints: Sequence[str]) -> list[Family]:
     return [_family(list(members.values()), list(members)) for members in found]
 
 
-def _family(members: Sequence[Named], keys: Sequence[str | int | None]) -> Family:
-    return Family(
+def _family(members: Sequence[Named], keys: Sequence[str | int | None]) -> ColumnFamily:
+    return ColumnFamily(
         members[0].role,
         members[0].rank,
         {key: one.column for key, one in zip(keys, members, strict=True)},

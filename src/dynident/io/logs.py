@@ -13,7 +13,7 @@ from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, reading_line, r
 from dynident.errors import ConfigError, InputError, Severity, brief
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
-from dynident.io.signals import Signals, bad_values, controller, has_torques, signals
+from dynident.io.signals import RecordedSignals, bad_values, controller, has_torques, signals
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
@@ -149,7 +149,7 @@ def _keyed(parts: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
     return {f"{key}.{name}": one for key, part in parts.items() for name, one in part.items()}
 
 
-def _cut(found: Signals, window: Interval, joints: Sequence[Joint], name: str) -> Log:
+def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name: str) -> Log:
     """Return the log of one window; values outside it need not be finite."""
     start, stop = (-np.inf if window[0] is None else window[0], np.inf if window[1] is None else window[1])
     t, source = found.t, found.table.source

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.io.columns import Family, tokens
+from dynident.io.columns import ColumnFamily, tokens
 from dynident.io.tables import DataTable
 from dynident.models.robot_file import Limits
 
@@ -33,30 +33,33 @@ class JointFacts:
 class Match:
     """Columns of a family by joint, how they were matched, and a question whether that is right."""
 
-    family: Family
+    family: ColumnFamily
     columns: Mapping[str, str]
     reason: str
     question: str = ""
 
 
-def headerless(table: DataTable, count: int) -> list[Family]:
+def headerless(table: DataTable, count: int) -> list[ColumnFamily]:
     """Return families for columns 0, 1, ...: time first, then positions, perhaps velocities, and torques."""
     names = list(table.columns)
     if not names or not all(name.isdecimal() for name in names):
         return []
-    first = [Family("time", 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
+    first = [ColumnFamily("time", 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
     rest = names[len(first) :]
     if len(rest) not in (2 * count, 3 * count):
         return first
     parts = (rest[:count], rest[-count:])
     return [
         *first,
-        *(Family(role, 0, dict(enumerate(part))) for role, part in zip(("position", "torque"), parts, strict=True)),
+        *(
+            ColumnFamily(role, 0, dict(enumerate(part)))
+            for role, part in zip(("position", "torque"), parts, strict=True)
+        ),
     ]
 
 
 def best_pair(
-    table: DataTable, found: Iterable[Family], joints: Sequence[JointFacts]
+    table: DataTable, found: Iterable[ColumnFamily], joints: Sequence[JointFacts]
 ) -> tuple[Match | None, Match | None]:
     """Return the columns of positions and of torques: of equal length, for the most joints, measured, unfiltered.
 
@@ -106,7 +109,7 @@ def _rivals(table: DataTable, chosen: Match | None, others: Iterable[Match]) -> 
     return replace(chosen, question="; ".join(filter(None, (chosen.question, asked))))
 
 
-def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
+def assign(family: ColumnFamily, joints: Sequence[JointFacts]) -> Match:
     """Match the columns of a family to joints: by name, by the number in the joints' names, else by order."""
     if any(isinstance(key, str) for key in family.columns):
         columns = {joint.name: family.columns[joint.name] for joint in joints if joint.name in family.columns}
@@ -117,7 +120,7 @@ def assign(family: Family, joints: Sequence[JointFacts]) -> Match:
     return _by_number(family, {key: family.columns[key] for key in numbers}, joints)
 
 
-def _by_number(family: Family, numbered: Mapping[int, str], joints: Sequence[JointFacts]) -> Match:
+def _by_number(family: ColumnFamily, numbered: Mapping[int, str], joints: Sequence[JointFacts]) -> Match:
     """Match numbered columns to the joints whose names have these numbers, else to as many joints in order."""
     chains = _chains(joints)
     for chain in chains:
@@ -128,7 +131,7 @@ def _by_number(family: Family, numbered: Mapping[int, str], joints: Sequence[Joi
     return _in_order(family, numbered, order or [joint.name for joint in joints])
 
 
-def _in_order(family: Family, columns: Mapping[int, str], order: Sequence[str]) -> Match:
+def _in_order(family: ColumnFamily, columns: Mapping[int, str], order: Sequence[str]) -> Match:
     """Match numbered columns to joints in this order, with the question whether that is right."""
     numbers, matched = list(columns), dict(zip(order, columns.values(), strict=False))
     return Match(

@@ -146,5 +146,7 @@ def _write(path: Path, data: bytes) -> Path:
             temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be written: {reason}. Choose another folder or mend its rights.") from error
+        raise InputError(
+            f"{path}: cannot be written: {reason}. Choose another folder or change its permissions."
+        ) from error
     return path

@@ -15,7 +15,7 @@ from dynident.bounds import AccuracyBound, TorqueNoise
 from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
-from dynident.export import exports
+from dynident.export import Export, exports
 from dynident.identification import Identification, Recipe
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
@@ -283,18 +283,24 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     if not isinstance(found, Identification):
         raise InputError(f"export_model: a {type(found).__name__} is given; give the Identification.")
     folder = as_path(folder)
-    made = exports(found)
-    known = [one.format for one in made]
-    if format is not None and format not in known:
-        raise ConfigError(f"export_model: there is no format {format!r} of this model; {choices(format, known)}")
-    chosen = [one for one in made if format in (None, one.format)]
-    refused = [one for one in chosen if not one.ready]
-    if refused and (format is not None or len(refused) == len(chosen)):
-        raise ModelError(f"{refused[0].file}: {refused[0].refusal}")
+    chosen = _exported(found, format)
     check_targets(folder, [one.file for one in chosen], found.provenance)
     probe_folder(folder)
-    ready = [(one.file, one.written.text) for one in chosen if one.ready and one.written is not None]
+    ready = [(one.file, one.written.text) for one in chosen if one.written is not None and one.ready]
     return tuple(write_text(folder / file, text) for file, text in ready)
+
+
+def _exported(found: Identification, name: str | None) -> list[Export]:
+    """Return the export of this format, or all where it is None; ModelError where none can be written."""
+    made = exports(found)
+    known = [one.format for one in made]
+    if name is not None and name not in known:
+        raise ConfigError(f"export_model: there is no format {name!r} of this model; {choices(name, known)}")
+    chosen = [one for one in made if name in (None, one.format)]
+    refused = [one for one in chosen if not one.ready]
+    if refused and (name is not None or len(refused) == len(chosen)):
+        raise ModelError(f"{refused[0].file}: {refused[0].refusal}")
+    return chosen
 
 
 def _model(robot: Any) -> Model:

@@ -15,7 +15,7 @@ from dynident.io.tables import DataTable
 from dynident.models import Joint
 from dynident.validation import CascadePD
 
-__all__ = ["Signals", "bad_values", "controller", "has_torques", "signals"]
+__all__ = ["RecordedSignals", "bad_values", "controller", "has_torques", "signals"]
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _LARGEST = 1e100  # a larger value is damaged, and its square may overflow
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class RecordedSignals:
     """All rows of a recording: t (N) s, q and tau (N, n) in SI, and the columns they come from."""
 
     table: DataTable
@@ -40,7 +40,7 @@ def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bo
     return any(name in known for joint in joints for name in config.torque[joint.name].terms)
 
 
-def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> Signals:
+def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> RecordedSignals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
     Incomplete rows at both ends and duplicate rows are dropped, with a note of the table. Raises ConfigError where the
@@ -56,10 +56,10 @@ def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measur
         with np.errstate(over="ignore", invalid="ignore"):
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
     q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
-    return Signals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+    return RecordedSignals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
 
 
-def controller(signals: Signals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
+def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:
     """Return the controller of a recording, with its references and gains; InputError where they are missing."""
     if not isinstance(settings, CascadeSettings):
         return None

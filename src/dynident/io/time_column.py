@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.io.columns import Family
+from dynident.io.columns import ColumnFamily
 from dynident.io.fields import UNITS
 from dynident.io.match import finite, increases
 from dynident.io.tables import DataTable
@@ -34,7 +34,7 @@ class TimeColumn:
     question: str = ""
 
 
-def time_column(table: DataTable, found: Iterable[Family], rows: int, ros: bool) -> TimeColumn:
+def time_column(table: DataTable, found: Iterable[ColumnFamily], rows: int, ros: bool) -> TimeColumn:
     """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
     chosen = _stamps(table, found, rows)
     if rows < 2 or chosen is None:
@@ -47,7 +47,7 @@ def time_column(table: DataTable, found: Iterable[Family], rows: int, ros: bool)
     return TimeColumn(name, unit, _step(column) * UNITS["time"][unit], question)
 
 
-def _stamps(table: DataTable, found: Iterable[Family], rows: int) -> tuple[str, str | None, str] | None:
+def _stamps(table: DataTable, found: Iterable[ColumnFamily], rows: int) -> tuple[str, str | None, str] | None:
     """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
     named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]

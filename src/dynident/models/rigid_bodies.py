@@ -161,7 +161,7 @@ class RigidBodies:
             elif not body.theta.any():
                 notes.append(f"body {body.joint.child!r}: the file gives no inertia")
             else:
-                notes += [f"body {body.joint.child!r}: {flaw}" for flaw in consistency_violations(body.theta)]
+                notes += [f"body {body.joint.child!r}: {violation}" for violation in consistency_violations(body.theta)]
         return tuple(f"{self.source}: {note}." for note in notes)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:

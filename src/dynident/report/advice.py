@@ -49,9 +49,9 @@ _REMEDIES = {
     ),
 }
 _EXCITATIONS = {
-    steps.Excitation.CONSTANT_SPEEDS: "move {joint} at several constant speeds in both directions",
-    steps.Excitation.MANY_POSES: "hold {joint} at rest or move it slowly in many poses",
-    steps.Excitation.ACCELERATE: "accelerate {joint} harder, in several poses of the others",
+    steps.ExcitingMotion.CONSTANT_SPEEDS: "move {joint} at several constant speeds in both directions",
+    steps.ExcitingMotion.MANY_POSES: "hold {joint} at rest or move it slowly in many poses",
+    steps.ExcitingMotion.ACCELERATE: "accelerate {joint} harder, in several poses of the others",
 }
 
 

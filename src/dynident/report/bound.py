@@ -135,7 +135,7 @@ def _why(found: AccuracyBound, k: int) -> str:
 
 
 def _first(found: AccuracyBound, k: int) -> tuple[str, str, float]:
-    """Return the noise that limits a parameter most, the change that mends it, and its share of the variance."""
+    """Return the noise that limits a parameter most, the change that reduces it, and its share of the variance."""
     share = float(np.nan_to_num(found.position_share[k]))
     return ("position noise", "bit", share) if share > MAINLY else ("torque noise", "torque", 1 - share)
 

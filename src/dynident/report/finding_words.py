@@ -20,9 +20,9 @@ def finding_words(finding: Finding) -> str:
     """Return what was found and what to do, as a sentence, without the place."""
     said = words(finding.message)
     if isinstance(finding.message, TimeOffset):
-        return f"delay: {said}."
+        return f"Time offset: {said}."
     if isinstance(finding.message, BaseTilt):
-        return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
+        return f"{said[0].upper()}{said[1:]}. If the base may be tilted, set `base_tilt: estimate` in the model."
     return said
 
 

@@ -26,7 +26,7 @@ LOST = 0.5  # a parameter whose mean is off by more than half of its value has b
 
 
 def study_page(reproduction: Reproduction) -> str:
-    """Return the study as one HTML page: findings, tables 2 to 7 beside the printed ones, figures, settings."""
+    """Return the study as one HTML page: findings, tables 2 to 7 beside the published ones, figures, settings."""
     found = tuple(_typeset(line) for line in findings(reproduction))
     tables = (replace(table, caption=_typeset(table.caption)) for table in _tables(reproduction))
     sections = [
@@ -113,16 +113,16 @@ def _wrong_signs(reproduction: Reproduction) -> str:
 
 
 def _agreement(reproduction: Reproduction) -> str:
-    """Compare the means with the printed ones, in percent of the true value."""
+    """Compare the means with the published ones, in percent of the true value."""
     gaps: dict[str, list[float]] = {}
     for case in _estimated(reproduction):
-        for own, printed, true in zip(case.mean, case.printed_mean or (), reproduction.true, strict=False):
-            if printed is not None:
-                gaps.setdefault(case.method, []).append(float(100 * abs((own - printed) / true)))
+        for own, published, true in zip(case.mean, case.published_mean or (), reproduction.true, strict=False):
+            if published is not None:
+                gaps.setdefault(case.method, []).append(float(100 * abs((own - published) / true)))
     if not gaps:
         return ""
     parts = [f"{figures.method_name(method)} {number(float(np.median(gap)), 2)} %" for method, gap in gaps.items()]
-    return f"Median distance from the article's printed means, in percent of the true value: {', '.join(parts)}."
+    return f"Median distance from the article's published means, in percent of the true value: {', '.join(parts)}."
 
 
 def _failures(reproduction: Reproduction) -> str:
@@ -192,7 +192,7 @@ def _method(reproduction: Reproduction) -> tuple[PageBlock, ...]:
 
 _LEGEND = (
     "Means are those of equation 54, variances those of equation 55. Beside each own value stands, in grey, the one "
-    'printed in the article; "-" where it printed none, or only an order of magnitude.'
+    'published in the article; "-" where it published none, or only an order of magnitude.'
 )
 
 
@@ -210,12 +210,12 @@ def _table(reproduction: Reproduction, level: float, variance: bool) -> PageTabl
         columns.append(Column("true"))
         cells.append(_numbers(reproduction.true))
     for case in _at(reproduction, level):
-        printed = case.printed_variance if variance else case.printed_mean
+        published = case.published_variance if variance else case.published_mean
         columns.append(Column("own", case.method))
         cells.append(_numbers(case.variance if variance else case.mean))
-        if printed is not None:
-            columns.append(Column("printed", case.method, muted=True))
-            cells.append([_as_printed(value, variance) for value in printed])
+        if published is not None:
+            columns.append(Column("published", case.method, muted=True))
+            cells.append([_as_printed(value, variance) for value in published])
     if variance and level in reproduction.bounds:
         columns.append(Column("least", "bound"))
         cells.append(_numbers(reproduction.bounds[level]))
@@ -231,7 +231,7 @@ def _numbers(values: figures.Array) -> list[str]:
 
 
 def _as_printed(value: float | None, variance: bool) -> str:
-    """Show a printed value with the article's decimals, which are fewer than the own ones."""
+    """Show a published value with the article's decimals, which are fewer than the own ones."""
     if value is None:
         return "-"
     return figures.scientific(value) if variance else f"{value:.4f}"

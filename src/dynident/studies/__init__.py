@@ -6,22 +6,22 @@ from dynident.studies.article import (
     SCENARIOS,
     ArmScenario,
     Case,
-    Likelihood,
+    LikelihoodMethod,
     Reproduction,
     SmoothAndFit,
     reproduce,
 )
-from dynident.studies.published_tables import PRINTED, Row
+from dynident.studies.published_tables import PUBLISHED, Row
 from dynident.studies.study import Method, Outcome, Scenario, Statistics, run_study, statistics
 
 __all__ = [
     "LEVELS",
     "METHODS",
-    "PRINTED",
+    "PUBLISHED",
     "SCENARIOS",
     "ArmScenario",
     "Case",
-    "Likelihood",
+    "LikelihoodMethod",
     "Method",
     "Outcome",
     "Reproduction",

@@ -1,4 +1,4 @@
-"""The article's study, sec. 3: its scenarios, its three methods and two better ones, its printed tables 2-7."""
+"""The article's study, sec. 3: its scenarios, its three methods and two better ones, its published tables 2-7."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from dynident.models import Recording, record, simulate
 from dynident.models.gallery import two_link_arm
 from dynident.regression import Regression
 from dynident.smoothers import Butterworth, Difference, Smoother, Spline
-from dynident.studies.published_tables import PRINTED, Row
+from dynident.studies.published_tables import PUBLISHED, Row
 from dynident.studies.study import generator, run_study, statistics
 
 __all__ = [
-    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "Likelihood", "Reproduction", "SmoothAndFit", "reproduce",
+    "LEVELS", "METHODS", "SCENARIOS", "ArmScenario", "Case", "LikelihoodMethod", "Reproduction", "SmoothAndFit",
+    "reproduce",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -138,7 +139,7 @@ class SmoothAndFit:
 
 
 @dataclass(frozen=True)
-class Likelihood:
+class LikelihoodMethod:
     """Maximum likelihood, eq. (7), on all samples, with a start from rest."""
 
     name: str = "ml"
@@ -157,7 +158,7 @@ class Likelihood:
         return f"{self.estimator}, no sample dropped"
 
 
-ArmMethod = SmoothAndFit | Likelihood
+ArmMethod = SmoothAndFit | LikelihoodMethod
 METHODS: Mapping[str, ArmMethod] = {
     one.name: one
     for one in (
@@ -165,14 +166,14 @@ METHODS: Mapping[str, ArmMethod] = {
         SmoothAndFit("filtered", Butterworth(settle=(0.0, 0.0)), 1.7475),
         SmoothAndFit("spline", Spline(ends=0.0), 0.25),
         SmoothAndFit("spline-early", Spline(ends=0.0), 0.25, early=True),
-        Likelihood(),
+        LikelihoodMethod(),
     )
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One column of the tables: a method at a noise level, with the printed numbers where there are any.
+    """One column of the tables: a method at a noise level, with the published numbers where there are any.
 
     ``mean`` and ``variance`` (7) over the runs, ``estimates`` (runs, 7), ``failed`` the number of failed fits,
     ``unsettled`` of those that did not converge; ``coverage`` (7) the share of the 95 % intervals that hold the true
@@ -185,8 +186,8 @@ class Case:
     variance: Array
     failed: int
     estimates: Array
-    printed_mean: Row | None = None
-    printed_variance: Row | None = None
+    published_mean: Row | None = None
+    published_variance: Row | None = None
     coverage: Array = field(default_factory=lambda: np.full(7, np.nan))
     unsettled: int = 0
 
@@ -267,9 +268,9 @@ def reproduce(
         for part in parts:
             rows = table.filter((table["level"] == level) & (table["method"] == part.name))
             found = statistics(rows, len(model.parameters))
-            printed = PRINTED.get((level, part.name), (None, None))
+            published = PUBLISHED.get((level, part.name), (None, None))
             numbers = (found.mean, found.variance, found.failed, found.estimates)
-            case = Case(level, part.name, *numbers, *printed)
+            case = Case(level, part.name, *numbers, *published)
             cases.append(replace(case, coverage=found.coverage(true), unsettled=found.unsettled))
     return Reproduction(
         scenario=chosen.name,

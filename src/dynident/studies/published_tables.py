@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-__all__ = ["PRINTED", "Row"]
+__all__ = ["PUBLISHED", "Row"]
 
 Row = tuple[float | None, ...]
 NONE3: Row = (None, None, None)
 
 # By sigma_q^2 and method: tables 2, 4, 6 (means) and 3, 5, 7 (variances); None where only an order of magnitude is
 # printed.
-PRINTED: Mapping[tuple[float, str], tuple[Row, Row]] = {
+PUBLISHED: Mapping[tuple[float, str], tuple[Row, Row]] = {
     (1e-8, "raw"): (
         (0.0010, 0.0005, -0.0005, 0.1282, 0.0165, 0.6158, 0.6200),
         (0.0447e-8, 0.0086e-8, 0.0283e-8, 0.0008e-8, 0.0004e-8, 0.3448e-8, 0.1180e-8),

@@ -14,7 +14,7 @@ from dynident.log import Log
 from dynident.smoothers import Smoother
 from dynident.testing.settings import builds_itself_from_its_settings, cannot_be_changed
 
-__all__ = ["SMOOTHER_CHECKS", "check_smoother", "known_motion", "recorded"]
+__all__ = ["SMOOTHER_CHECKS", "check_smoother", "recorded", "two_sines"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def check_smoother(smoother: Smoother) -> None:
         check(smoother)
 
 
-def known_motion(t: Array) -> tuple[Array, Array, Array]:
+def two_sines(t: Array) -> tuple[Array, Array, Array]:
     """Return q, dq, ddq (N, 2) of two joints that move slowly enough for the article's 2 Hz filter."""
     q = np.column_stack((np.sin(1.5 * t), 0.5 * np.cos(2 * t) + 0.1 * t))
     dq = np.column_stack((1.5 * np.cos(1.5 * t), -np.sin(2 * t) + 0.1))
@@ -38,10 +38,10 @@ def known_motion(t: Array) -> tuple[Array, Array, Array]:
 
 
 def recorded(noise: float = 0.0, n: int = 4000, h: float = 2.5e-3, jitter: float = 0.0, start: float = 0.0) -> Log:
-    """Return a log of n samples of ``known_motion``, with white position noise (rad) and jitter (share of the step)."""
+    """Return a log of n samples of ``two_sines``, with white position noise (rad) and jitter (share of the step)."""
     rng = np.random.default_rng(7)
     t = start + np.arange(n) * h + jitter * h * rng.uniform(-0.5, 0.5, n)
-    q = known_motion(t)[0]
+    q = two_sines(t)[0]
     tau = rng.standard_normal(q.shape)
     return Log(t, q + noise * rng.standard_normal(q.shape), tau, ("a", "b"), "made")
 
@@ -60,7 +60,7 @@ def keeps_what_is_not_its_own(smoother: Smoother) -> None:
 def recovers_a_smooth_motion(smoother: Smoother) -> None:
     """Without noise, the motion and its derivatives are right where the mask is True."""
     made = smoother(recorded(0.0))
-    for name, true, within in zip(("q", "dq", "ddq"), known_motion(made.t), (1e-3, 1e-2, 3e-2), strict=True):
+    for name, true, within in zip(("q", "dq", "ddq"), two_sines(made.t), (1e-3, 1e-2, 3e-2), strict=True):
         error = np.abs(getattr(made, name) - true)[made.mask].max() / np.abs(true).max()
         assert error < within, f"{name} is wrong by {error:.2g} of its largest value, {within} is allowed"
 

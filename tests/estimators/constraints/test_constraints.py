@@ -51,7 +51,7 @@ def test_sides_of_limits_are_numbers_that_must_be_positive() -> None:
     )
 
 
-def test_demands_of_bodies_hold_the_margin() -> None:
+def test_psd_constraints_of_bodies_hold_the_margin() -> None:
     model = single(None)
     found = Constraints(bodies=physics(model, np.zeros((1, 1))).bodies, margin=0.1)
     theta = random_body(np.random.default_rng(1))

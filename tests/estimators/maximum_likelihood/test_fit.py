@@ -86,7 +86,7 @@ def test_outliers_are_not_taken_for_steps() -> None:
     assert found.value[1] == pytest.approx(TRUE[1], rel=0.5)
 
 
-def test_coloured_torque_noise_is_told() -> None:
+def test_coloured_torque_noise_is_reported() -> None:
     """A tenth of its power at the neighbour's correlation of 0.95: residuals and standard errors both say so."""
     log, rng = recording("stated", 1e-6, 1), np.random.default_rng(3)
     drift = np.zeros_like(log.tau)

@@ -66,7 +66,7 @@ def test_body_on_the_boundary(noise: float) -> None:
         assert 0 < found.consistency.costs["pseudo-inertia"] == found.consistency.costs["all"] < 0.1
 
 
-def test_mends_an_impossible_body_and_predicts_better() -> None:
+def test_makes_an_impossible_body_consistent_and_predicts_better() -> None:
     """Weak excitation, then free motion: over twenty noises the consistent fit predicts better by far."""
     judged, ratios = problem(single(), BODY, seed=99), []
     for seed in range(20):

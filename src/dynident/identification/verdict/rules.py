@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
-from dynident.identification.verdict.steps import CheckRipple, Excitation, Sharpen, SlowReversals, Step
+from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals, Step
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
 from dynident.log import Motion, subsample
 from dynident.models import INERTIAL
@@ -200,7 +200,7 @@ def _effects(found: Identification) -> Array:
     return np.asarray(np.linalg.norm(np.concatenate(columns), axis=(0, 1)) / (size or 1.0), dtype=np.float64)
 
 
-def _motion_for(found: Identification, column: int) -> tuple[Excitation, str | None]:
+def _motion_for(found: Identification, column: int) -> tuple[ExcitingMotion, str | None]:
     """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
     model, n = found.model, len(found.model.joints)
     rng = np.random.default_rng(0)
@@ -211,12 +211,12 @@ def _motion_for(found: Identification, column: int) -> tuple[Excitation, str | N
     joint = acting[-1] if acting else None
     role = model.parameters[column].role
     if role in ("viscous", "coulomb"):
-        return Excitation.CONSTANT_SPEEDS, joint
+        return ExcitingMotion.CONSTANT_SPEEDS, joint
     if np.abs(model.regressor(q, still, still)[:, :, column]).max() > 1e-9:
-        return Excitation.MANY_POSES, joint
+        return ExcitingMotion.MANY_POSES, joint
     if np.abs(model.regressor(q, still, ddq)[:, :, column]).max() > 1e-9:
-        return Excitation.ACCELERATE, joint
-    return Excitation.CONSTANT_SPEEDS, joint
+        return ExcitingMotion.ACCELERATE, joint
+    return ExcitingMotion.CONSTANT_SPEEDS, joint
 
 
 def _logs(found: Identification, role: str) -> list[LogValidation]:

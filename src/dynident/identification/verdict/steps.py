@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, auto
 
-__all__ = ["CheckRipple", "Excitation", "Remedy", "Sharpen", "SlowReversals", "Step"]
+__all__ = ["CheckRipple", "ExcitingMotion", "Remedy", "Sharpen", "SlowReversals", "Step"]
 
 
 class Remedy(Enum):
@@ -21,7 +21,7 @@ class Remedy(Enum):
     CONTROLLER_LOOP = auto()
 
 
-class Excitation(Enum):
+class ExcitingMotion(Enum):
     """How a joint should move to excite a parameter, which acts through velocity, position or acceleration."""
 
     CONSTANT_SPEEDS = auto()
@@ -46,7 +46,7 @@ class Sharpen(Step):
     value: float
     std: float
     share: float
-    excitation: Excitation
+    excitation: ExcitingMotion
     joint: str | None
 
 

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
     from dynident.identification import Identification, Recipe
+    from dynident.io.model_files import export_model
     from dynident.io.project import run
     from dynident.io.saved import load
-    from dynident.io.shortcuts import accuracy_bound, check, export_model, identify, read_log, read_robot
+    from dynident.io.shortcuts import accuracy_bound, check, identify, read_log, read_robot
     from dynident.log import Log, Motion
     from dynident.models import (
         Coulomb,
@@ -107,7 +108,7 @@ _MODULES = {
     "check": "dynident.io.shortcuts",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
-    "export_model": "dynident.io.shortcuts",
+    "export_model": "dynident.io.model_files",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",
     "read_log": "dynident.io.shortcuts",

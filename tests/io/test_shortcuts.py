@@ -181,19 +181,3 @@ def test_a_check_finds_what_is_wrong_before_a_fit() -> None:
     assert not fine.failed
     assert repr(fine).startswith("<CheckResult: ")
     assert "<td" in fine._repr_html_()
-
-
-@pytest.fixture(scope="module")
-def found() -> dy.Identification:
-    return dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference("central")))
-
-
-class TestExportModel:
-    def test_all_formats_or_one(self, found: dy.Identification, tmp_path: Path) -> None:
-        assert [file.name for file in dy.export_model(found, tmp_path)] == ["parameters.yaml", "model.py"]
-        (only,) = dy.export_model(found, tmp_path / "one", "yaml")
-        assert yaml.safe_load(only.read_text())["parameters"][0]["name"] == "M"
-
-    def test_mistakes_are_named(self, found: dy.Identification, tmp_path: Path) -> None:
-        with pytest.raises(ConfigError, match="no format 'yml' of this model; did you mean 'yaml'"):
-            dy.export_model(found, tmp_path, "yml")

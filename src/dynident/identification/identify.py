@@ -135,7 +135,7 @@ def _mounted(
         return model, None, None
     if recipe.base_tilt != "estimate":
         return mounted(model, *recipe.base_tilt), None, recipe.base_tilt
-    progress("finding how the base is tilted")
+    progress("estimating the base tilt")
     tilt = find_base_tilt(model, motions, recipe.estimator, min_speed)
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)
 

@@ -15,16 +15,13 @@ from dynident.bounds import AccuracyBound, TorqueNoise
 from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
-from dynident.export import Export, exports
 from dynident.identification import Identification, Recipe
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.project import model_source, read_project
-from dynident.io.results import as_path, probe_folder, write_text
 from dynident.io.robot import SUFFIXES, load_robot
-from dynident.io.saved import check_targets
 from dynident.io.settings import Config, LogSpec, RobotSettings
 from dynident.io.wording import worded
 from dynident.log import Log
@@ -37,7 +34,6 @@ __all__ = [
     "accuracy_bound",
     "check",
     "default_recipe",
-    "export_model",
     "identify",
     "read_log",
     "read_robot",
@@ -260,47 +256,6 @@ def read_log(
         spans = ", ".join(f"{one.t[0]:.6g} to {one.t[-1]:.6g} s" for one in reading.logs[:5])
         raise InputError(f"{path}: gaps divide it into {len(reading.logs)} pieces; choose one by `window`: {spans}.")
     return reading.logs[0]
-
-
-def export_model(found: Identification, folder: str | Path, format: str | None = None) -> tuple[Path, ...]:  # noqa: A002
-    """Write the identified model for other programs to a folder, and return the files.
-
-    ``format`` is urdf, mjcf, yaml, numpy, or one that another package adds; None writes all that the model can be
-    written as. Each is loaded again and compared before it is written. Raises ConfigError for an unknown format or
-    where the robot's own file would be replaced, ModelError where the model cannot be written so.
-
-    >>> import numpy as np
-    >>> import dynident as dy
-    >>> from dynident.models.gallery import pendulum
-    >>> from tempfile import TemporaryDirectory
-    >>> arm = pendulum()
-    >>> motion = dy.simulate(arm, arm.values, lambda s: [np.sin(5 * s)], np.arange(1001) * 0.01)
-    >>> found = dy.identify(arm, dy.record(motion, 1e-4, 0.01, np.random.default_rng(0)).log)
-    >>> with TemporaryDirectory() as folder:
-    ...     [file.name for file in dy.export_model(found, folder)]
-    ['parameters.yaml', 'model.py']
-    """
-    if not isinstance(found, Identification):
-        raise InputError(f"export_model: a {type(found).__name__} is given; give the Identification.")
-    folder = as_path(folder)
-    chosen = _exported(found, format)
-    check_targets(folder, [one.file for one in chosen], found.provenance)
-    probe_folder(folder)
-    ready = [(one.file, one.written.text) for one in chosen if one.written is not None and one.ready]
-    return tuple(write_text(folder / file, text) for file, text in ready)
-
-
-def _exported(found: Identification, name: str | None) -> list[Export]:
-    """Return the export of this format, or all where it is None; ModelError where none can be written."""
-    made = exports(found)
-    known = [one.format for one in made]
-    if name is not None and name not in known:
-        raise ConfigError(f"export_model: there is no format {name!r} of this model; {choices(name, known)}")
-    chosen = [one for one in made if name in (None, one.format)]
-    refused = [one for one in chosen if not one.ready]
-    if refused and (name is not None or len(refused) == len(chosen)):
-        raise ModelError(f"{refused[0].file}: {refused[0].refusal}")
-    return chosen
 
 
 def _model(robot: Any) -> Model:

@@ -88,3 +88,11 @@ def test_names_from_files_are_not_markup(tmp_path: Path) -> None:
     done = run("check", tmp_path / "arm.urdf")
     assert done.exit_code == 0, done.output
     assert "[red]wrist[/]" in done.output
+
+
+def test_a_misspelt_file_is_answered_by_the_one_meant(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    for name in ("arm.urf", "amr.urdf"):
+        done = run("check", tmp_path / name)
+        assert done.exit_code == 1
+        assert "did you mean 'arm.urdf'?" in " ".join(done.output.split())

@@ -24,6 +24,14 @@ class TestSmooth:
         assert np.abs(table["dd_pos"].to_numpy() + 2.7 * np.sin(3 * t))[inner].max() < 0.1
         assert "pos" in (tmp_path / "out" / "report.html").read_text()
 
+    @pytest.mark.parametrize(("name", "warned"), [("time_ms", True), ("time_s", False), ("time", False)])
+    def test_a_time_named_in_another_unit_is_warned_of(self, tmp_path: Path, name: str, warned: bool) -> None:
+        log = write_log(tmp_path)
+        pl.read_csv(log).rename({"time": name}).write_csv(log)
+        done = run("smooth", log, "--time", name, "--column", "pos", "--out", tmp_path / "out")
+        assert done.exit_code == 0, done.output
+        assert ("its name says ms" in done.output) is warned
+
     @pytest.mark.parametrize("rule", ["constraint", "gcv", "reml", "interpolate"])
     def test_rules_on_all_columns(self, tmp_path: Path, rule: str) -> None:
         done = run("smooth", write_log(tmp_path), "--time", "time", "--rule", rule, "--out", tmp_path / "out")

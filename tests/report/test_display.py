@@ -49,6 +49,12 @@ def test_a_plot_lists_its_figures(found: dy.Identification) -> None:
     assert sorted(figures) == sorted(re.findall(r"(\w+)\((?!file)", repr(found.plot)))
 
 
+def test_columns_of_a_check_say_of_what_they_are() -> None:
+    html = dy.check("gallery:slider", swinging(3, "monday"), recipe=dy.Recipe(dy.Difference()))._repr_html_()
+    for words in ("position<br>from", "speed<br>peak", "acceleration<br>peak", "torque<br>peak"):
+        assert words in html
+
+
 def test_what_forbids_its_use_is_said_first() -> None:
     alone = dy.identify("gallery:slider", swinging(3, "monday"), recipe=dy.Recipe(dy.Difference("central")))
     assert repr(alone).splitlines()[:2] == [

@@ -97,7 +97,7 @@ class AccuracyBound:
 
     def __repr__(self) -> str:
         hardest = [k for k in np.argsort(-self.relative) if np.isfinite(self.relative[k])]
-        shown = listed((f"{self.leads[k]} {self.relative[k]:.2g} %" for k in hardest), 3)
+        shown = listed((f"{self.leads[k]} {float(f'{self.relative[k]:.2g}'):g} %" for k in hardest), 3)
         return f"<AccuracyBound of {len(self.names)} base parameters from {self.samples} samples; least known: {shown}>"
 
     @property

@@ -45,11 +45,15 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
     """Check one file; one that cannot be used is an error among the findings, so that the others are checked."""
     from dynident.checks import CheckResult, Finding, Topic
-    from dynident.errors import DynidentError, Severity
+    from dynident.errors import DynidentError, InputError, Severity, choices
     from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
+        if not path.is_file() and path.parent.is_dir():
+            kinds = (".yaml", ".yml", *SUFFIXES)
+            known = (one.name for one in sorted(path.parent.iterdir()) if one.suffix.lower() in kinds)
+            raise InputError(f"{path}: cannot be read: there is no such file; {choices(path.name, known)}")
         return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
     except DynidentError as error:
         return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))

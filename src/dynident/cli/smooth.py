@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -27,6 +28,8 @@ def smooth(
 ) -> None:
     """Smooth columns of LOG; write values and derivatives (smoothed.csv) and a plot (report.html)."""
     from dynident.errors import ConfigError
+    from dynident.io.columns import read_name
+    from dynident.io.fields import UNITS
     from dynident.io.results import write_table, write_text
     from dynident.io.tables import read_columns
     from dynident.report.page import terminal
@@ -40,6 +43,11 @@ def smooth(
     found = smoothed_columns(table, time_column, columns, chosen, sigma)
     page = smoothing_page(log.name, found.names, found.measured, found.fit)
     screen = console()
+    if (unit := read_name(time_column, ()).unit) in UNITS["time"] and unit != "s":
+        note = (
+            f"{time_column!r} is read as seconds, but its name says {unit}: derivatives and bandwidths are per {unit}."
+        )
+        table = replace(table, notes=(*table.notes, note))
     for note in table.notes:
         screen.print(f"Warning: {note}", style="yellow", soft_wrap=True, highlight=False, markup=False)
     screen.print(terminal(smoothing_table(found.names, found.fit)))

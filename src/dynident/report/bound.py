@@ -52,7 +52,7 @@ def bound_table(found: AccuracyBound, short: bool = False) -> PageTable:
         row = [_label(found, k), number(float(found.value[k])), found.units[k]]
         row += [number(100 * float(x) / size, 2) for x in sizes]
         cells.append((*row, number(float(found.std["now"][k]), 2), _limit(found, k)))
-    title = "Least standard deviations of the base parameters, and what better ones would buy"
+    title = "Least standard deviations of the base parameters, now and with better sensors or a longer record"
     if len(cells) < len(found.names):
         title += f" (the worst {len(cells)} of {len(found.names)})"
     return PageTable(tuple(columns), tuple(cells), title)

@@ -87,7 +87,7 @@ def summary_html(found: Identification) -> str:
 def _table(table: PageTable) -> str:
     sides = ["right" if column.numeric else "left" for column in table.columns]
     heads = "".join(
-        f'<th style="text-align: {side}">{escape(column.title)}</th>'
+        f'<th style="text-align: {side}">{escape(column.group)}{"<br>" * bool(column.group)}{escape(column.title)}</th>'
         for side, column in zip(sides, table.columns, strict=True)
     )
     rows = (

@@ -132,9 +132,14 @@ class Log:
     controller: Controller | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.joints, Sequence) or not all(isinstance(name, str) for name in self.joints):
+        given: Any = self.joints
+        if (
+            isinstance(given, str)
+            or not isinstance(given, Sequence)
+            or not all(isinstance(name, str) for name in given)
+        ):
             raise InputError(f"{self.source}: joints is {short(self.joints)}; give the names of the joints.")
-        joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints)
+        joints = tuple(self.joints)
         object.__setattr__(self, "joints", joints)
         if not joints or len(set(joints)) != len(joints):
             raise InputError(f"{self.source}: joint names must be given and distinct, got {joints}.")

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from numbers import Real
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,11 +273,11 @@ def _given(
     """Return the deviations (n), measured ``sizes`` except where given, and their source."""
     if wanted is None:
         return sizes, Origin(by)
-    values = dict(wanted) if isinstance(wanted, Mapping) else dict.fromkeys(joints, wanted)
+    values: dict[str, Any] = dict(wanted) if isinstance(wanted, Mapping) else dict.fromkeys(joints, wanted)
     for joint, value in values.items():
         if joint not in joints:
             raise ConfigError(f"{name}: there is no joint {joint!r}; {choices(joint, joints)}")
-        if not isinstance(value, Real) or not 0 < value < np.inf:
+        if not isinstance(value, int | float | np.number) or not 0 < value < np.inf:
             raise ConfigError(f"{name} of {joint} is {value!r}; give a positive number, in SI units.")
     origin = Origin(None if len(values) == len(joints) else by, tuple(values))
     return np.array([values.get(joint, size) for joint, size in zip(joints, sizes, strict=True)]), origin

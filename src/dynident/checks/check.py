@@ -13,7 +13,7 @@ from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.errors import DynidentError, Severity
+from dynident.errors import DynidentError, Severity, called
 from dynident.estimators import LeastSquares
 from dynident.identification import Recipe, find_base_tilt, pair
 from dynident.log import Log, Motion
@@ -151,7 +151,7 @@ def _moving(
     candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
     pairing = pair(model, logs, candidates, recipe.time_offset, PLAIN, min_speed, progress=progress)
     progress("checking the motion")
-    motions = tuple(pairing.smoother(log) for log in logs)
+    motions = tuple(called(pairing.smoother, log, Motion) for log in logs)
     if pairing.time_offset is not None:
         findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     findings += _tilt(model, motions, recipe, min_speed)

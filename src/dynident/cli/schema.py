@@ -21,10 +21,13 @@ def schema(kind: str, out: Path | None) -> None:
     """
     import json
 
+    from dynident.errors import InputError
     from dynident.io.results import write_json
     from dynident.io.schema import SCHEMAS
 
     found = SCHEMAS[kind]()
+    if out and out.exists() and b'"$schema"' not in out.read_bytes():
+        raise InputError(f"{out}: exists already and is no schema; choose another name.")
     if out:
         tell(console(), "Schema", write_json(out, found))
     else:

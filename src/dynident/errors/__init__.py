@@ -3,6 +3,7 @@
 from dynident.errors.brief import brief, changed, listed
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.note import Note, Remark, Severity
+from dynident.errors.part import called
 
 __all__ = [
     "ConfigError",
@@ -13,6 +14,7 @@ __all__ = [
     "Remark",
     "Severity",
     "brief",
+    "called",
     "changed",
     "choices",
     "listed",

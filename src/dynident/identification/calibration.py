@@ -13,8 +13,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, Severity
-from dynident.estimators import Estimator, Problem, quick
+from dynident.errors import ConfigError, Note, Severity, called
+from dynident.estimators import Estimate, Estimator, Problem, quick
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
@@ -110,7 +110,7 @@ def pair(
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
     progress("estimating the time offset")
-    found = find_time_offset(model, [best(log) for log in excerpts(logs)], estimator, min_speed)
+    found = find_time_offset(model, [called(best, log, Motion) for log in excerpts(logs)], estimator, min_speed)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
 
@@ -190,7 +190,7 @@ def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_o
 def _error(regression: Regression, estimator: Estimator) -> float:
     """Return the relative error (%) of the fit to the regression's own rows."""
     triangular = regression.triangular_factors
-    value = estimator(Problem(regression.model, regression.motions, regression)).value
+    value = called(estimator, Problem(regression.model, regression.motions, regression), Estimate).value
     torque = float(np.square(triangular.factors[:, :, -1]).sum())
     return 100.0 * float(np.sqrt(triangular.residual(value).sum() / torque)) if torque > 0 else 0.0
 

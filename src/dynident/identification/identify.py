@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, ModelError, Note
+from dynident.errors import ConfigError, ModelError, Note, called
 from dynident.estimators import Estimate, Problem
 from dynident.estimators.notes import Undetermined
 from dynident.identification.calibration import BaseTilt, find_base_tilt, mounted, pair
@@ -82,7 +82,7 @@ def _identify(
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
     progress("estimating")
-    estimate = recipe.estimator(Problem(model, fitted, regression, trained, late))
+    estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
     if estimate.residual.sample_weights:
         regression = replace(regression, weights=estimate.residual.sample_weights)
     progress("validating")
@@ -119,7 +119,7 @@ def _smoothed(
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
-            motions[role][name] = smoother(log)
+            motions[role][name] = called(smoother, log, Motion)
     return motions
 
 

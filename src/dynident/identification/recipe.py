@@ -9,7 +9,7 @@ from numbers import Real
 from reprlib import repr as short
 from typing import Any, Literal
 
-from dynident.errors import ConfigError, changed, choices
+from dynident.errors import ConfigError, called, changed, choices
 from dynident.estimators import Estimator, LeastSquares
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
@@ -22,8 +22,8 @@ def _is_part(value: object) -> bool:
     return callable(value) and not isinstance(value, type)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+def _is_number(value: Any) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
 
 
 def _is_speed(value: Any) -> bool:
@@ -103,7 +103,7 @@ class Recipe:
         """
         if len(self.smoothers) != 1:
             raise ConfigError(f"the recipe has {len(self.smoothers)} smoothers to choose from; name one, or identify.")
-        return self.smoothers[0](log)
+        return called(self.smoothers[0], log, Motion)
 
     def min_speeds(self, joints: Sequence[str]) -> tuple[float, ...] | None:
         """Return ``min_speed`` for each joint; ConfigError where it names another."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, brief
+from dynident.errors import ConfigError, InputError, brief, called
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
@@ -82,7 +82,7 @@ def _tried(
     for k, smoother in enumerate(candidates, start=1):
         progress(f"trying smoother {k} of {len(candidates)}")
         try:
-            tried.append(tuple(smoother(log) for log in logs))
+            tried.append(tuple(called(smoother, log, Motion) for log in logs))
         except InputError as error:
             tried.append(error)
     failed = [error for error in tried if isinstance(error, InputError)]

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.io.fields import Interval, interval_words
-from dynident.io.python_file import CODE, from_file, guarded
+from dynident.io.python_file import CODE, from_file, guarded, located
 from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
 
@@ -177,7 +177,7 @@ def load_model(
         )
     if place != "gallery" and not allow_code:
         raise ModelError(f"model: {spec!r} {CODE}")
-    path = (Path(folder) / place).resolve()
+    path = located(folder, place, "model", ModelError)
     found = _from_gallery(name) if place == "gallery" else from_file(path, name, "function", "model", ModelError)
     model = guarded(found, spec, path, "model", ModelError)
     if not isinstance(model, Model):

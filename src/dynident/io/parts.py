@@ -29,7 +29,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from dynident.errors import ConfigError, DynidentError, choices
 from dynident.io.families import Family, Settings, family_of, settings_hints, settings_type
 from dynident.io.fields import Name, Section, as_number
-from dynident.io.python_file import CODE, from_file
+from dynident.io.python_file import CODE, from_file, located
 from dynident.io.wording import worded
 from dynident.smoothers import BY_JOINT
 
@@ -114,6 +114,8 @@ def section(family: Family, part: type) -> type[Section]:
     keys: dict[str, Any] = {"kind": (str, ...)}
     for one in fields(holder):
         if one.init and one.name not in family.given:
+            if one.name.startswith("_") or one.name == "kind" or hasattr(Section, one.name):
+                raise ConfigError(f"{part.__name__}.{one.name}: no setting can have this name; rename the field.")
             needed = one.default is MISSING and one.default_factory is MISSING
             factory = None if one.default_factory is MISSING else one.default_factory
             default = Field(default_factory=factory) if factory else Field(... if needed else one.default)
@@ -166,7 +168,7 @@ def _class(family: Family, kind: object, folder: str | Path | None) -> Any:
         return family.get(kind)
     if folder is None:
         raise ConfigError(f"{kind!r} {CODE}")
-    path = (Path(folder) / place).resolve()
+    path = located(folder, place, family.name, ConfigError)
     part = from_file(path, name, "class", family.name, ConfigError)
     family.check(part, f"{path}: {name}")
     return part

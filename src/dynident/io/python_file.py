@@ -13,9 +13,21 @@ from typing import Any
 
 from dynident.errors import DynidentError, choices
 
-__all__ = ["CODE", "from_file", "guarded"]
+__all__ = ["CODE", "from_file", "guarded", "located"]
 
 CODE = "is of a Python file, which a result does not run; if you trust the file, give allow_code=True or --allow-code."
+
+
+def located(folder: str | Path, place: str, where: str, error: type[DynidentError]) -> Path:
+    """Return the path of a Python file; ``error``, led by ``where``, where no file can have that name."""
+    try:
+        path = (Path(folder) / place).resolve()
+        path.is_file()
+    except (OSError, ValueError) as wrong:
+        raise error(
+            f"{where}: {place[:100]!r} is no name of a file ({getattr(wrong, 'strerror', None) or wrong})."
+        ) from wrong
+    return path
 
 
 def from_file(path: Path, name: str, what: str, where: str, error: type[DynidentError]) -> Any:

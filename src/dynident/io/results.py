@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +13,22 @@ from uuid import uuid4
 
 import numpy as np
 
-from dynident.errors import InputError, choices
+from dynident.errors import ConfigError, InputError, choices
 
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["as_path", "probe_folder", "read_table", "remove", "table_kind", "write_json", "write_table", "write_text"]
+__all__ = [
+    "as_path",
+    "check_not_read",
+    "probe_folder",
+    "read_table",
+    "remove",
+    "table_kind",
+    "write_json",
+    "write_table",
+    "write_text",
+]
 
 _TABLES = (".parquet", ".csv")
 WIDTH = 160  # of a line of JSON that holds a whole mapping
@@ -29,6 +39,12 @@ def as_path(path: object) -> Path:
     if not isinstance(path, str | Path):
         raise InputError(f"the path of a file or folder is expected, not {path!r}.")
     return Path(path)
+
+
+def check_not_read(target: Path, read: Iterable[str | Path]) -> None:
+    """Raise ConfigError where the file to be written is one of those that are read."""
+    if target.resolve() in {Path(one).resolve() for one in read}:
+        raise ConfigError(f"{target}: would be replaced, and is read; choose another name for what is written.")
 
 
 def probe_folder(folder: str | Path) -> None:

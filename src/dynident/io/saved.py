@@ -26,8 +26,10 @@ def save(found: Identification, path: str | Path, report: Mapping[str, Any] | No
     """Write a result as JSON and return the path; ``report`` is what a report adds in words.
 
     The file never is half written. Raises InputError where it cannot be written, ConfigError where a part has settings
-    without a plain form.
+    without a plain form, or where a file that was read would be replaced.
     """
+    path = as_path(path)
+    check_targets(path.parent, [path.name], found.provenance)
     return write_json(path, result_data(found, report))
 
 
@@ -85,11 +87,11 @@ def read_log_like(found: Identification, text: str, *, allow_code: bool = False)
 
 
 def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
-    """Raise ConfigError where one of the files to be written is the configuration or the model's file."""
-    read = {one.path for one in (sources.configuration, sources.model) if one is not None}
+    """Raise ConfigError where one of the files to be written is the configuration, the model's file or a recording."""
+    read = {one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None}
     for name in names:
         if str((folder / name).resolve()) in read:
-            raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another folder for --out.")
+            raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another name or folder.")
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynident.errors import ConfigError
+from dynident.errors import ConfigError, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
 
@@ -30,7 +30,7 @@ class TimeShifted:
 
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""
-        motion = self.smoother(log)
+        motion = called(self.smoother, log, Motion)
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
         return replace(motion.shifted(self.time_offset), smoothing=smoothing)
 

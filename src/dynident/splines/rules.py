@@ -207,6 +207,8 @@ def _per_column(value: float | Sequence[float] | None, column: int, name: str) -
     if value is None:
         return None
     values = np.atleast_1d(np.asarray(value, dtype=float))
+    if not values.size:
+        raise ConfigError(f"{name} has no entries; give a number, or one for each column.")
     if values.size > 1 and column >= values.size:
         raise ConfigError(f"{name} has {values.size} entries, but the data have more than {column} columns.")
     return float(values[column if values.size > 1 else 0])

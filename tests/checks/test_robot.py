@@ -1,4 +1,4 @@
-"""Robot files with one fault each: the fault is named, and nothing else is."""
+"""Robot files with one flaw each: the flaw is named, and nothing else is."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def origin(mass: float, c: float) -> np.ndarray:
 
 
 LIMIT = '<limit effort="{}" velocity="{}" lower="{}" upper="{}"/>'
-FAULTS = {
+FLAWS = {
     "negative mass": (arm(upper=link("upper", -2.0)), "error", "impossible", "upper", "negative mass -2"),
     "no triangle": (
         arm(upper=link("upper", 2.0, tensor=np.diag([0.001, 0.001, 0.02]))), "error", "impossible", "upper", "triangle",
@@ -62,8 +62,8 @@ FAULTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("xml", "severity", "topic", "link", "words"), FAULTS.values(), ids=FAULTS)
-def test_each_fault_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, words: str) -> None:
+@pytest.mark.parametrize(("xml", "severity", "topic", "link", "words"), FLAWS.values(), ids=FLAWS)
+def test_each_flaw_is_found_and_is_the_only_one(xml: str, severity: str, topic: str, link: str, words: str) -> None:
     (finding,) = found(xml)
     assert (finding.severity, finding.topic, finding.link) == (severity, topic, link)
     assert words in finding.message
@@ -75,10 +75,10 @@ def test_a_sound_arm_has_none() -> None:
 
 
 def test_for_an_identification_no_inertia_of_the_file_is_an_error() -> None:
-    assert {one.severity for one in found(FAULTS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
+    assert {one.severity for one in found(FLAWS["negative mass"][0], inconsistent=Severity.WARNING)} == {"warning"}
 
 
-def test_copies_are_distinguished_from_placeholders_and_from_a_gripper() -> None:
+def test_copies_are_told_from_placeholders_and_from_a_gripper() -> None:
     twin = link("fore", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
     (copied,) = found(arm(fore=twin))
     assert (copied.severity, copied.topic) == ("info", "copied")
@@ -95,7 +95,7 @@ def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
     assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *flange)) == ()
 
 
-def test_missing_limits_are_reported_once_for_all_joints_that_move() -> None:
+def test_missing_limits_are_told_once_for_all_joints_that_move() -> None:
     bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
     effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
     assert "no effort limit for s, e" in effort.message

@@ -62,7 +62,7 @@ def test_nouns_of_findings_are_worded() -> None:
     shown = [one["message"] for one in check_dict(found)["findings"]]
     assert shown == [row[1] for table in check_tables(found) for row in table.rows]
     assert shown[0] == "Fv_b: not excited by these data; move b."
-    assert shown[1].startswith("time offset: positions are stamped 5 ms later")
+    assert shown[1].startswith("Time offset: positions are stamped 5 ms later")
     assert shown[1].endswith("instead of 4 %.")
     assert shown[2].startswith("The base is tilted by 1.15 deg")
     assert shown[2].endswith("If it may stand so, set `base_tilt: estimate` in the model.")

@@ -71,8 +71,8 @@ def check_robot(
 
 def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
-        for violation in () if theta is None else consistency_violations(theta):
-            message = f"{violation}. No body can have such an inertia. {REMEDY}"
+        for flaw in () if theta is None else consistency_violations(theta):
+            message = f"{flaw}. No body can have such an inertia. {REMEDY}"
             yield Finding(severity, None, message, Topic.IMPOSSIBLE, link=name)
 
 

@@ -27,8 +27,8 @@ WORD = Column("", numeric=False)
 def check_summary(examination: CheckResult) -> str:
     """Return the outcome in one sentence."""
     counts = Counter(finding.severity for finding in (group[0] for group in _groups(examination.findings)))
-    told = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
-    return f"{' and '.join(told) or 'No errors and no warnings'}."
+    shown = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
+    return f"{' and '.join(shown) or 'No errors and no warnings'}."
 
 
 def check_tables(examination: CheckResult) -> list[PageTable]:
@@ -86,7 +86,7 @@ def _rank(rank: ExcitedRank) -> dict[str, Any]:
 def _message(finding: Finding) -> str:
     said = words(finding.message)
     if isinstance(finding.message, TimeOffset):
-        return f"time offset: {said}."
+        return f"Time offset: {said}."
     if isinstance(finding.message, BaseTilt):
         return f"{said[0].upper()}{said[1:]}. If it may stand so, set `base_tilt: estimate` in the model."
     return said
@@ -148,7 +148,7 @@ def _motion_table(examination: CheckResult) -> PageTable:
     )  # fmt: skip
     rows = tuple(map(_motion_row, examination.excitations, examination.agreements))
     columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return PageTable(columns, rows, "Motion in training, SI (peak: 99.9 %; min_speed: below 2 % of the peak speed)")
+    return PageTable(columns, rows, "Motion in training, SI (peak: 99.9 %; slow: below 2 % of the peak speed)")
 
 
 def _motion_row(moved: Excitation, torque: Agreement) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) ->
 def prediction_frame(found: Sequence[tuple[LogValidation, bool]]) -> pl.DataFrame:
     """Return all logs as one table, given with whether their torques were measured.
 
-    Columns: log, t (s), used (False where the smoother has no valid samples, at the ends), and per joint measured_NAME
+    Columns: log, t (s), used (False where smoothing is not accurate, at the ends), and per joint measured_NAME
     (null without measurement) and predicted_NAME, in N m or N.
     """
     import polars as pl

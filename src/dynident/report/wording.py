@@ -76,8 +76,8 @@ def settings_of(identification: Identification) -> dict[str, str]:
     found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
     numbers = {
         "low speeds left out": recipe.min_speed,
-        "time offset used": recipe.time_offset or None,
-        "base tilt used": recipe.base_tilt,
+        "time offset used, s": recipe.time_offset or None,
+        "base tilt used, rad": recipe.base_tilt,
         "restart": recipe.restart,
     }
     chosen = {

@@ -55,7 +55,7 @@ def _facts(identification: Identification) -> Iterator[tuple[str, str]]:
     for term in model.terms:
         if gravity := getattr(term, "gravity", None):
             yield "gravity in the base frame", f"({', '.join(number(float(x)) for x in gravity)}) m/s²"
-    for key, meaning in (("base tilt", "tilt of the base"), ("time offset", "time offset of the torque")):
+    for key, meaning in (("base tilt", "tilt of the base"), ("time offset", "time offset")):
         if key in settings:
             yield meaning, settings[key]
     for key, meaning in (

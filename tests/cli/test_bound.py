@@ -75,7 +75,7 @@ def test_the_torque_sensor_alone(config: Path, tmp_path: Path) -> None:
     ("options", "words"),
     [
         (("--sigma-q", "tiny"), "--sigma-q tiny: give a number in SI units, or joint=number."),
-        (("--sigma-q", "slidr=1e-5"), "sigma_q: there is no joint 'slidr'. did you mean 'slider'?"),
+        (("--sigma-q", "slidr=1e-5"), "sigma_q: there is no joint 'slidr'; did you mean 'slider'?"),
         (("--sigma-tau", "0"), "sigma_tau of slider is 0.0; give a positive number"),
         (("--sigma-tau", "1", "--sigma-tau", "slider=2"), "--sigma-tau is given 2 times"),
     ],

@@ -199,6 +199,20 @@ class Odd:
 
 
 def function(log): ...
+
+
+@dataclass(frozen=True)
+class Reserved:
+    kind: str = "x"
+
+    def __call__(self, log): ...
+
+
+@dataclass(frozen=True)
+class Private:
+    _width: float = 0.1
+
+    def __call__(self, log): ...
 '''
 
 
@@ -281,6 +295,10 @@ WRONG = {
     "key": ({"kind": "sg.py:SavitzkyGolay", "widht": 1}, ("unknown key 'widht'", "did you mean 'width'")),
     "value": ({"kind": "sg.py:SavitzkyGolay", "order": 2.5}, ("smoother: order: a whole number is expected; got 2.5",)),
     "fails": ({"kind": "bad.py:A"}, ("bad.py failed at", "bad.py:2: ZeroDivisionError")),
+    "long": ({"kind": "x" * 5000 + ".py:A"}, ("is no name of a file",)),
+    "NUL": ({"kind": "a\0.py:A"}, ("is no name of a file",)),
+    "reserved": ({"kind": "sg.py:Reserved"}, ("Reserved.kind: no setting can have this name",)),
+    "private": ({"kind": "sg.py:Private"}, ("Private._width: no setting can have this name",)),
     "no name": ({"kind": "sg.py:"}, ("has no class ''",)),
     "kind of no text": ({"kind": ["sg.py"]}, ("is not a choice",)),
     "no kind": ({}, ("needs a `kind`: spline, difference, butterworth",)),

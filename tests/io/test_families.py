@@ -329,11 +329,13 @@ def entry(name: str, value: str, group: str) -> metadata.EntryPoint:
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A distribution that adds a smoother, and one that cannot be loaded."""
     (tmp_path / "dynident_lab.py").write_text(SAVITZKY)
+    (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
     monkeypatch.syspath_prepend(tmp_path)
     found = [
         entry("savitzky_golay", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
+        entry("ends", "dynident_ends:Smoother", "dynident.smoothers"),
         entry("silent", "dynident_lab:Silent", "dynident.smoothers"),
         entry(".lab", "dynident_lab:read", "dynident.readers"),
     ]
@@ -349,7 +351,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("lab")
 def test_a_package_adds_a_part_by_an_entry_point():
     assert SMOOTHERS.kinds()[: len(SMOOTHERS.table)] == tuple(SMOOTHERS.table)
-    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "silent"}
+    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "ends", "silent"}
     part = build(SMOOTHERS, {"kind": "savitzky_golay", "width": 0.2}, "smoother")
     assert type(part).__name__ == "SavitzkyGolay"
     assert SMOOTHERS.describe(part) == {"kind": "savitzky_golay", "width": 0.2, "order": 4}
@@ -359,5 +361,7 @@ def test_a_package_adds_a_part_by_an_entry_point():
         build(SMOOTHERS, {"kind": "savitzky_golai"}, "smoother")
     with pytest.raises(ConfigError, match=r"'lost' of the entry point 'dynident_lost:Smoother' cannot be loaded"):
         build(SMOOTHERS, {"kind": "lost"}, "smoother")
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: it ends"):
+        build(SMOOTHERS, {"kind": "ends"}, "smoother")
     with pytest.raises(ConfigError, match=r"silent is no smoother: it lacks __call__"):
         build(SMOOTHERS, {"kind": "silent"}, "smoother")

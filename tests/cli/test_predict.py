@@ -253,3 +253,28 @@ def test_motor_constants_hold_in_a_prediction(arm: Path) -> None:
     frame = pl.read_csv(table)
     current = pl.read_csv(arm.parent / "monday.csv", separator=";")["elbow i_q"]
     np.testing.assert_allclose(frame["measured_elbow"], current * 1e-3 * CONSTANT * RATIO["elbow"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "export out/result.json --format yaml --out out/result.json",
+        "export out/result.json --format yaml --out identify.yaml",
+        "export out/result.json --format yaml --out log.csv",
+        "predict out/result.json log.csv --out log.csv",
+        "check identify.yaml --json log.csv",
+        "bound identify.yaml --json identify.yaml",
+        "reproduce --json log.csv",
+        "smooth smoothed.csv --time time --out .",
+        "schema --out identify.yaml",
+    ],
+)
+def test_no_command_replaces_what_it_reads(slider: Path, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = slider.parents[1]
+    monkeypatch.chdir(folder)
+    (folder / "smoothed.csv").write_bytes((folder / "log.csv").read_bytes())
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    done = run(*words.split())
+    assert done.exit_code == 1
+    assert "choose another name" in done.output
+    assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -53,10 +53,13 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: P
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"smoother": "spline"}, r"smoother: 'spline' is no smoother; give an object, such as dynident.Spline\(\)"),
-        ({"smoother": (Spline(), "gcv")}, "smoother: 'gcv' is no smoother"),
-        ({"estimator": "consistent"}, r"estimator: 'consistent' is no estimator; .*dynident.LeastSquares\(\)"),
-        ({"estimator": LeastSquares}, "estimator: <class .* is no estimator"),
+        ({"smoother": "spline"}, r"smoother is 'spline'; it must be a smoother, such as Spline\(\)"),
+        (
+            {"smoother": (Spline(), "gcv")},
+            r"smoother is \(Spline.*'gcv'\); it must be a smoother, such as Spline\(\), or a tuple of them",
+        ),
+        ({"estimator": "consistent"}, r"estimator is 'consistent'; it must be an estimator, such as LeastSquares\(\)"),
+        ({"estimator": LeastSquares}, "estimator is <class .*; it must be an estimator"),
     ],
 )
 def test_a_part_is_an_object_not_its_name_or_class(parts: dict[str, Any], words: str) -> None:

@@ -199,6 +199,20 @@ class Odd:
 
 
 def function(log): ...
+
+
+@dataclass(frozen=True)
+class Reserved:
+    kind: str = "x"
+
+    def __call__(self, log): ...
+
+
+@dataclass(frozen=True)
+class Private:
+    _width: float = 0.1
+
+    def __call__(self, log): ...
 '''
 
 
@@ -281,6 +295,10 @@ WRONG = {
     "key": ({"kind": "sg.py:SavitzkyGolay", "widht": 1}, ("unknown key 'widht'", "did you mean 'width'")),
     "value": ({"kind": "sg.py:SavitzkyGolay", "order": 2.5}, ("smoother: order: a whole number is expected; got 2.5",)),
     "fails": ({"kind": "bad.py:A"}, ("bad.py failed at", "bad.py:2: ZeroDivisionError")),
+    "long": ({"kind": "x" * 5000 + ".py:A"}, ("is no name of a file",)),
+    "NUL": ({"kind": "a\0.py:A"}, ("is no name of a file",)),
+    "reserved": ({"kind": "sg.py:Reserved"}, ("Reserved.kind: no setting can have this name",)),
+    "private": ({"kind": "sg.py:Private"}, ("Private._width: no setting can have this name",)),
     "no name": ({"kind": "sg.py:"}, ("has no class ''",)),
     "kind of no text": ({"kind": ["sg.py"]}, ("is not a choice",)),
     "no kind": ({}, ("needs a `kind`: spline, difference, butterworth",)),
@@ -311,11 +329,13 @@ def entry(name: str, value: str, group: str) -> metadata.EntryPoint:
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A distribution that adds a smoother, and one that cannot be loaded."""
     (tmp_path / "dynident_lab.py").write_text(SAVITZKY)
+    (tmp_path / "dynident_ends.py").write_text("raise SystemExit('it ends')")
     monkeypatch.syspath_prepend(tmp_path)
     found = [
         entry("savitzky_golay", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("spline", "dynident_lab:SavitzkyGolay", "dynident.smoothers"),
         entry("lost", "dynident_lost:Smoother", "dynident.smoothers"),
+        entry("ends", "dynident_ends:Smoother", "dynident.smoothers"),
         entry("silent", "dynident_lab:Silent", "dynident.smoothers"),
         entry(".lab", "dynident_lab:read", "dynident.readers"),
     ]
@@ -331,7 +351,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("lab")
 def test_a_package_adds_a_part_by_an_entry_point():
     assert SMOOTHERS.kinds()[: len(SMOOTHERS.table)] == tuple(SMOOTHERS.table)
-    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "silent"}
+    assert set(SMOOTHERS.kinds()) == {*SMOOTHERS.table, "savitzky_golay", "lost", "ends", "silent"}
     part = build(SMOOTHERS, {"kind": "savitzky_golay", "width": 0.2}, "smoother")
     assert type(part).__name__ == "SavitzkyGolay"
     assert SMOOTHERS.describe(part) == {"kind": "savitzky_golay", "width": 0.2, "order": 4}
@@ -341,5 +361,7 @@ def test_a_package_adds_a_part_by_an_entry_point():
         build(SMOOTHERS, {"kind": "savitzky_golai"}, "smoother")
     with pytest.raises(ConfigError, match=r"'lost' of the entry point 'dynident_lost:Smoother' cannot be loaded"):
         build(SMOOTHERS, {"kind": "lost"}, "smoother")
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: it ends"):
+        build(SMOOTHERS, {"kind": "ends"}, "smoother")
     with pytest.raises(ConfigError, match=r"silent is no smoother: it lacks __call__"):
         build(SMOOTHERS, {"kind": "silent"}, "smoother")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import get_type_hints
 
@@ -10,8 +12,9 @@ import pytest
 import yaml
 
 import dynident as dy
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.errors import ConfigError, DynidentError, InputError, ModelError
 from dynident.io.shortcuts import RecipeFields, default_recipe
+from dynident.models.gallery import pendulum
 from tests.robots import ARM
 
 T = np.arange(1001) * 0.01
@@ -150,13 +153,13 @@ class TestIdentify:
 
     def test_a_recipe_is_one(self) -> None:
         with pytest.raises(
-            ConfigError, match=r"the recipe is Difference\(.*give a dynident.Recipe, or parts by keyword"
+            ConfigError, match="recipe: a Difference is given; give a Recipe, or its fields as keywords"
         ):
             dy.identify("gallery:slider", sliding(), recipe=dy.Difference())  # type: ignore[arg-type]
 
     def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:
         found = dy.identify("gallery:slider", sliding(), recipe=dy.Recipe(dy.Difference()))
-        with pytest.raises(InputError, match=r"'monday\.csv' is a str, not a Log; read a file with `read_log`"):
+        with pytest.raises(InputError, match="a str is given, not a Log; read a file with `read_log`"):
             found.predict("monday.csv")  # type: ignore[arg-type]
 
     def test_a_recording_of_a_simulation_is_asked_for_its_log(self) -> None:
@@ -181,3 +184,34 @@ def test_a_check_finds_what_is_wrong_before_a_fit() -> None:
     assert not fine.failed
     assert repr(fine).startswith("<CheckResult: ")
     assert "<td" in fine._repr_html_()
+
+
+SWING = dy.Log(np.arange(100) * 0.01, np.zeros((100, 1)), np.zeros((100, 1)), ("pivot",), "swing")
+LIVELY = replace(SWING, q=np.sin(5 * SWING.t)[:, None], tau=np.cos(4 * SWING.t)[:, None])
+WRONG: dict[str, Callable[[], object]] = {
+    "logs: a NoneType is given": lambda: dy.identify(pendulum(), None),
+    "validation: a int is given": lambda: dy.identify(pendulum(), SWING, 3),
+    "recipe: a str is given": lambda: dy.identify(pendulum(), SWING, recipe="spline"),
+    "recipe: smoother is None": lambda: dy.Recipe(None),
+    "recipe: smoother is <class": lambda: dy.Recipe(dy.Spline),
+    "recipe: estimator is 3": lambda: dy.Recipe(estimator=3),
+    "recipe: filter is 20": lambda: dy.Recipe(filter=20),
+    "recipe: min_speed is {'pivot': -1}": lambda: dy.Recipe(min_speed={"pivot": -1}),
+    "recipe: time_offset is nan": lambda: dy.Recipe(time_offset=np.nan),
+    "recipe: base_tilt is 0.1": lambda: dy.Recipe(base_tilt=0.1),
+    "recipe: restart is 0": lambda: dy.Recipe(restart=0),
+    "numbers are expected": lambda: replace(SWING, q="q"),
+    "joints is 'pivot'": lambda: replace(SWING, joints="pivot"),
+    "a int is no term": lambda: dy.Model((3,)),
+    "a str is no term": lambda: dy.Model("ab"),
+    "export_model: a dict is given": lambda: dy.export_model({}, "out"),
+    "path of a file or folder is expected, not 3": lambda: dy.run(3),
+    "sigma_q of pivot is 'x'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), sigma_q="x"),
+    "torque is 'sensors'": lambda: dy.accuracy_bound(pendulum(), LIVELY, dy.Recipe(), torque="sensors"),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_an_argument_of_another_type_is_named(words: str) -> None:
+    with pytest.raises(DynidentError, match=words):
+        WRONG[words]()

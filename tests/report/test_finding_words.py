@@ -305,4 +305,4 @@ def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> No
 
 def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
     assert finding_words(Finding(Severity.ERROR, None, "no such file.")) == "no such file."
-    assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("delay: none")
+    assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("Time offset: none")

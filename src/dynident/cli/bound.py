@@ -33,13 +33,13 @@ def bound(
     what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
     """
     from dynident.io.project import read_project
-    from dynident.io.results import check_not_read, probe_folder, write_json, write_text
+    from dynident.io.results import check_json, probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.report.page import terminal
     from dynident.report.wording import Line, note_lines
 
     if json_file:
-        check_not_read(json_file, [config])
+        check_json(json_file)
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
     given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)

@@ -23,12 +23,12 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
     print what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
-    from dynident.io.results import check_not_read, probe_folder, write_json
+    from dynident.io.results import check_json, probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
     from dynident.report.page import terminal
 
     if json_file:
-        check_not_read(json_file, files)
+        check_json(json_file)
         probe_folder(json_file.parent)
     screen, found = console(), {}
     for path in files:

@@ -33,10 +33,12 @@ def reproduce(
     scenario: str, runs: int, seed: int, methods: str, workers: int, out: Path | None, json_file: Path | None
 ) -> None:
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
-    from dynident.io.results import probe_folder, write_json, write_text
+    from dynident.io.results import check_json, probe_folder, write_json, write_text
     from dynident.report import study_page, study_text
     from dynident.studies import article
 
+    if json_file:
+        check_json(json_file)
     for folder in filter(None, (out, json_file and json_file.parent)):
         probe_folder(folder)
     names = [name.strip() for name in methods.split(",") if name.strip()]

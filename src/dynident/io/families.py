@@ -79,7 +79,7 @@ class Family:
             raise ConfigError(f"{where}: {kind!r} is not a choice; {choices(kind, self.kinds())}")
         try:
             part = found[kind].load()
-        except Exception as error:  # what other packages raise at import is theirs
+        except (Exception, SystemExit) as error:  # what other packages raise at import is theirs
             words = f"{self.name} {kind!r} of the entry point {found[kind].value!r} cannot be loaded"
             raise ConfigError(f"{where}: {words}: {type(error).__name__}: {error}") from error
         self.check(part, f"{where}: {kind}")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "as_path",
+    "check_json",
     "check_not_read",
     "probe_folder",
     "read_table",
@@ -45,6 +46,12 @@ def check_not_read(target: Path, read: Iterable[str | Path]) -> None:
     """Raise ConfigError where the file to be written is one of those that are read."""
     if target.resolve() in {Path(one).resolve() for one in read}:
         raise ConfigError(f"{target}: would be replaced, and is read; choose another name for what is written.")
+
+
+def check_json(target: Path) -> None:
+    """Raise ConfigError where a file that is no JSON, such as a recording, would be replaced."""
+    if target.exists() and target.suffix.lower() != ".json":
+        raise ConfigError(f"{target}: exists already and is not named .json; choose another name for the numbers.")
 
 
 def probe_folder(folder: str | Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief, choices
+from dynident.errors import InputError, brief, called, choices
 from dynident.io.families import READERS
 from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
@@ -104,7 +104,7 @@ def read_columns(path: str | Path, width: int | None = None) -> DataTable:
     kind = path.suffix.lower()
     reader = _reader(path, kind)
     try:
-        table = reader(path)
+        table = called(reader, path, DataTable)
     except InputError:
         raise
     except Exception as error:  # readers of damaged files raise almost any exception

@@ -152,9 +152,7 @@ class TestIdentify:
             dy.identify(robot, logs, recipe=dy.Recipe(dy.Difference()))
 
     def test_a_recipe_is_one(self) -> None:
-        with pytest.raises(
-            ConfigError, match="recipe: a Difference is given; give a Recipe, or its fields as keywords"
-        ):
+        with pytest.raises(ConfigError, match="a Difference is given; give a Recipe, or its fields as keywords"):
             dy.identify("gallery:slider", sliding(), recipe=dy.Difference())  # type: ignore[arg-type]
 
     def test_a_file_cannot_be_predicted_before_it_is_read(self) -> None:

@@ -59,6 +59,8 @@ def test_recovers_the_parameters_of_a_simulated_arm(log: Log, parallel_filter: P
             r"smoother is \(Spline.*'gcv'\); it must be a smoother, .* or a tuple of them",
         ),
         ({"estimator": "consistent"}, r"estimator is 'consistent'; it must be an estimator, such as LeastSquares\(\)"),
+        ({"estimator": Spline()}, "estimator is Spline.*; it must be an estimator"),
+        ({"smoother": LeastSquares()}, "smoother is LeastSquares.*; it must be a smoother"),
         ({"estimator": LeastSquares}, "estimator is <class .*; it must be an estimator"),
     ],
 )

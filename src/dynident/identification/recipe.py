@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from reprlib import repr as short
-from typing import Any, Literal
+from typing import Any, Literal, get_type_hints
 
 from dynident.errors import ConfigError, called, changed, choices
-from dynident.estimators import Estimator, LeastSquares
+from dynident.estimators import Estimate, Estimator, LeastSquares
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
 from dynident.smoothers import Smoother, Spline
@@ -18,8 +18,25 @@ from dynident.smoothers import Smoother, Spline
 __all__ = ["Recipe"]
 
 
-def _is_part(value: object) -> bool:
-    return callable(value) and not isinstance(value, type)
+def _makes(result: type, value: object) -> bool:
+    """Tell whether a value is a part that makes this, as far as it declares what it makes."""
+    if not callable(value) or isinstance(value, type):
+        return False
+    try:
+        made = get_type_hints(type(value).__call__).get("return")
+    except (AttributeError, NameError, TypeError):  # a part of the user need not declare it
+        return True
+    return not isinstance(made, type) or made not in (Motion, Estimate) or made is result
+
+
+def _is_smoother(value: object) -> bool:
+    if isinstance(value, tuple):
+        return len(value) > 0 and all(_makes(Motion, one) for one in value)
+    return _makes(Motion, value)
+
+
+def _is_estimator(value: object) -> bool:
+    return _makes(Estimate, value)
 
 
 def _is_number(value: Any) -> bool:
@@ -40,11 +57,8 @@ def _is_tilt(value: object) -> bool:
 
 
 _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
-    "smoother": (
-        lambda value: all(map(_is_part, value)) and len(value) > 0 if isinstance(value, tuple) else _is_part(value),
-        "a smoother, such as Spline(), or a tuple of them",
-    ),
-    "estimator": (_is_part, "an estimator, such as LeastSquares()"),
+    "smoother": (_is_smoother, "a smoother, such as Spline(), or a tuple of them"),
+    "estimator": (_is_estimator, "an estimator, such as LeastSquares()"),
     "filter": (lambda value: isinstance(value, ParallelFilter | None), "a ParallelFilter or None"),
     "min_speed": (_is_speed, "a number of at least 0, such numbers by joint, or None"),
     "time_offset": (lambda value: _is_sought(value) or _is_number(value), "a finite number (s) or 'estimate'"),

@@ -165,7 +165,7 @@ def _judged(
 def _identifiability(
     model: Model, regression: Regression, estimate: Estimate, progress: Callable[[str], None]
 ) -> tuple[StandardErrors, Identifiability]:
-    """Return honest standard errors, and base parameters where not all parameters are determined."""
+    """Return the standard errors, and base parameters where not all parameters are determined."""
     if estimate.determined.rank == len(model.parameters):
         return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std)), Identifiability()
     progress("finding base parameters")
@@ -182,7 +182,7 @@ def _identifiability(
 
 
 def _warnings(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:
-    """Return what is to be warned of: the notes of the estimate, but for what no motion of any robot shows."""
+    """Return the warnings: the notes of the estimate, except those on what no motion of any robot can show."""
     if base.on_data is None or not any(parameter.body for parameter in model.parameters):
         return estimate.notes
     return (*(note for note in estimate.notes if not isinstance(note, Undetermined)), *base.unexcited)

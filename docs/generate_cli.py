@@ -21,7 +21,9 @@ def reference() -> str:
         "",
         "Generated from the command's help by `docs/generate_cli.py`; a test fails where it is stale.",
         "",
-        "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2.",
+        "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2. An error",
+        "that was not foreseen is a fault of dynident: one line that says what to report, and exit code 70. Where a",
+        "command fails, `dynident --debug COMMAND ...`, or `DYNIDENT_DEBUG=1` in the environment, prints the traceback.",
     ]
     context = click.Context(main, info_name="dynident", **main.context_settings)
     for name in main.list_commands(context):

@@ -17,6 +17,7 @@ from dynident.log import Log, Motion
 from dynident.models import INERTIAL, Parameter
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.report import identification_notes, identification_page, identification_tables, result_words
+from dynident.report.page import terminal
 from dynident.report.wording import Line
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL, Outline
@@ -170,12 +171,12 @@ def test_a_held_out_motion_is_compared_with_the_training(identification):
 def test_terminal_tables_hold_parameters_and_errors(identification):
     console = rich.console.Console(width=100, file=io.StringIO(), color_system=None)
     parameters, logs, joints = identification_tables(identification)
-    console.print(parameters, logs, joints)
+    console.print(*map(terminal, (parameters, logs, joints)))
     shown = console.file.getvalue()
     rows = {line.split()[0]: line.split() for line in shown.splitlines() if line.strip()}
     assert rows["theta1"][:6] == ["theta1", "0.03400", "0.00040", "1.2", "0.03400", "kg"]
     assert rows["theta3"][2:4] == ["inf", "inf"]
-    assert (parameters.row_count, logs.row_count, joints.row_count) == (7, 2, 4)
+    assert (len(parameters.rows), len(logs.rows), len(joints.rows)) == (7, 2, 4)
 
 
 def robot(bodies=5, basis=True):
@@ -210,7 +211,7 @@ def robot(bodies=5, basis=True):
 
 def printed(found):
     console = rich.console.Console(width=120, file=io.StringIO(), color_system=None)
-    console.print(*identification_tables(found))
+    console.print(*map(terminal, identification_tables(found)))
     return console.file.getvalue()
 
 

@@ -2,41 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from dynident import __version__
 from dynident.cli.bound import bound
 from dynident.cli.check import check
 from dynident.cli.export import export
+from dynident.cli.failures import Commands
 from dynident.cli.identify import identify
 from dynident.cli.init import init
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
-from dynident.errors import DynidentError
 
 __all__ = ["main"]
 
 
-class _Commands(click.Group):
-    """Turns the errors meant for the user into one message and exit code 1."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except DynidentError as error:
-            raise click.ClickException(str(error)) from error
-        except KeyboardInterrupt:
-            click.echo("Interrupted.", err=True)
-            raise SystemExit(130) from None
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.option(
+    "--debug",
+    is_flag=True,
+    expose_value=True,
+    envvar="DYNIDENT_DEBUG",
+    help="Print the traceback where a command fails.",
+)
 @click.version_option(__version__, prog_name="dynident")
-def main() -> None:
+def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 

@@ -35,7 +35,6 @@ def bound(
     from dynident.io.project import read_project
     from dynident.io.results import check_json, probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
-    from dynident.report.page import terminal
     from dynident.report.wording import Line, note_lines
 
     if json_file:
@@ -47,7 +46,7 @@ def bound(
         found = read_project(config, say).bound(*given, cast("TorqueNoise", torque), say)
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
-        screen.print(terminal(table))
+        screen.show(table)
     for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.warnings)):
         say_line(screen, line)
     if json_file:

@@ -25,7 +25,6 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """
     from dynident.io.results import check_json, probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
-    from dynident.report.page import terminal
 
     if json_file:
         check_json(json_file)
@@ -34,9 +33,9 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     for path in files:
         with status() as say:
             found[str(path)] = one = _examined(path, say)
-        screen.print(f"{path}: {check_summary(one)}", soft_wrap=True, highlight=False, markup=False, style="bold")
+        screen.say(f"{path}: {check_summary(one)}", "bold")
         for table in check_tables(one):
-            screen.print(terminal(table))
+            screen.show(table)
     if json_file:
         tell(screen, "Findings", write_json(json_file, {path: check_dict(one) for path, one in found.items()}))
     if any(one.failed for one in found.values()):

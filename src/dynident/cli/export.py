@@ -60,6 +60,6 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     for line in old_result_lines(found):
         say_line(screen, line)
     for note in (*export_notes([made]), *(f"Not in the file: {words}" for words in made.written.left_out)):
-        screen.print(note, soft_wrap=True, highlight=False, markup=False)
-    screen.print(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")
+        screen.say(note)
+    screen.say(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")
     tell(screen, "Model", write_text(out, made.written.text))

@@ -42,13 +42,13 @@ def identify(config: Path, out: Path | None) -> None:
     written = _write(out, found, made) if out else []
     screen = console()
     verdict, steps = verdict_text(found)
-    screen.print(verdict, style="bold", soft_wrap=True, highlight=False, markup=False)
+    screen.say(verdict, "bold")
     for table in identification_tables(found):
-        screen.print(table)
+        screen.show(table)
     for note in (*identification_notes(found), *map(Line, export_notes(made))):
         say_line(screen, note)
     for step in steps[:MOST_STEPS]:
-        screen.print(f"Next: {step}", soft_wrap=True, highlight=False, markup=False)
+        screen.say(f"Next: {step}")
     for what, path in written:
         tell(screen, what, path)
 

@@ -50,20 +50,16 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
 def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
     """Print what to fill in and to confirm, and the next command."""
     screen = console()
-
-    def show(text: str, style: str | None = None) -> None:
-        screen.print(text, style=style, soft_wrap=True, highlight=False, markup=False)
-
     for note in written.notes:
-        show(f"Note: {note}")
+        screen.say(f"Note: {note}")
     for note in [*notes, *(() if written.blanks else _trial(written.text, out))]:
-        show(f"Warning: {note}", "yellow")
+        screen.say(f"Warning: {note}", "yellow")
     for title, items in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):
         if items:
-            show(title)
+            screen.say(title)
         for item in items:
-            show(f"  {item}")
-    show(f"{'Then' if written.blanks or written.questions else 'Next'}: dynident identify {out}")
+            screen.say(f"  {item}")
+    screen.say(f"{'Then' if written.blanks or written.questions else 'Next'}: dynident identify {out}")
 
 
 def _trial(text: str, out: Path) -> list[str]:

@@ -11,8 +11,7 @@ import click
 from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, status, tell
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from dynident.cli.screen import Screen
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
@@ -33,7 +32,6 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
     from dynident.errors import ConfigError
     from dynident.io.results import check_not_read, probe_folder, table_kind, write_table
     from dynident.io.saved import check_targets, load
-    from dynident.report.page import terminal
     from dynident.report.prediction import prediction_frame, prediction_table
     from dynident.report.wording import old_result_lines
 
@@ -52,7 +50,7 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
         found = _predicted(saved, logs, allow_code, screen, say)
     measured = [one for one, known in found if known]
     if measured:
-        screen.print(terminal(prediction_table(measured, saved.model.joints)))
+        screen.show(prediction_table(measured, saved.model.joints))
     unknown = [one.name for one, known in found if not known]
     if unknown and not out:
         raise ConfigError(f"{', '.join(unknown)}: there are no torques to compare with; give --out a file.")
@@ -61,7 +59,7 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
 
 
 def _predicted(
-    saved: Identification, logs: tuple[str, ...], allow_code: bool, screen: Console, say: Callable[[str], None]
+    saved: Identification, logs: tuple[str, ...], allow_code: bool, screen: Screen, say: Callable[[str], None]
 ) -> list[tuple[LogValidation, bool]]:
     """Return the prediction of every log, and whether its torques are known; print what reading warns of."""
     from dynident.io.saved import read_log_like
@@ -71,6 +69,6 @@ def _predicted(
         say(f"predicting {text}")
         reading = read_log_like(saved, text, allow_code=allow_code)
         for warning in reading.warnings:
-            screen.print(f"Warning: {warning}", style="yellow", soft_wrap=True, highlight=False, markup=False)
+            screen.say(f"Warning: {warning}", "yellow")
         found += [(saved.predict(log), reading.measured) for log in reading.logs]
     return found

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, bar, console, tell
+from dynident.cli.terminal import DIRECTORY, FILE, bar, console, one_line, tell
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -48,7 +48,9 @@ def reproduce(
             found = article.reproduce(scenario, runs, seed, names, path=table, executor=executor, progress=progress)
     except KeyboardInterrupt:
         if table:
-            click.echo(f"Finished runs are kept in {table}: run the same command again to continue.", err=True)
+            click.echo(
+                one_line(f"Finished runs are kept in {table}: run the same command again to continue."), err=True
+            )
         raise
     screen = console()
     screen.print(study_text(found))

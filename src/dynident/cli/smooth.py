@@ -32,7 +32,6 @@ def smooth(
     from dynident.io.fields import UNITS
     from dynident.io.results import check_not_read, write_table, write_text
     from dynident.io.tables import read_columns
-    from dynident.report.page import terminal
     from dynident.report.smoothing import smoothed_columns, smoothing_page, smoothing_table
     from dynident.splines import Fixed, rule_named
 
@@ -50,7 +49,7 @@ def smooth(
         )
         table = replace(table, notes=(*table.notes, note))
     for note in table.notes:
-        screen.print(f"Warning: {note}", style="yellow", soft_wrap=True, highlight=False, markup=False)
-    screen.print(terminal(smoothing_table(found.names, found.fit)))
+        screen.say(f"Warning: {note}", "yellow")
+    screen.show(smoothing_table(found.names, found.fit))
     tell(screen, "Table", write_table(out / "smoothed.csv", found.frame()))
     tell(screen, "Report", write_text(out / "report.html", page))

@@ -1,8 +1,13 @@
-"""Output of the commands: the console, a progress bar, a status line; the last two only in a terminal."""
+"""Output of the commands: the console, a progress bar, a status line; the last two only in a terminal.
+
+What files, columns and joints are called is shown as text: no character of a name acts on the terminal.
+"""
 
 from __future__ import annotations
 
+import re
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,11 +16,12 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from dynident.cli.screen import Screen
     from dynident.report.wording import Line
 
-__all__ = ["ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "say_line", "status", "tell"]
+__all__ = [
+    "ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "one_line", "say_line", "status", "tell", "visible",
+]  # fmt: skip
 
 DIRECTORY = click.Path(file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -25,45 +31,71 @@ ALLOW_CODE = click.option(
 )
 
 
-def tell(console: Console, what: str, path: Path) -> None:
+def visible(text: str) -> str:
+    r"""Return a text with escapes, such as ``\x1b``, for all that could act on a terminal, except line breaks.
+
+    These are the control characters (ESC, BEL, backspace, C1), those that turn the direction of writing or are not
+    seen, and halves of surrogate pairs, by which Python holds the bytes of names that are no text.
+    """
+    if text.isprintable():
+        return text
+    return "".join(one if one == "\n" or _is_shown(one) else one.encode("unicode_escape").decode() for one in text)
+
+
+def one_line(text: str) -> str:
+    r"""Return a message as ``visible`` does; only a line that is indented stands alone.
+
+    Other line breaks, those of names, become ``\n``: no name can pass for a message.
+    """
+    return re.sub(r"\n(?!  )", r"\\n", visible(text).rstrip("\n"))
+
+
+def _is_shown(one: str) -> bool:
+    return one.isprintable() or unicodedata.category(one) == "Zs"
+
+
+def tell(screen: Screen, what: str, path: Path) -> None:
     """Print where a file was written."""
-    console.print(f"{what}: {path.resolve()}", soft_wrap=True, highlight=False, markup=False)
+    screen.say(f"{what}: {path.resolve()}")
 
 
-def say_line(screen: Console, line: Line) -> None:
+def say_line(screen: Screen, line: Line) -> None:
     """Print a line, in yellow where it is a warning."""
     from dynident.errors import Severity
 
-    style = "yellow" if line.severity is Severity.WARNING else None
-    screen.print(line.text, style=style, soft_wrap=True, highlight=False, markup=False)
+    screen.say(line.text, "yellow" if line.severity is Severity.WARNING else None)
 
 
-def console() -> Console:
+def console() -> Screen:
     """Return the console of standard output; wide enough for the tables where it is no terminal."""
-    from rich.console import Console
+    from dynident.cli.screen import Screen
 
-    return Console() if sys.stdout.isatty() else Console(width=150)
+    return Screen() if sys.stdout.isatty() else Screen(width=150)
 
 
 @contextmanager
 def bar(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show a progress bar on standard error; silent where that is no terminal."""
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=None)
+    from dynident.cli.screen import Screen
+
+    text = TextColumn("{task.description}", markup=False)
+    columns = (text, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Screen(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(one_line(title), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @contextmanager
 def status() -> Iterator[Callable[[str], None]]:
     """Show what is being done on standard error; silent where that is no terminal."""
-    from rich.console import Console
+    from rich.text import Text
+
+    from dynident.cli.screen import Screen
 
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    with Console(stderr=True).status("starting") as status:
-        yield lambda step: status.update(step)
+    with Screen(stderr=True).status("starting") as status:
+        yield lambda step: status.update(Text(one_line(step)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
-from dynident.report.page import Fold, PageBlock, PageSection, render, terminal
+from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
@@ -17,8 +17,6 @@ from dynident.report.wording import Line, causes_words, note_lines, status_words
 from dynident.report.words import ROLES, count, listed, logs_of
 
 if TYPE_CHECKING:
-    import rich.table
-
     from dynident.export import Export
     from dynident.identification import Identification
 
@@ -65,10 +63,10 @@ def _warnings(identification: Identification) -> Iterator[PageBlock]:
         yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
 
 
-def identification_tables(identification: Identification) -> list[rich.table.Table]:
+def identification_tables(identification: Identification) -> list[PageTable]:
     """Return for a terminal: the parameters, the errors per log, and the errors per log and joint."""
     parameters, _ = terminal_parameters(identification)
-    return [terminal(table) for table in (parameters, error_table(identification), joint_table(identification))]
+    return [parameters, error_table(identification), joint_table(identification)]
 
 
 def identification_notes(identification: Identification) -> list[Line]:

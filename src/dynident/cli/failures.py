@@ -1,0 +1,104 @@
+"""The end of a command that fails: one message and an exit code, whatever went wrong; the traceback on request."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import traceback
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import click
+
+from dynident import __version__
+from dynident.cli.terminal import one_line, visible
+from dynident.errors import DynidentError
+
+__all__ = ["FAULT", "Commands"]
+
+FAULT = 70  # EX_SOFTWARE of sysexits.h
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+PACKAGE = str(Path(__file__).parents[1])
+
+
+class Commands(click.Group):
+    """Commands that end with one message: exit code 1 for what the user can correct, 70 for a fault of dynident."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **more: Any) -> Any:
+        """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
+        if not standalone_mode:
+            return super().main(*arguments, standalone_mode=False, **more)
+        try:
+            code = super().main(*arguments, standalone_mode=False, **more)
+        except click.ClickException as error:
+            _show(error)
+            sys.exit(error.exit_code)
+        except click.Abort:
+            click.echo("Interrupted.", err=True)
+            sys.exit(INTERRUPTED)
+        sys.exit(code if isinstance(code, int) else 0)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; what it raises becomes an exception that ``main`` shows."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, SystemExit):
+            raise
+        except KeyboardInterrupt:
+            raise click.Abort from None
+        except BrokenPipeError:  # the reader has seen enough
+            _close_output()
+            sys.exit(1)
+        except BaseException as error:  # such as a panic of a library written in Rust
+            if ctx.params.get("debug"):
+                click.echo(visible("".join(traceback.format_exception(error))), err=True)
+            raise _ended(error) from error
+
+
+def _ended(error: BaseException) -> click.ClickException:
+    """Return the message and exit code for an error of a command."""
+    if isinstance(error, DynidentError):
+        return click.ClickException(str(error))
+    if isinstance(error, MemoryError):
+        reason = f" ({error})" if str(error) else ""
+        return click.ClickException(
+            f"there is not enough memory{reason}; use a shorter `window`, fewer recordings, or `filter: decimate`."
+        )
+    made = click.ClickException(_fault(error))
+    made.exit_code = FAULT
+    return made
+
+
+def _fault(error: BaseException) -> str:
+    """Return the message for an error that nobody foresaw, in one line."""
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:300].rstrip(": ")
+    command = " ".join(["dynident", *map(repr, sys.argv[1:])])
+    return (
+        f"dynident failed with {what}{_place(error)}. This is a fault of dynident, not of your input. Please report "
+        f"this line with the input, and what `dynident --debug ...` prints: dynident {__version__}, "
+        f"Python {platform.python_version()}, {platform.system()} {platform.machine()}; {command}"
+    )
+
+
+def _place(error: BaseException) -> str:
+    """Return the last line of dynident that the error went through."""
+    frames = [one for one in traceback.extract_tb(error.__traceback__) if one.filename.startswith(PACKAGE)]
+    return f" at {os.path.relpath(frames[-1].filename, PACKAGE)}:{frames[-1].lineno}" if frames else ""
+
+
+def _show(error: click.ClickException) -> None:
+    """Print the message of an error, with the usage where an option or argument is wrong."""
+    text = one_line(error.format_message())
+    if isinstance(error, click.UsageError):
+        click.UsageError(text, error.ctx).show()
+    else:
+        click.echo(f"Error: {text}", err=True)
+
+
+def _close_output() -> None:
+    """Send what is still to be printed to nowhere; Python would fail when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    with suppress(OSError, ValueError):  # a stream without a file
+        os.dup2(nowhere, sys.stdout.fileno())

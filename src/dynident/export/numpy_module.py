@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -51,8 +52,8 @@ def identified_module(identified: Identified) -> Written:
         elif not motors.add(term, values):
             blocks.append(_other(term, values, k))
             others.append(f"_term_{k}(q, dq, ddq)")
-    head = HEAD.replace("@MODEL@", repr(identified.model.name)).replace("@JOINTS@", _tuple(map(repr, names)))
-    functions = FUNCTIONS.replace("@RIGID@", " + ".join(rigid)).replace("@OTHERS@", " + ".join(others))
+    head = _filled(HEAD, MODEL=repr(identified.model.name), JOINTS=_tuple(map(repr, names)))
+    functions = _filled(FUNCTIONS, RIGID=" + ".join(rigid), OTHERS=" + ".join(others))
     return Written("\n\n".join([head + motors.text(), *blocks, functions]))
 
 
@@ -94,7 +95,7 @@ class _Motors:
             f"    ({_array(vector)}, {_tuple(map(repr, parts.tolist()))}, {_tuple(map(repr, map(float, sign)))}),"
             for vector, parts, sign in self._rows
         ]
-        return MOTORS.replace("@ROWS@", "".join(f"\n{row}" for row in rows) + ("\n" if rows else ""))
+        return _filled(MOTORS, ROWS="".join(f"\n{row}" for row in rows) + ("\n" if rows else ""))
 
 
 def _bodies(term: RigidBodies, values: Array, k: int) -> str:
@@ -112,8 +113,7 @@ def _bodies(term: RigidBodies, values: Array, k: int) -> str:
             f"     {_array(body.placement[:3, :3])}, {_array(body.placement[:3, 3])},\n"
             f"     {m!r}, {_array([x, y, z])}, {_array(tensor)}),"
         )
-    text = BODIES.replace("@K@", str(k)).replace("@GRAVITY@", _array(term.gravity))
-    return text.replace("@ROWS@", "\n".join(rows))
+    return _filled(BODIES, K=str(k), GRAVITY=_array(term.gravity), ROWS="\n".join(rows))
 
 
 def _other(term: Term, values: Array, k: int) -> str:
@@ -147,6 +147,14 @@ def _lagrangian(term: Lagrangian, values: Array, k: int) -> str:
     stack = ", ".join(f"{out} + 0 * q0" for out in outs)
     lines = [f"def _energies_{k}(q, dq, ddq):", *unpack, *steps, f"    return np.stack([{stack}], axis=-1)"]
     return "\n".join(lines).replace("numpy.", "np.") + "\n"
+
+
+def _filled(template: str, **parts: str) -> str:
+    """Return a template with its ``@NAME@`` filled in one pass: what a name of the data holds is never filled in again.
+
+    The parts are Python: names of the data stand in them as literals, by ``repr``.
+    """
+    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
 
 
 def _array(values: ArrayLike) -> str:

@@ -1,4 +1,4 @@
-"""What files, columns, joints and links are called is text: nothing of it runs, and nothing acts on a terminal or a page.
+"""What files, columns, joints and links are called is text: nothing of it runs or acts on a terminal or page.
 
 One robot and its recording, all of whose names are hostile, go through all commands.
 """
@@ -6,11 +6,11 @@ One robot and its recording, all of whose names are hostile, go through all comm
 from __future__ import annotations
 
 import builtins
+import io
 import json
 import re
-from dataclasses import replace
+import time
 from html.parser import HTMLParser
-from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -18,9 +18,8 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.cli.terminal import one_line, visible
+from dynident.cli.terminal import bar, one_line, status, visible
 from dynident.export import Identified, Mjcf, Numpy, Urdf, Yaml, export, random_states
-from dynident.io.config_draft import draft_config
 from dynident.models import Joint, Model, RigidBodies, Viscous, from_physical
 from tests.cli.commands import run
 from tests.robots import joint, link, urdf
@@ -120,13 +119,135 @@ def test_names_and_units_of_parameters(name):
     states = random_states(3, np.random.default_rng(0), 5)
     for kind in (Numpy(), Yaml()):
         assert export(one, kind, states).ready
-    assert one.model.names == tuple(row["name"] for row in yaml.safe_load(export(one, Yaml(), states).written.text)["parameters"])
+    assert one.model.names == tuple(
+        row["name"] for row in yaml.safe_load(export(one, Yaml(), states).written.text)["parameters"]
+    )
 
 
-@pytest.mark.parametrize("name", (*NAMES, SEEN, "a\udc9bb"))
+@pytest.mark.parametrize("name", [*NAMES, SEEN, "a\udc9bb"])
 def test_a_message_only_shows_a_name(name):
     shown = one_line(f"{name}: cannot be read\n  train: is missing")
     assert not ACTS.search(shown)
     assert shown.count("\n") <= 1 + name.count("\n  ")
     shown.encode()  # no half of a surrogate pair is left
     assert visible(shown) == shown
+
+
+JOINTS = ("b'+'</script><b>\u202e=1+1", "a'+str(1)+'@JOINTS@[red]x\nVerdict: Good")
+ODD = "@JOINTS@[red]\x1b[31m\u202e\nVerdict: Good"
+
+
+class Tags(HTMLParser):
+    """The elements of a page, and the attributes that could run."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.running = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.running += [key for key, _ in attrs if key.startswith("on")]
+
+
+def files(folder, joints, odd):
+    """A robot file, a recording and a configuration in which joints, columns, files and logs have the names."""
+    folder.mkdir()
+    (folder / f"{odd}.urdf").write_text(robot(joints))
+    t = np.arange(600) * 0.01
+    q = np.column_stack([0.8 * np.sin(2 * t), 0.6 * np.cos(3 * t)])
+    bodies = RigidBodies(robot(joints))
+    model = Model((bodies, Viscous(bodies.joints)))
+    dq, ddq = np.gradient(q, 0.01, axis=0), np.gradient(np.gradient(q, 0.01, axis=0), 0.01, axis=0)
+    tau = model.torque(q, dq, ddq, np.concatenate([np.tile(BODY, 2), [1.0, 1.0]]))
+    rng = np.random.default_rng(0)
+    tau += 0.01 * rng.standard_normal(tau.shape)
+    columns = (
+        {f"t {odd}": t} | {f"q {odd} {k}": q[:, k] for k in range(2)} | {f"u {odd} {k}": tau[:, k] for k in range(2)}
+    )
+    pl.DataFrame(columns).write_parquet(folder / f"{odd}.parquet")
+    config = {
+        "model": {"file": f"{odd}.urdf", "terms": ["viscous"]},
+        "time": {"column": f"t {odd}", "unit": "s"},
+        "position": {name: {"column": f"q {odd} {k}", "unit": "rad"} for k, name in enumerate(joints)},
+        "torque": {name: {"column": f"u {odd} {k}", "unit": "N m"} for k, name in enumerate(joints)},
+        "train": [{"file": f"{odd}.parquet", "window": [0, 4], "name": f"train {odd}"}],
+        "validation": [{"file": f"{odd}.parquet", "window": [3, 9], "name": f"test {odd}"}],
+        "delay": 0,
+        "estimator": {"kind": "consistent", "costs": False},
+    }
+    (folder / f"{odd}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
+    return folder
+
+
+def commands(folder, odd):
+    """Every command that reads a file; most end well, some in errors that name the files, columns and joints."""
+    config, log, result = folder / f"{odd}.yaml", folder / f"{odd}.parquet", folder / "out" / "result.json"
+    yield 0, ("identify", config, "--out", folder / "out")
+    yield 0, ("check", config, folder / f"{odd}.urdf", "--json", folder / "check.json")
+    yield 0, ("bound", config, "--out", folder / "out2")
+    yield 0, ("predict", result, log, "--out", folder / f"{odd}.csv")
+    for kind in ("numpy", "urdf", "yaml"):
+        yield 0, ("export", result, "--format", kind, "--out", folder / f"new {odd}.{kind}")
+    yield 0, ("smooth", log, "--time", f"t {odd}", "--out", folder / "out3")
+    yield 0, ("init", folder / f"{odd}.urdf", log, "-o", folder / f"init {odd}.yaml")
+    yield 1, ("smooth", log, "--time", odd)
+    yield 1, ("identify", folder / f"{odd}{odd}.yaml")
+    yield 1, ("check", folder / f"{odd}{odd}.yaml")
+    yield 1, ("bound", config, "--sigma-q", odd)
+    yield 1, ("predict", result, folder / odd)
+    yield 1, ("predict", config, log)
+    yield 1, ("export", result, "--format", "mjcf", "--out", folder / f"{odd}.xml")
+    yield 1, ("init", odd, log)
+    yield 1, ("reproduce", "--scenario", odd)
+    yield 2, ("export", result, "--format", odd, "--out", "x")
+    yield 2, ("check", "--" + odd)
+    yield 2, ("schema", odd)
+    yield 2, (odd,)
+    yield 2, ("reproduce", "--runs", odd)
+    yield 2, ("identify", config, odd)
+
+
+def test_every_command_only_shows_names(tmp_path):
+    plain = files(tmp_path / "plain", ("one", "two"), "odd")
+    for code, words in commands(plain, "odd"):
+        assert (done := run(*words)).exit_code == code, (words, done.output)
+    wrong = files(tmp_path / "wrong", JOINTS, ODD)
+    for code, words in commands(wrong, ODD):
+        done = run(*words)
+        assert done.exit_code == code, (words, done.output)
+        acting = ACTS.search(done.output)
+        assert not acting, (words, acting, done.output)
+        assert not re.search(r"^\s*Verdict: Good\b(?! for| enough)", done.output, re.M), (words, done.output)
+    for page in ("out/report.html", "out2/report.html", "out3/report.html"):
+        mine, usual = Tags((wrong / page).read_text()), Tags((plain / page).read_text())
+        assert mine.tags.count("script") == usual.tags.count("script"), page
+        assert set(mine.tags) == set(usual.tags), page
+        assert mine.running == usual.running, page
+    for name in ("out/result.json", "out2/bound.json", "check.json"):
+        text = (wrong / name).read_text()
+        assert not ACTS.search(text.replace("\n", "")), name
+        json.loads(text)
+    assert tuple(one["name"] for one in yaml.safe_load((wrong / "out/parameters.yaml").read_text())["joints"]) == JOINTS
+    drafted = yaml.safe_load((wrong / f"init {ODD}.yaml").read_text())
+    assert drafted["model"]["file"] == f"{ODD}.urdf"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_only_shows_names(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    name = f"{SEEN}[red]\u202e\nVerdict: Good"
+    with status() as say:
+        say(f"reading {name}")
+        time.sleep(0.3)
+    with bar(name) as progress:
+        progress(1, 2)
+    shown = screen.getvalue()
+    assert shown.count("[red]\\u202e\\nVerdict") >= 2
+    assert not re.search("[\x07\x08\x7f\u202e]|\x1b]8|\x1b\\[31m", shown)

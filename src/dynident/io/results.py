@@ -131,15 +131,21 @@ def _text(value: Any, indent: str = "") -> str:
     """Return JSON with lists of plain values, and mappings of a few, in one line."""
     inside = list(value.values()) if isinstance(value, dict) else value
     if not isinstance(value, dict | list) or not any(isinstance(one, dict | list) for one in inside):
-        line = json.dumps(value, ensure_ascii=False, allow_nan=False)
+        line = _dumps(value)
         if not isinstance(value, dict) or len(line) + len(indent) <= WIDTH:
             return line
     more = indent + "  "
     rows = [_text(one, more) for one in inside]
     if isinstance(value, dict):
-        rows = [f"{json.dumps(key, ensure_ascii=False)}: {row}" for key, row in zip(value, rows, strict=True)]
+        rows = [f"{_dumps(key)}: {row}" for key, row in zip(value, rows, strict=True)]
     opening, closing = "{}" if isinstance(value, dict) else "[]"
     return f"{opening}\n{more}" + f",\n{more}".join(rows) + f"\n{indent}{closing}"
+
+
+def _dumps(value: Any) -> str:
+    r"""Return JSON in one line; characters that a reader does not see, or that a terminal acts on, as ``\\u202e``."""
+    line = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in line)
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from annotated_types import Ge, Gt, Lt
+from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, brief, changed, choices
@@ -20,6 +20,8 @@ __all__ = ["LeastSquares", "LeastSquaresSolution", "Weights", "check_weights", "
 
 Array = NDArray[np.float64]
 Weights = Literal["equal", "per_joint"]
+MOST = 1000  # iterations
+COARSEST = 0.01  # tolerance of a rank: with more, columns that the data show are given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +117,8 @@ def check_weights(weights: str, iterations: int) -> None:
     """Raise ConfigError for invalid settings of ``joint_weights``."""
     if weights not in get_args(Weights):
         raise ConfigError(f"weights = {weights!r} of the joints; {choices(weights, get_args(Weights))}")
-    if iterations < 1:
-        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1.")
+    if not 1 <= iterations <= MOST:
+        raise ConfigError(f"iterations = {iterations} of the weights; give a whole number from 1 to {MOST}.")
 
 
 @dataclass(frozen=True)
@@ -140,17 +142,17 @@ class LeastSquares:
     h = 0.2498 +- 0.00021
     """
 
-    tolerance: Annotated[float, Gt(0), Lt(1)] | None = None
+    tolerance: Annotated[float, Gt(0), Le(COARSEST)] | None = None
     weights: Weights = "equal"
-    iterations: Annotated[int, Ge(1)] = 3
+    iterations: Annotated[int, Ge(1), Le(MOST)] = 3
 
     __repr__ = changed
 
     def __post_init__(self) -> None:
         check_weights(self.weights, self.iterations)
-        if self.tolerance is not None and not 0 < self.tolerance < 1:
+        if self.tolerance is not None and not 0 < self.tolerance <= COARSEST:
             raise ConfigError(
-                f"tolerance of the rank is {self.tolerance}; give a number between 0 and 1, such as 1e-12."
+                f"tolerance of the rank is {self.tolerance}; give a number between 0 and {COARSEST}, such as 1e-12."
             )
 
     def __call__(self, problem: Problem) -> Estimate:

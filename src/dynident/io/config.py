@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
 
+DIGITS = 300  # a float has no more before its point
+
 
 def read_config(path: str | Path) -> Config:
     """Read a YAML configuration; relative file names in it start at its folder.
@@ -110,7 +112,10 @@ def _load_yaml(text: str, source: str) -> Any:
     try:
         tree = yaml.compose(text, Loader=yaml.SafeLoader)
         doubled = next(_doubled_keys(tree, set()), None)
+        _check_digits(text, source)
         data = yaml.safe_load(text)
+    except ConfigError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -121,6 +126,21 @@ def _load_yaml(text: str, source: str) -> Any:
         line = doubled.start_mark.line + 1
         raise ConfigError(f"{source}: line {line}: the key {doubled.value!r} is given twice; keep one of them.")
     return data
+
+
+def _check_digits(text: str, source: str) -> None:
+    """Raise ConfigError for a whole number that no setting can hold, and that Python could not even print."""
+    for token in yaml.scan(text, Loader=yaml.SafeLoader):
+        if isinstance(token, yaml.ScalarToken) and token.plain and len(token.value) > DIGITS and _is_whole(token.value):
+            line = token.start_mark.line + 1
+            raise ConfigError(
+                f"{source}: line {line}: {token.value[:20]}... is a number of {len(token.value)} digits; "
+                "no setting is so large."
+            )
+
+
+def _is_whole(word: str) -> bool:
+    return yaml.SafeLoader("").resolve(yaml.ScalarNode, word, (True, False)) == "tag:yaml.org,2002:int"
 
 
 def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:

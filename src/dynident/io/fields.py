@@ -15,17 +15,23 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, Wit
 from pydantic_core import PydanticCustomError
 
 from dynident.errors import ConfigError, choices
+from dynident.regression import HIGHEST
+from dynident.smoothers import LONGEST
 
 __all__ = [
     "UNITS",
+    "Amount",
     "Count",
     "CountOrEach",
+    "Delay",
     "Files",
     "Gain",
+    "Gravity",
     "Interval",
     "Name",
     "NonNegative",
     "Number",
+    "Order",
     "Positive",
     "PositiveOrEach",
     "Section",
@@ -37,6 +43,8 @@ __all__ = [
 ]
 
 Interval = tuple[float | None, float | None]
+SMALLEST, LARGEST = 1e-15, 1e15  # in size, of settings in SI units and of gains
+MOST = 1_000_000  # of counts
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -100,11 +108,29 @@ def _number(value: object) -> float:
     raise ValueError("a finite number is expected")
 
 
-def _count(value: object) -> int:
-    number = _number(value)
-    if number != int(number) or number < 1:
-        raise ValueError("a whole number of at least 1 is expected")
-    return int(number)
+def _between(least: float, most: float, unit: str = "") -> Callable[[object], float]:
+    """Return a reader of numbers from ``least`` to ``most``, beyond which a value can only be a mistake."""
+
+    def read(value: object) -> float:
+        if not least <= (number := _number(value)) <= most:
+            raise ValueError(f"a number from {least:g} to {most:g}{unit} is expected")
+        return number
+
+    return read
+
+
+def _whole(most: int) -> Callable[[object], int]:
+    """Return a reader of whole numbers from 1 to ``most``."""
+
+    def read(value: object) -> int:
+        number = _number(value)
+        if number != int(number) or number < 1:
+            raise ValueError("a whole number of at least 1 is expected")
+        if number > most:
+            raise ValueError(f"a whole number from 1 to {most} is expected")
+        return int(number)
+
+    return read
 
 
 def _name(value: object) -> str:
@@ -114,13 +140,21 @@ def _name(value: object) -> str:
     return str(value)
 
 
-def _gain(value: object) -> float | str:
-    try:
-        return _number(value)
-    except ValueError:
+def _amount(value: object) -> float | str:
+    """Read a number, or the name of a scalar in the file."""
+    if math.isnan(number := as_number(value)):
         if isinstance(value, str) and value.strip().lower().lstrip("+-.") not in ("", "nan", "inf"):
             return value
-    raise ValueError("a finite number, or the name of a scalar in the file, is expected")
+    elif abs(number) <= LARGEST:
+        return number
+    raise ValueError(f"a number of at most {LARGEST:g} in size, or the name of a scalar in the file, is expected")
+
+
+def _gain(value: object) -> float | str:
+    """Read an amount by which a signal is multiplied: with 0 nothing of it would be left."""
+    if isinstance(gain := _amount(value), str) or abs(gain) >= SMALLEST:
+        return gain
+    raise ValueError(f"a gain other than 0 is expected, of at least {SMALLEST:g} in size")
 
 
 def _each(read: Callable[[object], Any]) -> Callable[[object], Any]:
@@ -135,15 +169,15 @@ def _each(read: Callable[[object], Any]) -> Callable[[object], Any]:
 
 
 def _positive(value: object) -> float:
-    if (number := _number(value)) > 0:
-        return number
-    raise ValueError("a number greater than 0 is expected")
+    if (number := _number(value)) <= 0:
+        raise ValueError("a number greater than 0 is expected")
+    return _between(SMALLEST, LARGEST)(number)
 
 
 def _non_negative(value: object) -> float:
-    if (number := _number(value)) >= 0:
-        return number
-    raise ValueError("a number of at least 0 is expected")
+    if (number := _number(value)) < 0:
+        raise ValueError("a number of at least 0 is expected")
+    return _between(SMALLEST, LARGEST)(number) if number else 0.0
 
 
 def _windows(value: object) -> tuple[Interval, ...]:
@@ -192,14 +226,18 @@ _END = {"type": ["number", "null"]}
 _PAIR = {"type": "array", "prefixItems": [_END, _END], "items": False, "minItems": 2}
 _TEXTS = {"type": "object", "additionalProperties": {"type": "string"}, "minProperties": 1}
 
-Number = Annotated[float, BeforeValidator(_number)]
+Number = Annotated[float, BeforeValidator(_between(-LARGEST, LARGEST))]
+Gravity = Annotated[float, BeforeValidator(_between(-1e3, 1e3, " m/s^2"))]
+Delay = Annotated[float, BeforeValidator(_between(-LONGEST, LONGEST, " s"))]
 Positive = Annotated[float, BeforeValidator(_positive), _schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_non_negative), _schema(type="number", minimum=0)]
-Count = Annotated[int, BeforeValidator(_count), _schema(type="integer", minimum=1)]
-CountOrEach = Annotated[int | Mapping[str, int] | None, BeforeValidator(_each(_count))]
+Count = Annotated[int, BeforeValidator(_whole(MOST)), _schema(type="integer", minimum=1, maximum=MOST)]
+CountOrEach = Annotated[int | Mapping[str, int] | None, BeforeValidator(_each(_whole(MOST)))]
+Order = Annotated[int, BeforeValidator(_whole(HIGHEST)), _schema(type="integer", minimum=1, maximum=HIGHEST)]
 PositiveOrEach = Annotated[float | Mapping[str, float] | None, BeforeValidator(_each(_positive))]
 Name = Annotated[str, BeforeValidator(_name), _schema(type=["string", "integer"])]
 Gain = Annotated[float | str, BeforeValidator(_gain)]
+Amount = Annotated[float | str, BeforeValidator(_amount)]
 Files = Annotated[Mapping[str, Path], BeforeValidator(_files), _schema(anyOf=[{"type": "string"}, _TEXTS])]
 Windows = Annotated[
     tuple[Interval, ...],

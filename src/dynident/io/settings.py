@@ -11,13 +11,17 @@ from dynident.errors import ConfigError, choices
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
     UNITS,
+    Amount,
     Count,
     CountOrEach,
+    Delay,
     Files,
     Gain,
+    Gravity,
     Name,
     NonNegative,
     Number,
+    Order,
     Positive,
     PositiveOrEach,
     Section,
@@ -67,9 +71,9 @@ class Channel(Section):
     """A signal in ``unit``: gain * (column, or the sum of columns times their coefficients) + offset."""
 
     column: Name | None = None
-    sum: dict[Name, Gain] | None = Field(None, min_length=1)
+    sum: dict[Name, Amount] | None = Field(None, min_length=1)
     gain: Gain = 1.0
-    offset: Gain = 0.0
+    offset: Amount = 0.0
     unit: str
 
     @model_validator(mode="after")
@@ -132,7 +136,7 @@ class RobotSettings(Section):
     file: Files
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
-    gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.81)
+    gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
     base_tilt: Literal["none", "estimate"] = "none"
     terms: tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
     coulomb_width: NonNegative = 0.0
@@ -144,7 +148,7 @@ class FilterSettings(Section):
 
     decimate: Count = 1
     cutoff: Positive | None = None
-    order: Count = 4
+    order: Order = 4
 
 
 class CascadeJoint(Section):
@@ -154,10 +158,10 @@ class CascadeJoint(Section):
     """
 
     reference: Channel
-    kp: Gain
-    kv: Gain
+    kp: Amount
+    kv: Amount
     gain: Gain = 1.0
-    saturation: Gain | None = None
+    saturation: Amount | None = None
     feedforward: Name | Mapping[Name, Name] | None = None
 
 
@@ -219,7 +223,7 @@ class Config(Section):
     estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_least_squares)
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
-    delay: Number | Literal["estimate"] = "estimate"
+    delay: Delay | Literal["estimate"] = "estimate"
     simulation: Simulation | None = None
 
 

@@ -17,6 +17,8 @@ from dynident.models.term import Joint, Parameter, Partials
 
 __all__ = ["Coulomb", "Offset", "PerJoint", "Viscous"]
 
+SLOWEST = 1e-100  # rad/s, m/s: a velocity is divided by it
+
 Array = NDArray[np.float64]
 
 
@@ -175,8 +177,10 @@ class Coulomb(PerJoint):
         super().__post_init__()
         for name in ("width", "dead_band"):
             value = getattr(self, name)
-            if not 0 <= value < np.inf:
-                raise ModelError(f"Coulomb: {name} is {value}; give a velocity of 0 or more, in rad/s or m/s.")
+            if not (value == 0 or SLOWEST <= value < np.inf):
+                raise ModelError(
+                    f"Coulomb: {name} is {value}; give 0, or a velocity of at least {SLOWEST:g}, in rad/s or m/s."
+                )
         if self.width and self.dead_band:
             raise ModelError(
                 f"Coulomb: width {self.width} and dead_band {self.dead_band} exclude each other; set one to 0."

@@ -11,6 +11,7 @@ from dynident.regression.base_parameters import (
 )
 from dynident.regression.linear_problem import (
     BLOCK,
+    HIGHEST,
     ParallelFilter,
     Regression,
     RegressorBlock,
@@ -24,6 +25,7 @@ from dynident.regression.rank import Rank, precision, rank_of, rank_of_informati
 
 __all__ = [
     "BLOCK",
+    "HIGHEST",
     "BaseParameters",
     "ParallelFilter",
     "Rank",

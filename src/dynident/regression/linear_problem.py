@@ -17,6 +17,7 @@ from dynident.models import Model
 
 __all__ = [
     "BLOCK",
+    "HIGHEST",
     "ParallelFilter",
     "Regression",
     "RegressorBlock",
@@ -29,6 +30,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 BLOCK = 4096
+HIGHEST = 12  # order of a digital filter: poles of higher ones are lost in rounding
+SLOWEST = 0.1  # periods of the cut-off frequency in a recording
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,10 @@ class ParallelFilter:
 
     def __post_init__(self) -> None:
         whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not whole or not (self.cutoff is None or self.cutoff > 0):
+        if not whole or self.order > HIGHEST or not (self.cutoff is None or 0 < self.cutoff < np.inf):
             raise ConfigError(
-                f"parallel filter: decimate = {self.decimate} and order = {self.order} must be whole numbers from 1 "
-                f"and cutoff = {self.cutoff} positive (Hz)."
+                f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
+                f"from 1 to {HIGHEST}, and cutoff = {self.cutoff} positive (Hz)."
             )
         if self.decimate == 1 and self.cutoff is None:
             raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
@@ -62,8 +65,14 @@ class ParallelFilter:
         """Return the filter's second-order sections for the mean rate of a motion."""
         from scipy.signal import butter
 
-        rate = 1.0 / float(np.diff(motion.t).mean())
+        rate, length = 1.0 / float(np.diff(motion.t).mean()), float(motion.t[-1] - motion.t[0])
         cutoff = self.cutoff or 0.4 * rate / self.decimate
+        if not cutoff * length >= SLOWEST:
+            of = "cut-off" if self.cutoff else f"cut-off for decimate = {self.decimate},"
+            raise ConfigError(
+                f"{motion.source}: the parallel filter's {of} {cutoff:.3g} Hz is too low for {length:.4g} s, "
+                f"of which it leaves nothing; give at least {SLOWEST / length:.2g} Hz."
+            )
         if not cutoff < 0.5 * rate:
             raise ConfigError(
                 f"{motion.source}: the parallel filter's cut-off {cutoff:g} Hz does not lie below half the sampling "

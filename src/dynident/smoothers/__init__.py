@@ -4,6 +4,16 @@ from dynident.smoothers.butterworth import Butterworth
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.smoother import BY_JOINT, Smoother, ends_mask
 from dynident.smoothers.spline import Spline
-from dynident.smoothers.time_offset import TimeShifted, unshifted
+from dynident.smoothers.time_offset import LONGEST, TimeShifted, unshifted
 
-__all__ = ["BY_JOINT", "Butterworth", "Difference", "Smoother", "Spline", "TimeShifted", "ends_mask", "unshifted"]
+__all__ = [
+    "BY_JOINT",
+    "LONGEST",
+    "Butterworth",
+    "Difference",
+    "Smoother",
+    "Spline",
+    "TimeShifted",
+    "ends_mask",
+    "unshifted",
+]

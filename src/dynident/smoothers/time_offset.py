@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
-import numpy as np
+from annotated_types import Ge, Le
 
-from dynident.errors import ConfigError, called
+from dynident.errors import ConfigError, InputError, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
 
-__all__ = ["TimeShifted", "unshifted"]
+__all__ = ["LONGEST", "TimeShifted", "unshifted"]
+
+LONGEST = 60.0  # s
 
 
 @dataclass(frozen=True)
@@ -22,17 +25,23 @@ class TimeShifted:
     """
 
     smoother: Smoother
-    time_offset: float
+    time_offset: Annotated[float, Ge(-LONGEST), Le(LONGEST)]
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.time_offset):
-            raise ConfigError(f"time offset is {self.time_offset}: give a finite number of seconds.")
+        if not abs(self.time_offset) <= LONGEST:
+            raise ConfigError(f"time offset is {self.time_offset} s: give a number from -{LONGEST:g} to {LONGEST:g}.")
 
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""
         motion = called(self.smoother, log, Motion)
+        shifted = motion.shifted(self.time_offset)
+        if motion.mask.any() and not shifted.mask.any():
+            raise InputError(
+                f"{log.source}: with a time offset (`delay`) of {self.time_offset:g} s no sample of its "
+                f"{log.t[-1] - log.t[0]:.4g} s is left; give the true one, most often a few milliseconds."
+            )
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
-        return replace(motion.shifted(self.time_offset), smoothing=smoothing)
+        return replace(shifted, smoothing=smoothing)
 
 
 def unshifted(smoother: Smoother) -> Smoother:

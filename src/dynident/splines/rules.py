@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 from dynident.errors import ConfigError, choices
 from dynident.splines.banded import IllConditionedError, Solution, System, second_difference
 
-__all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Series", "rule_named"]
+__all__ = ["GCV", "REML", "Constraint", "Fixed", "Interpolation", "Rule", "Series", "check_columns", "rule_named"]
 
 Array = NDArray[np.float64]
 CHUNK = 4096
@@ -201,6 +201,13 @@ class REML(Rule):
     def choose(self, series: Series, column: int, start: float | None = None) -> Solution:  # noqa: ARG002
         """Minimise the criterion over log p."""
         return _search(series, _reml)
+
+
+def check_columns(rule: Rule, columns: int) -> None:
+    """Raise ConfigError where a setting of the rule has entries for more columns than there are."""
+    for name in ("S", "p", "lam"):
+        if (given := np.size(getattr(rule, name, None))) > max(columns, 1):
+            raise ConfigError(f"{name} has {given} entries, but the data have {columns} columns; give one for each.")
 
 
 def _per_column(value: float | Sequence[float] | None, column: int, name: str) -> float | None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import ConfigError, InputError
 from dynident.splines.banded import IllConditionedError, Solution, System
 from dynident.splines.noise import noise_sigma
-from dynident.splines.rules import Constraint, Rule, Series
+from dynident.splines.rules import Constraint, Rule, Series, check_columns
 
 __all__ = ["SmoothingSpline", "smooth"]
 
@@ -178,6 +178,7 @@ def smooth(
     rule = Constraint() if rule is None else rule
     time, data = _checked(t, y)
     columns = data.reshape(len(time), -1)
+    check_columns(rule, columns.shape[1])
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
     solved: list[tuple[Series, Solution]] = []

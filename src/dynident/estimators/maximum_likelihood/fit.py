@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from annotated_types import Ge, Gt, Lt
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, changed, choices
@@ -32,6 +32,10 @@ Positive = Annotated[float, Gt(0)]
 Start = Literal["free", "rest", "test"]
 DEEP = 0.8  # slack of a second start, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
+FINEST = 0.25  # samples between knots: finer ones follow nothing that was measured
+WIDEST = 1e6  # standard deviations
+SLOWEST = 1e-3  # Hz
+MOST = 1000  # rounds, iterations
 LEVEL = 0.01  # of the test whether the recordings start from rest
 ROUNDING = 1e-15  # an undetermined parameter smaller than this share of the largest is set to zero
 
@@ -72,28 +76,33 @@ class MaximumLikelihood:
     """
 
     start: Start = "free"
-    spacing: Positive | None = None
+    spacing: Annotated[float, Ge(FINEST)] | None = None
     steps: bool | None = None
-    huber: Positive | None = None
-    rounds: Annotated[int, Ge(1)] = 2
+    huber: Annotated[float, Gt(0), Le(WIDEST)] | None = None
+    rounds: Annotated[int, Ge(1), Le(MOST)] = 2
     profile: Positive | None = 0.4
     weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
     tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-3
-    iterations: Annotated[int, Ge(1)] = 60
-    rate: Positive | None = 1100.0
+    iterations: Annotated[int, Ge(1), Le(MOST)] = 60
+    rate: Annotated[float, Ge(SLOWEST)] | None = 1100.0
 
     __repr__ = changed
 
     def __post_init__(self) -> None:
         if self.start not in get_args(Start):
             raise ConfigError(f"start = {self.start!r}; {choices(self.start, get_args(Start))}")
-        for name in ("spacing", "huber", "profile", "rate"):
+        for name, least, most in (
+            ("spacing", FINEST, np.inf),
+            ("huber", 0.0, WIDEST),
+            ("profile", 0.0, np.inf),
+            ("rate", SLOWEST, np.inf),
+        ):
             value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise ConfigError(f"{name} = {value}; give a positive number, or leave it out.")
+            if value is not None and not (0 < value < np.inf and least <= value <= most):
+                raise ConfigError(f"{name} = {value}; give a positive number{_range(least, most)}, or leave it out.")
         for name in ("rounds", "iterations"):
-            if getattr(self, name) < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1.")
+            if not 1 <= getattr(self, name) <= MOST:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1 to {MOST}.")
         for name in ("weight", "tolerance"):
             if not 0 < getattr(self, name) < 1:
                 raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")
@@ -113,6 +122,11 @@ class MaximumLikelihood:
     def quick(self) -> LeastSquares:
         """Return least squares: fitting the trajectory takes too long for a search."""
         return LeastSquares()
+
+
+def _range(least: float, most: float) -> str:
+    """Return the limits of a setting as text, where there are any."""
+    return (f" of at least {least:g}" if least else "") + (f" of at most {most:g}" if most < np.inf else "")
 
 
 @dataclass(eq=False)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from annotated_types import Ge, Gt, Lt
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, changed, choices
@@ -29,7 +29,7 @@ from dynident.estimators.constraints import (
     total,
 )
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
-from dynident.estimators.least_squares import Weights, check_weights, joint_weights, weighted
+from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
 from dynident.estimators.notes import DecidedByPrior, HeldByConstraints, NotIdentifiable, PriorApproached, RankDeficient
 from dynident.estimators.physically_consistent.prior import move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
@@ -40,6 +40,7 @@ __all__ = ["PhysicallyConsistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
+HEAVIEST = 1e6  # kg
 CLOSED = 1e-6  # duality gap above which the prior was not reached
 FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
@@ -87,15 +88,15 @@ class PhysicallyConsistent:
     viscous: bool = True
     coulomb: bool = True
     rotor: bool = True
-    total_mass: Annotated[float, Gt(0)] | Bounds | None = None
+    total_mass: Annotated[float, Gt(0), Le(HEAVIEST)] | Bounds | None = None
     bounds: Mapping[str, Bounds] | tuple[tuple[str, Bounds], ...] = ()
     centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
     prior: Literal["nominal", "none"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
-    threshold: Annotated[float, Gt(0), Lt(1)] | None = None
+    threshold: Annotated[float, Gt(0), Le(COARSEST)] | None = None
     margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
     weights: Weights = "per_joint"
-    iterations: Annotated[int, Ge(1)] = 3
+    iterations: Annotated[int, Ge(1), Le(MOST)] = 3
     costs: bool = True
 
     __repr__ = changed
@@ -114,10 +115,10 @@ class PhysicallyConsistent:
             raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
         if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):
             raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, ('nominal', 'none'))}")
-        for name in ("threshold", "margin"):
+        for name, most in (("threshold", COARSEST), ("margin", 1.0)):
             value = getattr(self, name)
-            if value is not None and not 0 < value < 1:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-6.")
+            if value is not None and not 0 < value <= most:
+                raise ConfigError(f"{name} = {value}; give a number between 0 and {most:g}, such as 1e-6.")
         for name, sides in self._intervals().items():
             _check_sides(name, *sides)
         for name, (lower, upper) in dict(self.centre_of_mass).items():

@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -23,9 +23,20 @@ __all__ = [
     "ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "one_line", "say_line", "status", "tell", "visible",
 ]  # fmt: skip
 
-DIRECTORY = click.Path(file_okay=False, path_type=Path)
-FILE = click.Path(dir_okay=False, path_type=Path)
-LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
+
+class _Path(click.Path):
+    """A path without ``..``: what is written into a/../b would make a, too."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value) or "\0" in str(value):
+            self.fail(f"{str(value)!r} is no name of a file or folder.", param, ctx)
+        path = Path(super().convert(value, param, ctx))
+        return path.resolve() if ".." in path.parts else path
+
+
+DIRECTORY = _Path(file_okay=False, path_type=Path)
+FILE = _Path(dir_okay=False, path_type=Path)
+LOG = _Path(path_type=Path)  # a ROS 2 bag is a folder
 ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
 )

@@ -24,7 +24,7 @@ def called(part: Callable[[Any], object], given: object, result: type[T]) -> T:
     except DynidentError:
         raise
     except (Exception, SystemExit) as error:
-        if type(part).__module__.startswith("dynident."):
+        if str(getattr(part, "__module__", "")).startswith("dynident."):
             raise
         last = traceback.extract_tb(error.__traceback__)[-1]
         words = f"{name} failed at {last.filename}:{last.lineno}: {type(error).__name__}: {error}"

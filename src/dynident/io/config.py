@@ -13,7 +13,7 @@ import yaml
 from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
-from dynident.io.fields import Interval, interval_words
+from dynident.io.fields import Interval, interval_words, is_deep
 from dynident.io.python_file import CODE, from_file, guarded, located
 from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
@@ -114,6 +114,8 @@ def _load_yaml(text: str, source: str) -> Any:
         doubled = next(_doubled_keys(tree, set()), None)
         _check_digits(text, source)
         data = yaml.safe_load(text)
+        if is_deep(data):
+            raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.")
     except ConfigError:
         raise
     except yaml.MarkedYAMLError as error:

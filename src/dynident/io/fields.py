@@ -39,12 +39,14 @@ __all__ = [
     "as_number",
     "by_kind",
     "interval_words",
+    "is_deep",
     "unit_factor",
 ]
 
 Interval = tuple[float | None, float | None]
 SMALLEST, LARGEST = 1e-15, 1e15  # in size, of settings in SI units and of gains
 MOST = 1_000_000  # of counts
+DEEPEST = 50  # levels of lists and mappings
 
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -100,6 +102,19 @@ def as_number(value: object) -> float:
         except (ValueError, OverflowError):
             pass
     return math.nan
+
+
+def is_deep(data: object) -> bool:
+    """Whether lists and mappings are nested deeper than any settings or results are, or in a ring."""
+    level = {id(data): data}
+    for _ in range(DEEPEST):
+        inside = (one.values() if isinstance(one, Mapping) else one for one in level.values() if not _is_plain(one))
+        level = {id(one): one for part in inside for one in part}
+    return not all(map(_is_plain, level.values()))
+
+
+def _is_plain(value: object) -> bool:
+    return not isinstance(value, Mapping | list)
 
 
 def _number(value: object) -> float:

@@ -14,6 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
+from dynident.io.text import unpanicked
 
 if TYPE_CHECKING:
     import polars as pl
@@ -112,10 +113,12 @@ def read_table(path: str | Path) -> pl.DataFrame:
     kind = table_kind(path)
     try:
         data = BytesIO(path.read_bytes())
-        return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
+        return unpanicked(
+            lambda: pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
+        )
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+    except (pl.exceptions.PolarsError, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 
 

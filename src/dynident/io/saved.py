@@ -10,6 +10,7 @@ from typing import Any
 from dynident.errors import ConfigError, InputError, ModelError
 from dynident.identification import Identification, Sources
 from dynident.io.config import parse_config
+from dynident.io.fields import is_deep
 from dynident.io.logs import Reading, read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.result_format import FORMAT, VERSION
@@ -101,6 +102,6 @@ def _load(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
-    if not isinstance(data, dict):
+    if not isinstance(data, dict) or is_deep(data):
         raise InputError(f"{path}: is not a result.json of `dynident identify`.")
     return data

@@ -219,6 +219,7 @@ class Config(Section):
     train: tuple[LogSpec, ...] = Field(min_length=1)
     validation: tuple[LogSpec, ...] = ()
     gaps: Literal["error", "split"] = "error"
+    close_stamps: Literal["error", "drop", "keep"] = "error"
     smoother: Annotated[Any, PartReader(SMOOTHERS)] = Field(default_factory=_spline)
     estimator: Annotated[Any, PartReader(ESTIMATORS)] = Field(default_factory=_least_squares)
     filter: FilterSettings | None = None

@@ -19,6 +19,7 @@ __all__ = ["RecordedSignals", "bad_values", "controller", "has_torques", "signal
 
 Array = NDArray[np.float64]
 
+CLOSE = 1e-4  # share of the usual step
 _LARGEST = 1e100  # a larger value is damaged, and its square may overflow
 
 
@@ -43,10 +44,12 @@ def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bo
 def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool) -> RecordedSignals:
     """Return the channels of the joints; torques are zero where they are not ``measured``.
 
-    Incomplete rows at both ends and duplicate rows are dropped, with a note of the table. Raises ConfigError where the
-    transmission is singular, InputError where a column is missing or a time is wrong.
+    Incomplete rows at both ends, duplicate rows and, with ``close_stamps: drop``, rows right after the previous one are
+    dropped, with a note of the table. Raises ConfigError where the transmission is singular, InputError where a column
+    is missing or a time is wrong.
     """
     table = _tidy(table, _used(table, config, joints, measured=measured), config.time.column is not None)
+    table = _spaced(table, config)
     used = _used(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
     q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
@@ -147,6 +150,35 @@ def _tidy(table: DataTable, used: Mapping[str, Array], stamped: bool) -> DataTab
     return table.kept(new, f"{(~new).sum()} rows that repeat the previous one, including its time, are left out.")
 
 
+def _spaced(table: DataTable, config: Config) -> DataTable:
+    """Drop rows whose stamp nearly is the previous one, or InputError, as ``close_stamps`` says.
+
+    Whatever lies between two such rows is noise: their difference quotient is no velocity.
+    """
+    name, wanted = config.time.column, config.close_stamps
+    if name is None or wanted == "keep":
+        return table
+    t = table.column(name, "time")
+    with np.errstate(over="ignore", invalid="ignore"):  # bad stamps are refused later
+        steps = np.diff(t)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    same = steps >= 0 if wanted == "drop" else steps > 0  # equal stamps are refused with the others
+    close = np.flatnonzero(same & (steps < CLOSE * usual))
+    if not len(close):
+        return table
+    what = f"{len(close)} rows follow the previous one by less than {CLOSE:g} of the usual step"
+    if wanted == "drop":
+        keep = np.ones(len(t), dtype=bool)
+        keep[close + 1] = False
+        return table.kept(keep, f"{what}, the first at {table.place(close[0] + 1)}; they are left out.")
+    factor = unit_factor(config.time.unit, "time", "time.unit")
+    raise InputError(
+        f"{table.source}: column {name!r}: the time at {table.place(close[0] + 1)} is {factor * steps[close[0]]:.3g} s "
+        f"after the previous one, where {factor * usual:.3g} s is usual ({what}); `close_stamps: drop` leaves such "
+        "rows out, `close_stamps: keep` fits them."
+    )
+
+
 def _matrix(
     table: DataTable,
     channels: Mapping[str, Channel],
@@ -192,7 +224,7 @@ def _times(table: DataTable, config: Config, rows: int) -> Array:
         what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
         raise InputError(
             f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
-            f"({len(back)} such rows); sort the rows by time and keep the first of equal stamps."
+            f"({len(back)} such rows); sort the rows by time and keep the first of equal stamps (`close_stamps: drop`)."
         )
     return t
 

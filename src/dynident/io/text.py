@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from io import BytesIO
+from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -20,6 +23,7 @@ __all__ = ["parse_text", "unpanicked"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+_READING = Lock()  # the descriptors belong to all threads
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 _EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
@@ -177,10 +181,28 @@ def _any(cells: pl.DataFrame, pattern: str) -> bool:
 
 
 def unpanicked(read: Callable[[], T]) -> T:
-    """Call polars; a panic of its readers, which is not an ``Exception``, becomes one."""
+    """Call polars; a panic of its readers, which is not an ``Exception``, becomes one, and its trace is not printed."""
     import polars as pl
 
     try:
-        return read()
+        with _READING, _no_trace():
+            return read()
     except pl.exceptions.PanicException as error:
         raise ValueError(str(error)) from error
+
+
+@contextmanager
+def _no_trace() -> Iterator[None]:
+    """Send file descriptor 2 to nowhere: Rust writes the trace of a panic there, before Python sees an exception."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -203,3 +205,29 @@ def test_statistics_are_the_published_ones() -> None:
 def test_no_runs() -> None:
     with pytest.raises(InputError, match="runs is 0"):
         run_study([Still()], [Mean()], LEVELS, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.drop("status"), "no column 'status'"),
+        (lambda table: table.with_columns(seed=pl.lit("x")), "'seed' holds String, not Int64"),
+        (lambda table: table.with_columns(run=pl.lit(1e300)), "'run' holds Float64"),
+        (lambda table: table.with_columns(value=pl.lit("1")), "'value' holds String"),
+        (lambda table: table.with_columns(mine=pl.lit(1)), "no study has the column 'mine'"),
+        (lambda table: table.with_columns(status=pl.lit("good")), "'good' is no status"),
+        (lambda table: table.with_columns(method=pl.lit(None, pl.String)), "'method' has empty cells"),
+        (lambda table: pl.concat([table, table]), "twice"),
+        (lambda table: table.with_columns(value=pl.lit([1.0, 2.0, 3.0])), "lists of 3 numbers in the column 'value'"),
+        (lambda table: table.with_columns(interval=pl.lit([1.0])), "lists of 1 numbers in the column 'interval'"),
+    ],
+)
+def test_a_table_that_no_study_wrote_is_refused(tmp_path: Path, change: Any, words: str) -> None:
+    path = tmp_path / "study.parquet"
+    run_study([Still()], [Mean()], LEVELS, 2, path=path)
+    change(pl.read_parquet(path)).write_parquet(path)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=re.escape(words)):
+        statistics(run_study([Still()], [Mean()], LEVELS, 2, path=path), 2)
+    if "lists" not in words:
+        assert path.read_bytes() == before

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError
+from dynident.errors import InputError, listed
 from dynident.estimators import Estimate
 from dynident.io.results import read_table, write_table
 from dynident.models import Recording
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Method", "Outcome", "Scenario", "Statistics", "run_study", "statistics"]
 
 Array = NDArray[np.float64]
+ADDED = ("reason", "std", "interval")  # columns that tables of older versions lack
 KEY = ("scenario", "method", "level", "run", "seed", "version")
 SAVE_EVERY = 2.0  # seconds between writes of the table
 
@@ -190,11 +191,27 @@ def _known(path: str | Path | None) -> list[dict[str, Any]]:
     if path is None or not Path(path).exists():
         return []
     table = read_table(path)
-    if not set(KEY) <= set(table.columns):
-        raise InputError(
-            f"{path}: is not a table of a study (columns {', '.join(table.columns)}); choose another file."
-        )
+    if reason := _foreign(table):
+        raise InputError(f"{path}: is not a table of a study: {reason}; choose another file or folder.")
     return table.to_dicts()
+
+
+def _foreign(table: pl.DataFrame) -> str:
+    """Return why a table is not one that a study wrote, empty where it is one."""
+    for name, kind in _schema().items():
+        if name not in table.columns:
+            if name not in ADDED:
+                return f"it has no column {name!r} (columns {listed(table.columns)})"
+        elif table.schema[name] != kind:
+            return f"its column {name!r} holds {table.schema[name]}, not {kind}"
+    if more := [name for name in table.columns if name not in _schema()]:
+        return f"no study has the column {more[0]!r}"
+    for name in (*KEY, "status"):
+        if table[name].null_count():
+            return f"its column {name!r} has empty cells"
+    if wrong := set(table["status"]) - set(Outcome):
+        return f"{min(wrong)!r} is no status of a fit"
+    return "a fit stands in it twice" if table.select(KEY).is_duplicated().any() else ""
 
 
 def _units(wanted: dict[tuple[Any, ...], tuple[Any, Any]], done: set[tuple[Any, ...]]) -> list[_Unit]:
@@ -221,12 +238,17 @@ def _results(units: Iterable[_Unit], executor: Executor | None) -> Iterator[list
 def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
     import polars as pl
 
-    schema: dict[str, pl.DataType | type[pl.DataType]] = {
+    return pl.DataFrame(rows, schema=_schema())
+
+
+def _schema() -> dict[str, pl.DataType | type[pl.DataType]]:
+    import polars as pl
+
+    return {
         "scenario": pl.String, "method": pl.String, "level": pl.Float64, "run": pl.Int64, "seed": pl.Int64,
         "version": pl.String, "status": pl.String, "reason": pl.String, "seconds": pl.Float64,
         "value": pl.List(pl.Float64), "std": pl.List(pl.Float64), "interval": pl.List(pl.Float64),
     }  # fmt: skip
-    return pl.DataFrame(rows, schema=schema)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +277,10 @@ def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
     """Return the sample mean and variance over the rows of a table."""
     rows = [row for row in table.to_dicts() if row["value"]]
     good = [row["value"] for row in rows]
+    for name, size in (("value", parameters), ("std", parameters), ("interval", 2 * parameters)):
+        if wrong := {len(row.get(name) or ()) for row in rows} - {0, size}:
+            words = f"lists of {min(wrong)} numbers in the column {name!r}, not of {size}"
+            raise InputError(f"the table of the study has {words}; delete it and run again.")
     estimates = np.array(good, dtype=float).reshape(len(good), parameters)
     ends = [_ends(row) for row in rows]
     nothing = np.full(parameters, np.nan)

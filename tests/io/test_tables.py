@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 
 import numpy as np
 import pytest
@@ -191,3 +192,30 @@ def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
     table = read_columns(tmp_path / "a.npz")
     np.testing.assert_array_equal([table.columns["q[0]"], table.columns["q[1]"]], q)
     assert "transpose" in table.faults["other"]
+
+
+def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):
+    """Polars panics at some of these: the trace that Rust writes to file descriptor 2 by itself must not be seen."""
+    columns = {"a": np.arange(50.0), "b": np.arange(50), "c": [str(k % 3) for k in range(50)]}
+    sound, rng = parquet(**columns), np.random.default_rng(1)
+    for _ in range(600):
+        data = np.frombuffer(sound, np.uint8).copy()
+        data[rng.integers(4, len(data) - 8, 3)] = rng.integers(0, 256, 3)
+        with contextlib.suppress(InputError):
+            read_columns(written(tmp_path, "a.parquet", data.tobytes()))
+    os.write(2, b"end\n")
+    assert capfd.readouterr().err == "end\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.parquet", parquet(t=np.zeros(0), q=np.zeros(0)), "a.parquet: holds columns without rows"),
+        ("a.parquet", parquet(), "a.parquet: holds no columns"),
+        ("a.parquet", b"PAR1PAR1", r"a.parquet: is not a readable .parquet file \(ComputeError: "),
+        ("a.npz", npz(), "a.npz: holds no columns"),
+    ],
+)
+def test_tables_without_content_are_refused(tmp_path, name, data, words):
+    with pytest.raises(InputError, match=words):
+        read_columns(written(tmp_path, name, data))

@@ -103,6 +103,8 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
             given: dict[str, Any] = {"kind": kind}
             if kind == "time_shifted":
                 given |= {"smoother": {"kind": "spline"}, "time_offset": 0.01}
+            if kind == "butterworth":
+                given |= {"cutoffs": [10, 8, 8], "settle": [0.1, 0.1]}
             if kind == "consistent":
                 found["consistent robot"] = (section(family, family.get(kind)), (key,), robot | {key: given})
             found[kind] = (section(family, family.get(kind)), (key,), plain | {key: given})

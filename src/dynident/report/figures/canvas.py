@@ -119,10 +119,12 @@ def curve(t: Array, y: Array, name: str, line: Mapping[str, Any], points: int = 
     import plotly.graph_objects as go
 
     t, y = thin(t, y, points)
-    single = t.astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # values beyond single precision leave the figure
+        single, values = t.astype(np.float32), y.astype(np.float32)
+        rising = (np.diff(single) > 0).all()
     return go.Scatter(
-        x=single if (np.diff(single) > 0).all() else t,
-        y=y.astype(np.float32),
+        x=single if rising else t,
+        y=values,
         name=name,
         mode="lines",
         line=dict(line),

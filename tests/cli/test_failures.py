@@ -1,0 +1,107 @@
+"""How a command ends that fails: one message, an exit code, and no traceback unless it is asked for."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from dynident import __version__
+from dynident.cli import main
+from dynident.errors import InputError
+from tests.cli.commands import configure, write_log
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, error: BaseException, *arguments: str, **env: str) -> Result:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    monkeypatch.setattr("dynident.io.project.run", fail)
+    return CliRunner().invoke(main, [*arguments, "identify", "a.yaml"], env=env)
+
+
+class Panic(BaseException):
+    """Like the panics of libraries written in Rust, which are no ``Exception``."""
+
+
+@pytest.mark.parametrize(
+    "error",
+    [KeyError("x"), ValueError("a\nb"), RecursionError("deep"), Panic("rust"), AssertionError(), OSError(5, "io")],
+)
+def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    done = failing(monkeypatch, error)
+    assert done.exit_code == 70
+    assert done.output.startswith(f"Error: dynident failed with {type(error).__name__}")
+    assert done.output.count("\n") == 1
+    for words in ("a fault of dynident", f"dynident {__version__}", "Python 3.", "--debug", " at cli/identify.py:"):
+        assert words in done.output, done.output
+
+
+def test_the_traceback_is_printed_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    for done in (
+        failing(monkeypatch, KeyError("\x1b[31mx"), "--debug"),
+        failing(monkeypatch, KeyError("\x1b[31mx"), DYNIDENT_DEBUG="1"),
+    ):
+        assert done.exit_code == 70
+        assert "Traceback" in done.output
+        assert "identify.py" in done.output
+        assert "\x1b" not in done.output
+    wrong = failing(monkeypatch, InputError("no such file"), "--debug")
+    assert wrong.exit_code == 1
+    assert "Traceback" in wrong.output
+    assert wrong.output.endswith("Error: no such file\n")
+
+
+def test_memory_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = failing(monkeypatch, MemoryError("Unable to allocate 7 TiB"))
+    assert done.exit_code == 1
+    assert done.output.startswith(
+        "Error: there is not enough memory (Unable to allocate 7 TiB); use a shorter `window`"
+    )
+
+
+def test_an_interrupt_is_one_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = failing(monkeypatch, KeyboardInterrupt())
+    assert (done.exit_code, done.output) == (130, "Interrupted.\n")
+
+
+def test_the_library_raises_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For programs that call the command in their own process."""
+    with pytest.raises(click.ClickException, match="cannot be read"):
+        main.main(["identify", "a.yaml"], standalone_mode=False)
+
+
+def command(*words: object, **how: Any) -> subprocess.Popen[str]:
+    line = [sys.executable, "-m", "dynident", *map(str, words)]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how)
+
+
+def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
+    """``dynident check ... | head -1``; it closes the pipe while more is to come."""
+    write_log(tmp_path)
+    config = configure(tmp_path)
+    for words in (("check", *[config] * 4), ("schema",), ("--help",)):
+        with command(*words) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            process.stdout.readline()
+            process.stdout.close()
+            assert process.stderr.read() == ""
+            assert process.wait() in (0, 1)
+
+
+def test_an_interrupt_from_outside(tmp_path: Path) -> None:
+    write_log(tmp_path, n=20_000)
+    with command("check", *[configure(tmp_path)] * 500) as process:
+        time.sleep(2.0)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate()
+    assert process.returncode == 130, errors
+    assert errors.strip() == "Interrupted."

@@ -23,7 +23,7 @@ def reference() -> str:
         "",
         "A wrong setting or recording ends with one message and exit code 1, a wrong option with exit code 2. An error",
         "that was not foreseen is a fault of dynident: one line that says what to report, and exit code 70. Where a",
-        "command fails, `dynident --debug COMMAND ...`, or `DYNIDENT_DEBUG=1` in the environment, prints the traceback.",
+        "command fails, `--debug` before its name, or `DYNIDENT_DEBUG=1` in the environment, prints the traceback.",
     ]
     context = click.Context(main, info_name="dynident", **main.context_settings)
     for name in main.list_commands(context):

@@ -138,7 +138,7 @@ def test_tolerance_decides_on_nearly_dependent_columns(tolerance: float, rank: i
 
 @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-12, float("nan")])
 def test_wrong_tolerance(tolerance: float) -> None:
-    with pytest.raises(ConfigError, match=rf"rank is {tolerance}; give a number between 0 and 1"):
+    with pytest.raises(ConfigError, match=rf"rank is {tolerance}; give a number between 0 and 0.01"):
         LeastSquares(tolerance)
 
 

@@ -176,7 +176,7 @@ MISTAKES = {
     "order": (changed(smoother={"kind": "butterworth", "orders": [3, 0, 4]}), ("smoother.orders[1]", "got 0")),
     "tolerance": (
         changed(estimator={"kind": "least_squares", "tolerance": 2}),
-        ("estimator.tolerance", "less than 1", "got 2"),
+        ("estimator.tolerance", "less than or equal to 0.01", "got 2"),
     ),
     "estimator kind": (changed(estimator={"kind": "least_square"}), ("did you mean 'least_squares'",)),
     "decimate": (changed(filter={"decimate": "10.5"}), ("filter.decimate: a whole number", "'10.5'")),

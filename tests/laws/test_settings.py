@@ -72,7 +72,7 @@ HUGE = int("f" * 4000, 16)
 CAUSES = {
     "huge": ("", "min_speed", HUGE, ("line 26: 0xffff", "number of 4002 digits")),
     "gain of 0": ("torque", "gain", 0, ("torque.slider.gain: a gain other than 0", "got 0")),
-    "huge gain": ("position", "gain", 1e300, ("position.slider.gain: a number of at most 1e+15", "got 1e+300")),
+    "huge gain": ("position", "gain", 1e300, ("position.slider.gain: a finite number, at most 1e+15", "got 1e+300")),
     "gravity": ("model", "gravity", [0, 0, 1e300], ("model.gravity[2]: a number from -1000 to 1000 m/s^2",)),
     "decimate": ("filter", "decimate", 10**9, ("filter.decimate: a whole number from 1 to 1000000",)),
     "slow decimate": ("filter", "decimate", 20_000, ("for decimate = 20000, 0.002 Hz is too low for 3 s", "0.033 Hz")),
@@ -83,6 +83,7 @@ CAUSES = {
     "delay": ("", "delay", 1e9, ("delay: a number from -60 to 60 s", "got 1000000000.0", "'estimate'")),
     "long delay": ("", "delay", 50, ("delay", "50 s", "no sample of its 3 s is left")),
     "threshold": ("consistent", "threshold", 0.5, ("estimator.threshold: should be less than or equal to 0.01",)),
+    "many terms": ("model", "terms", [1] * 1000, ("model.terms: at most 100 entries",)),
     "too many S": ("spline", "S", [1, 1], ("S has 2 entries, but the data have 1 column",)),
     "narrow": ("model", "coulomb_width", 5e-324, ("model.coulomb_width: a number from 1e-15",)),
     "true": ("filter", "order", True, ("filter.order: a finite number is expected; got True",)),

@@ -19,6 +19,7 @@ from dynident.regression import HIGHEST
 from dynident.smoothers import LONGEST
 
 __all__ = [
+    "FEW",
     "UNITS",
     "Amount",
     "Count",
@@ -46,6 +47,7 @@ __all__ = [
 Interval = tuple[float | None, float | None]
 SMALLEST, LARGEST = 1e-15, 1e15  # in size, of settings in SI units and of gains
 MOST = 1_000_000  # of counts
+ENTRIES = 100  # of a list of parts
 DEEPEST = 50  # levels of lists and mappings
 
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -148,6 +150,12 @@ def _whole(most: int) -> Callable[[object], int]:
     return read
 
 
+def _few(value: object) -> object:
+    if isinstance(value, list | tuple) and len(value) > ENTRIES:
+        raise ValueError(f"at most {ENTRIES} entries are expected")
+    return value
+
+
 def _name(value: object) -> str:
     """Read a name; header-less columns are named by numbers, which need no quotes."""
     if isinstance(value, bool) or not isinstance(value, int | str) or not str(value).strip():
@@ -162,7 +170,7 @@ def _amount(value: object) -> float | str:
             return value
     elif abs(number) <= LARGEST:
         return number
-    raise ValueError(f"a number of at most {LARGEST:g} in size, or the name of a scalar in the file, is expected")
+    raise ValueError(f"a finite number, at most {LARGEST:g} in size, or the name of a scalar in the file, is expected")
 
 
 def _gain(value: object) -> float | str:
@@ -241,6 +249,7 @@ _END = {"type": ["number", "null"]}
 _PAIR = {"type": "array", "prefixItems": [_END, _END], "items": False, "minItems": 2}
 _TEXTS = {"type": "object", "additionalProperties": {"type": "string"}, "minProperties": 1}
 
+FEW = BeforeValidator(_few)
 Number = Annotated[float, BeforeValidator(_between(-LARGEST, LARGEST))]
 Gravity = Annotated[float, BeforeValidator(_between(-1e3, 1e3, " m/s^2"))]
 Delay = Annotated[float, BeforeValidator(_between(-LONGEST, LONGEST, " s"))]

@@ -10,6 +10,7 @@ from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidat
 from dynident.errors import ConfigError, choices
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import (
+    FEW,
     UNITS,
     Amount,
     Count,
@@ -138,7 +139,9 @@ class RobotSettings(Section):
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
     base_tilt: Literal["none", "estimate"] = "none"
-    terms: tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...] = ("rotor", "viscous", "coulomb", "offset")
+    terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...], FEW] = (
+        "rotor", "viscous", "coulomb", "offset",
+    )  # fmt: skip
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
 

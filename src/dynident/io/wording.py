@@ -14,6 +14,8 @@ from dynident.errors import choices
 
 __all__ = ["worded"]
 
+MOST = 12  # places in a message
+
 
 def worded(error: ValidationError, data: Any, source: str) -> str:
     """Return the message to a user for settings ``data`` from ``source``, one line for each place."""
@@ -21,7 +23,7 @@ def worded(error: ValidationError, data: Any, source: str) -> str:
     for details in _causes(error.errors()):
         lines.setdefault(_path(details["loc"], data), []).append(_words(details))
     words = [f"{path}: {' or '.join(parts)}" if path else " or ".join(parts) for path, parts in lines.items()]
-    return f"{source}: " + "\n  ".join(words)
+    return f"{source}: " + "\n  ".join(words[:MOST] + ([f"and {len(words) - MOST} more"] if words[MOST:] else []))
 
 
 def _causes(found: list[ErrorDetails]) -> list[ErrorDetails]:

@@ -17,7 +17,7 @@ from dynident.models.term import Joint, Parameter, Partials
 
 __all__ = ["Coulomb", "Offset", "PerJoint", "Viscous"]
 
-SLOWEST = 1e-100  # rad/s, m/s: a velocity is divided by it
+SLOWEST = 1e-300  # rad/s, m/s: a velocity is divided by it
 
 Array = NDArray[np.float64]
 
@@ -178,9 +178,7 @@ class Coulomb(PerJoint):
         for name in ("width", "dead_band"):
             value = getattr(self, name)
             if not (value == 0 or SLOWEST <= value < np.inf):
-                raise ModelError(
-                    f"Coulomb: {name} is {value}; give 0, or a velocity of at least {SLOWEST:g}, in rad/s or m/s."
-                )
+                raise ModelError(f"Coulomb: {name} is {value}; give a velocity of 0 or more, in rad/s or m/s.")
         if self.width and self.dead_band:
             raise ModelError(
                 f"Coulomb: width {self.width} and dead_band {self.dead_band} exclude each other; set one to 0."

@@ -53,7 +53,7 @@ class ParallelFilter:
 
     def __post_init__(self) -> None:
         whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not whole or self.order > HIGHEST or not (self.cutoff is None or 0 < self.cutoff < np.inf):
+        if not whole or self.order > HIGHEST or not (self.cutoff is None or self.cutoff > 0):
             raise ConfigError(
                 f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
                 f"from 1 to {HIGHEST}, and cutoff = {self.cutoff} positive (Hz)."

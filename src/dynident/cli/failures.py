@@ -6,6 +6,7 @@ import os
 import platform
 import sys
 import traceback
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,15 +24,21 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PACKAGE = str(Path(__file__).parents[1])
 
 
+class Fault(click.ClickException):
+    """The message for an error that nobody foresaw."""
+
+    exit_code = FAULT
+
+
 class Commands(click.Group):
     """Commands that end with one message: exit code 1 for what the user can correct, 70 for a fault of dynident."""
 
-    def main(self, *arguments: Any, standalone_mode: bool = True, **more: Any) -> Any:
+    def main(self, args: Sequence[str] | None = None, **how: Any) -> Any:  # type: ignore[override]  # its overloads
         """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
-        if not standalone_mode:
-            return super().main(*arguments, standalone_mode=False, **more)
+        if not how.pop("standalone_mode", True):
+            return super().main(args, standalone_mode=False, **how)
         try:
-            code = super().main(*arguments, standalone_mode=False, **more)
+            code: object = super().main(args, standalone_mode=False, **how)
         except click.ClickException as error:
             _show(error)
             sys.exit(error.exit_code)
@@ -66,9 +73,7 @@ def _ended(error: BaseException) -> click.ClickException:
         return click.ClickException(
             f"there is not enough memory{reason}; use a shorter `window`, fewer recordings, or `filter: decimate`."
         )
-    made = click.ClickException(_fault(error))
-    made.exit_code = FAULT
-    return made
+    return Fault(_fault(error))
 
 
 def _fault(error: BaseException) -> str:

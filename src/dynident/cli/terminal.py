@@ -5,6 +5,7 @@ What files, columns and joints are called is shown as text: no character of a na
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import unicodedata
@@ -30,7 +31,7 @@ class _Path(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not str(value) or "\0" in str(value):
             self.fail(f"{str(value)!r} is no name of a file or folder.", param, ctx)
-        path = Path(super().convert(value, param, ctx))
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         return path.resolve() if ".." in path.parts else path
 
 

@@ -142,7 +142,8 @@ def _check_digits(text: str, source: str) -> None:
 
 
 def _is_whole(word: str) -> bool:
-    return yaml.SafeLoader("").resolve(yaml.ScalarNode, word, (True, False)) == "tag:yaml.org,2002:int"
+    node = yaml.compose(word, Loader=yaml.SafeLoader)
+    return node is not None and node.tag == "tag:yaml.org,2002:int"
 
 
 def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:

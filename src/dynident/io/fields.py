@@ -6,7 +6,7 @@ Each reader raises ValueError with a message to be appended to the path of the s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -110,13 +110,14 @@ def is_deep(data: object) -> bool:
     """Whether lists and mappings are nested deeper than any settings or results are, or in a ring."""
     level = {id(data): data}
     for _ in range(DEEPEST):
-        inside = (one.values() if isinstance(one, Mapping) else one for one in level.values() if not _is_plain(one))
-        level = {id(one): one for part in inside for one in part}
-    return not all(map(_is_plain, level.values()))
+        level = {id(one): one for part in level.values() for one in _inside(part)}
+    return any(isinstance(one, Mapping | list) for one in level.values())
 
 
-def _is_plain(value: object) -> bool:
-    return not isinstance(value, Mapping | list)
+def _inside(value: object) -> Iterable[object]:
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, list) else ()
 
 
 def _number(value: object) -> float:

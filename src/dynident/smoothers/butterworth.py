@@ -16,6 +16,7 @@ from dynident.smoothers.smoother import ends_mask
 __all__ = ["Butterworth"]
 
 JITTER = 0.05
+SLOWEST = 0.1  # periods of a cut-off frequency in a recording
 Order = Annotated[int, Ge(1)]
 Cutoff = Annotated[float, Gt(0)]
 Seconds = Annotated[float, Ge(0)]
@@ -86,6 +87,12 @@ class Butterworth:
             raise InputError(
                 f"{log.source}: the step after t = {log.t[worst]:.6g} s is {step[worst]:.4g} s, the mean {mean:.4g} s; "
                 "too irregular for a digital filter. Use the spline smoother, which takes the times as they are."
+            )
+        length = float(log.t[-1] - log.t[0])
+        if min(self.cutoffs) * length < SLOWEST:
+            raise InputError(
+                f"{log.source}: a cut-off of {min(self.cutoffs):.3g} Hz is too low for {length:.4g} s, of which it "
+                f"leaves nothing; give at least {SLOWEST / length:.2g} Hz."
             )
         if max(self.cutoffs) >= 0.5 / mean:
             raise InputError(

@@ -206,7 +206,7 @@ class REML(Rule):
 def check_columns(rule: Rule, columns: int) -> None:
     """Raise ConfigError where a setting of the rule has entries for more columns than there are."""
     for name in ("S", "p", "lam"):
-        if (given := np.size(getattr(rule, name, None))) > max(columns, 1):
+        if (given := int(np.size(np.asarray(getattr(rule, name, None))))) > max(columns, 1):
             raise ConfigError(f"{name} has {given} entries, but the data have {columns} columns; give one for each.")
 
 

@@ -40,7 +40,7 @@ __all__ = ["PhysicallyConsistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
-HEAVIEST = 1e6  # kg
+HEAVIEST, LARGEST = 1e6, 1e9  # kg; in size, of any limit
 CLOSED = 1e-6  # duality gap above which the prior was not reached
 FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
@@ -119,6 +119,9 @@ class PhysicallyConsistent:
             value = getattr(self, name)
             if value is not None and not 0 < value <= most:
                 raise ConfigError(f"{name} = {value}; give a number between 0 and {most:g}, such as 1e-6.")
+        for name, value in () if isinstance(self.prior, str) else dict(self.prior).items():
+            if not abs(value) <= LARGEST:
+                raise ConfigError(f"prior of {name} is {value}; give a number of at most {LARGEST:g} in size.")
         for name, sides in self._intervals().items():
             _check_sides(name, *sides)
         for name, (lower, upper) in dict(self.centre_of_mass).items():
@@ -212,6 +215,8 @@ def _tupled(value: Any) -> Any:
 def _check_sides(name: str, lower: float | None, upper: float | None) -> None:
     if any(side is not None and np.isnan(side) for side in (lower, upper)):
         raise ConfigError(f"{name}: the limits {lower} and {upper} must be numbers; leave a side open with None.")
+    if any(side is not None and LARGEST < abs(side) < np.inf for side in (lower, upper)):
+        raise ConfigError(f"{name}: the limits {lower} and {upper} must be {LARGEST:g} at most in size, or left open.")
     if lower is not None and upper is not None and lower > upper:
         raise ConfigError(f"{name}: the lower limit {lower} lies above the upper limit {upper}; exchange them.")
 

@@ -134,6 +134,23 @@ def test_gaps_can_be_split(tmp_path):
     assert reading.warnings == ("a: 10 samples are left out, in pieces between gaps too short to be smoothed.",)
 
 
+def test_rows_right_after_the_previous_one_are_dropped_or_kept(tmp_path):
+    """Two stamps 10 ns apart, and two that are equal."""
+    text = recording(t=lambda k: (k - (k in (51, 71))) * 0.01 + (k == 51) * 1e-8)
+    with pytest.raises(InputError, match="the time at line 53 is 1e-08 s after the previous one"):
+        read(tmp_path, text)
+    reading = read(tmp_path, text, "close_stamps: drop")
+    assert len(reading.logs[0]) == 198
+    assert np.diff(reading.logs[0].t).min() > 0.009
+    assert reading.warnings[0].startswith(
+        "a: 2 rows follow the previous one by less than 0.0001 of the usual step, the first at line 53"
+    )
+    with pytest.raises(InputError, match="at line 73 repeats"):
+        read(tmp_path, text, "close_stamps: keep")
+    kept = read(tmp_path, recording(t=lambda k: k * 0.01 + (k == 51) * (1e-8 - 0.01)), "close_stamps: keep")
+    assert len(kept.logs[0]) == 200
+
+
 def test_a_joint_that_may_turn_without_end(tmp_path):
     text = recording(q=lambda k: 90 * np.sin(0.02 * k))
     joint = "position: {elbow: {column: q, unit: rad, multi_turn: true}}"
@@ -151,6 +168,14 @@ BAD_DATA = {
     "absurd": (recording(tau=lambda k: "1e300" if k == 3 else k), "", ("'tau' is 1e+300 at line 5",)),
     "no time": (recording(t=lambda k: "" if k == 4 else k), "", ("'t' has no valid time at line 6",)),
     "time repeats": (recording(t=lambda k: min(k, 50)), "", ("time 50 s at line 53 repeats (149 such",)),
+    "close": (
+        recording(t=lambda k: k * 0.01 + (k == 51) * (1e-8 - 0.01)),
+        "",
+        (
+            "column 't': the time at line 53 is 1e-08 s after the previous one, where 0.01 s is usual (1 rows",
+            "`close_stamps: drop`",
+        ),
+    ),
     "time restarts": (recording(t=lambda k: k % 100), "", ("0 s at line 102 runs backwards from 99 s",)),
     "gap": (recording(t=lambda k: k * 0.01 + (k > 50)), "", ("a.csv (a): a gap of 1.01 s", "gaps: split")),
     "outside": (recording(), ", window: [5, 9]", ("window 5-9 s holds 0 samples", "from 0 to 1.99 s")),

@@ -79,7 +79,7 @@ CAUSES = {
     "cut-off": ("filter", "cutoff", 1e-9, ("cut-off 1e-09 Hz is too low for 3 s", "at least 0.033 Hz")),
     "order": ("filter", "order", 500, ("filter.order: a whole number from 1 to 12",)),
     "spacing": ("maximum_likelihood", "spacing", 1e-9, ("estimator.spacing: should be greater than or equal to 0.25",)),
-    "rounds": ("maximum_likelihood", "rounds", 10**18, ("estimator.rounds: should be less than or equal to 1000",)),
+    "rounds": ("maximum_likelihood", "rounds", 10**18, ("estimator.rounds: should be less than or equal to 20",)),
     "delay": ("", "delay", 1e9, ("delay: a number from -60 to 60 s", "got 1000000000.0", "'estimate'")),
     "long delay": ("", "delay", 50, ("delay", "50 s", "no sample of its 3 s is left")),
     "threshold": ("consistent", "threshold", 0.5, ("estimator.threshold: should be less than or equal to 0.01",)),

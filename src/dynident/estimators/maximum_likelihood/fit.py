@@ -28,14 +28,13 @@ from dynident.splines import NORMAL_95
 __all__ = ["MaximumLikelihood"]
 
 Array = NDArray[np.float64]
-Positive = Annotated[float, Gt(0)]
 Start = Literal["free", "rest", "test"]
 DEEP = 0.8  # slack of a second start, relative to the usual size
 ROUGH = 100.0  # factor of the tolerance while the noise is only roughly known
 FINEST = 0.25  # samples between knots: finer ones follow nothing that was measured
-WIDEST = 1e6  # standard deviations
+WIDEST = 1e6  # standard deviations, or times the value
 SLOWEST = 1e-3  # Hz
-MOST = 1000  # rounds, iterations
+ROUNDS, MOST = 20, 1000  # of the noise; iterations
 LEVEL = 0.01  # of the test whether the recordings start from rest
 ROUNDING = 1e-15  # an undetermined parameter smaller than this share of the largest is set to zero
 
@@ -79,8 +78,8 @@ class MaximumLikelihood:
     spacing: Annotated[float, Ge(FINEST)] | None = None
     steps: bool | None = None
     huber: Annotated[float, Gt(0), Le(WIDEST)] | None = None
-    rounds: Annotated[int, Ge(1), Le(MOST)] = 2
-    profile: Positive | None = 0.4
+    rounds: Annotated[int, Ge(1), Le(ROUNDS)] = 2
+    profile: Annotated[float, Gt(0), Le(WIDEST)] | None = 0.4
     weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
     tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-3
     iterations: Annotated[int, Ge(1), Le(MOST)] = 60
@@ -94,15 +93,15 @@ class MaximumLikelihood:
         for name, least, most in (
             ("spacing", FINEST, np.inf),
             ("huber", 0.0, WIDEST),
-            ("profile", 0.0, np.inf),
+            ("profile", 0.0, WIDEST),
             ("rate", SLOWEST, np.inf),
         ):
             value = getattr(self, name)
             if value is not None and not (0 < value < np.inf and least <= value <= most):
                 raise ConfigError(f"{name} = {value}; give a positive number{_range(least, most)}, or leave it out.")
-        for name in ("rounds", "iterations"):
-            if not 1 <= getattr(self, name) <= MOST:
-                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1 to {MOST}.")
+        for name, most in (("rounds", ROUNDS), ("iterations", MOST)):
+            if not 1 <= getattr(self, name) <= most:
+                raise ConfigError(f"{name} = {getattr(self, name)}; give a whole number from 1 to {most}.")
         for name in ("weight", "tolerance"):
             if not 0 < getattr(self, name) < 1:
                 raise ConfigError(f"{name} = {getattr(self, name)}; give a number between 0 and 1, such as 1e-3.")

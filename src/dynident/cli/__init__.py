@@ -23,7 +23,6 @@ __all__ = ["main"]
 @click.option(
     "--debug",
     is_flag=True,
-    expose_value=True,
     envvar="DYNIDENT_DEBUG",
     help="Print the traceback where a command fails.",
 )

@@ -352,7 +352,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"weights": "joint"}, "weights = 'joint' of the joints; .*Known: 'equal', 'per_joint'"),
     ({"iterations": 0}, "iterations = 0 of the weights"),
     ({"margin": 0.0}, "margin = 0.0; give a number between 0 and 1"),
-    ({"threshold": 2.0}, "threshold = 2.0; give a number between 0 and 1"),
+    ({"threshold": 2.0}, "threshold = 2.0; give a number between 0 and 0.01"),
     ({"bounds": {"b1.mass": (2, 1)}}, "b1.mass: the lower limit 2 lies above the upper limit 1"),
     ({"bounds": {"b1.mass": (float("nan"), None)}}, "b1.mass: the limits nan and None must be numbers"),
     ({"total_mass": (2, 1)}, "total mass: the lower limit 2 lies above"),

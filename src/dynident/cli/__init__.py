@@ -12,6 +12,7 @@ from dynident.cli.check import check
 from dynident.cli.export import export
 from dynident.cli.identify import identify
 from dynident.cli.init import init
+from dynident.cli.interrupt import interruptible
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
@@ -25,13 +26,11 @@ class _Commands(click.Group):
     """Turns the errors meant for the user into one message and exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except DynidentError as error:
-            raise click.ClickException(str(error)) from error
-        except KeyboardInterrupt:
-            click.echo("Interrupted.", err=True)
-            raise SystemExit(130) from None
+        with interruptible():
+            try:
+                return super().invoke(ctx)
+            except DynidentError as error:
+                raise click.ClickException(str(error)) from error
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -7,7 +7,8 @@ from pathlib import Path
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.export import Export, exports
 from dynident.identification import Identification
-from dynident.io.results import as_path, probe_folder, write_text
+from dynident.io.folder import result_folder
+from dynident.io.results import as_path
 from dynident.io.saved import check_targets
 
 __all__ = ["export_model"]
@@ -36,9 +37,8 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     folder = as_path(folder)
     chosen = _exported(found, format)
     check_targets(folder, [one.file for one in chosen], found.provenance)
-    probe_folder(folder)
-    ready = [(one.file, one.written.text) for one in chosen if one.written is not None and one.ready]
-    return tuple(write_text(folder / file, text) for file, text in ready)
+    with result_folder(folder) as held:
+        return held.replace({one.file: one.written.text for one in chosen if one.written is not None and one.ready})
 
 
 def _exported(found: Identification, name: str | None) -> list[Export]:

@@ -1,10 +1,9 @@
-"""Results to files, never half written: a temporary file in the same folder takes the name when it is whole."""
+"""Results to files, never half written."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
@@ -14,6 +13,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
+from dynident.io.folder import write_whole
 
 if TYPE_CHECKING:
     import polars as pl
@@ -22,9 +22,9 @@ __all__ = [
     "as_path",
     "check_json",
     "check_not_read",
+    "json_text",
     "probe_folder",
     "read_table",
-    "remove",
     "table_kind",
     "write_json",
     "write_table",
@@ -57,7 +57,7 @@ def check_json(target: Path) -> None:
 def probe_folder(folder: str | Path) -> None:
     """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
     folder = Path(folder)
-    probe = folder / f".{uuid4().hex}.tmp"
+    probe = folder / f".dynident-{uuid4().hex}.tmp"
     try:
         made = [one for one in (folder, *folder.parents) if not one.exists()]
         folder.mkdir(parents=True, exist_ok=True)
@@ -82,7 +82,12 @@ def write_json(path: str | Path, data: Any) -> Path:
 
     Raises InputError where the file cannot be written, TypeError for values that JSON cannot hold.
     """
-    return write_text(path, _text(_plain(data)) + "\n")
+    return write_text(path, json_text(data))
+
+
+def json_text(data: Any) -> str:
+    """Return what ``write_json`` writes."""
+    return _text(_plain(data)) + "\n"
 
 
 def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
@@ -94,14 +99,6 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
     else:
         frame.write_csv(buffer)
     return _write(path, buffer.getvalue())
-
-
-def remove(path: str | Path) -> None:
-    """Take a file of an earlier run away, where there is one. Raises InputError where that is impossible."""
-    try:
-        Path(path).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: is of an earlier run and cannot be removed: {error.strerror}.") from error
 
 
 def read_table(path: str | Path) -> pl.DataFrame:
@@ -156,17 +153,8 @@ def _plain(value: Any) -> Any:
 
 
 def _write(path: Path, data: bytes) -> Path:
-    temporary = path.parent / f".{uuid4().hex}.tmp"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with open(temporary, "xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())  # the new name must not reach the disk before the content
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_whole(path, data)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(

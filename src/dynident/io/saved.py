@@ -10,6 +10,7 @@ from typing import Any
 from dynident.errors import ConfigError, InputError, ModelError
 from dynident.identification import Identification, Sources
 from dynident.io.config import parse_config
+from dynident.io.folder import settle
 from dynident.io.logs import Reading, read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.result_format import FORMAT, VERSION
@@ -17,9 +18,10 @@ from dynident.io.result_read import identification_of
 from dynident.io.result_version_0 import is_version_0, upgraded
 from dynident.io.result_write import result_data
 from dynident.io.results import as_path, write_json
+from dynident.io.robot import fingerprint
 from dynident.models import Model
 
-__all__ = ["check_targets", "load", "read_log_like", "save"]
+__all__ = ["check_targets", "load", "model_files", "read_log_like", "save"]
 
 
 def save(found: Identification, path: str | Path, report: Mapping[str, Any] | None = None) -> Path:
@@ -86,6 +88,16 @@ def read_log_like(found: Identification, text: str, *, allow_code: bool = False)
     return read_logs(log_spec(text, config), config, found.model.joints, torque=False)
 
 
+def model_files(path: Path) -> tuple[str, ...]:
+    """Return the files of the model that were written with the result at ``path``, and are there as they were."""
+    try:
+        listed = json.loads(path.read_bytes())["report"]["exports"]
+        known = {path.with_name(one["file"]): one["sha256"] for one in listed}
+        return tuple(file.name for file, sha256 in known.items() if file.is_file() and fingerprint(file) == sha256)
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, ModelError):
+        return ()  # no result, or of another version
+
+
 def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
     """Raise ConfigError where one of the files to be written is the configuration, the model's file or a recording."""
     read = {one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None}
@@ -95,6 +107,7 @@ def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
 
 
 def _load(path: Path) -> dict[str, Any]:
+    settle(path.parent)
     try:
         data = json.loads(path.read_bytes())
     except OSError as error:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,10 +16,14 @@ from dynident.cli.terminal import DIRECTORY, FILE, bar, console, tell
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from multiprocessing.process import BaseProcess
 
     from dynident.studies.article import Reproduction
 
 __all__ = ["reproduce"]
+
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+GRACE = 2.0  # s for workers to end their fits when a study is stopped
 
 
 @click.command(short_help="Run the article's study again.")
@@ -64,16 +69,20 @@ def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int
     from dynident.errors import InputError
     from dynident.studies import article
 
-    kept = f"finished runs are kept in {table}." if table else "no run is kept; give --out to keep them."
+    def kept() -> str:
+        if table is None:
+            return "no run is kept; give --out to keep them."
+        return f"finished runs are kept in {table}." if table.exists() else "no run is finished."
+
     try:
         with bar(f"{scenario}, {runs} runs") as progress, _pool(workers) as executor:
             return article.reproduce(scenario, runs, seed, methods, path=table, executor=executor, progress=progress)
     except KeyboardInterrupt as stop:
-        stop.add_note(kept)
+        stop.add_note(kept())
         raise
     except BrokenExecutor as error:
         raise InputError(
-            f"a worker process has died, perhaps for want of memory; {kept} Use fewer --workers."
+            f"a worker process has died, perhaps for want of memory; {kept()} Use fewer --workers."
         ) from error
 
 
@@ -89,11 +98,38 @@ def _pool(workers: int) -> Iterator[Executor | None]:
     others = active_children()
     with ProcessPoolExecutor(workers, get_context("spawn"), _follow) as executor:
         try:
+            with _held_back():
+                for _ in range(workers):
+                    executor.submit(int)  # starts a worker
             yield executor
         except BaseException:
-            for worker in set(active_children()) - set(others):
-                worker.kill()  # it has nothing to save
+            executor.shutdown(wait=False, cancel_futures=True)
+            _end(set(active_children()) - set(others))
             raise
+
+
+def _end(workers: Collection[BaseProcess]) -> None:
+    """Wait a little for processes to end, then end them: they have nothing to save."""
+    end = time.monotonic() + GRACE
+    try:
+        for worker in workers:
+            worker.join(max(0.0, end - time.monotonic()))
+    finally:
+        for worker in workers:
+            worker.kill()
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Hold signals back, in processes that are started meanwhile for good: Ctrl-C in a terminal goes to all of them."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _follow() -> None:
@@ -101,7 +137,7 @@ def _follow() -> None:
     from multiprocessing import parent_process
     from threading import Thread
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
 
     def watch() -> None:

@@ -158,6 +158,6 @@ def _write(path: Path, data: bytes) -> Path:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"{path}: cannot be written: {reason}. Choose another folder or change its permissions."
+            f"{path}: cannot be written: {reason}. Make room, allow writing, or choose another folder."
         ) from error
     return path

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dynident.identification import SourceFile, Sources
 from dynident.io.folder import result_folder
 from dynident.io.robot import fingerprint
 from dynident.io.saved import model_files
@@ -257,7 +258,11 @@ class TestFolder:
         assert {path.name for path in out.iterdir()} == files | {"edited.urdf", "thesis.tex"}
         result["report"]["exports"] = [{"file": "../log.csv", "sha256": fingerprint(tmp_path / "log.csv")}]
         (out / "result.json").write_text(json.dumps(result))
-        assert model_files(out / "result.json") == ()
+        assert model_files(out / "result.json", Sources()) == ()
+        result["report"]["exports"] = [{"file": "edited.urdf", "sha256": fingerprint(out / "edited.urdf")}]
+        (out / "result.json").write_text(json.dumps(result))
+        assert model_files(out / "result.json", Sources()) == ("edited.urdf",)
+        assert model_files(out / "result.json", Sources(model=SourceFile(str(out / "edited.urdf"), ""))) == ()
 
     def test_the_result_alone_and_moved_is_enough(self, tmp_path: Path) -> None:
         log = write_log(tmp_path)

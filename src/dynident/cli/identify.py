@@ -67,5 +67,5 @@ def _write(folder: ResultFolder, found: Identification, made: Sequence[Export]) 
     files["result.json"] = json_text(result_data(found, result_words(found, made)))
     files["report.html"] = identification_page(found, made)
     # the models of an earlier run would pass for this one's
-    paths = folder.replace(files, gone=model_files(folder.path / "result.json"))
+    paths = folder.replace(files, gone=model_files(folder.path / "result.json", found.provenance))
     return [(kinds[path.name], path) for path in paths]

@@ -88,22 +88,27 @@ def read_log_like(found: Identification, text: str, *, allow_code: bool = False)
     return read_logs(log_spec(text, config), config, found.model.joints, torque=False)
 
 
-def model_files(path: Path) -> tuple[str, ...]:
-    """Return the files of the model that were written with the result at ``path``, and are there as they were."""
+def model_files(path: Path, sources: Sources) -> tuple[str, ...]:
+    """Return the files of the model that were written with the result at ``path``, and are there as they were, but for
+    those in ``sources``."""
     try:
         listed = json.loads(path.read_bytes())["report"]["exports"]
         known = {path.with_name(one["file"]): one["sha256"] for one in listed}
-        return tuple(file.name for file, sha256 in known.items() if file.is_file() and fingerprint(file) == sha256)
+        same = [file for file, sha256 in known.items() if file.is_file() and fingerprint(file) == sha256]
+        return tuple(file.name for file in same if str(file.resolve()) not in _read(sources))
     except (OSError, ValueError, RecursionError, KeyError, TypeError, ModelError):
         return ()  # no result, or of another version
 
 
 def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
     """Raise ConfigError where one of the files to be written is the configuration, the model's file or a recording."""
-    read = {one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None}
     for name in names:
-        if str((folder / name).resolve()) in read:
+        if str((folder / name).resolve()) in _read(sources):
             raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another name or folder.")
+
+
+def _read(sources: Sources) -> set[str]:
+    return {one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None}
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -16,6 +17,7 @@ from dynident.errors import InputError, brief, called, choices
 from dynident.io.families import READERS
 from dynident.io.hdf5 import is_hdf5, parse_hdf5
 from dynident.io.matlab import parse_mat
+from dynident.io.opener import content, find
 from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, unpanicked
 
@@ -121,39 +123,23 @@ def read_bag(path: Path) -> DataTable:
         raise InputError(
             f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; name a file in it. {inside}"
         )
-    if not path.exists():
-        _bytes(path)  # words the error
     columns, faults, notes = parse_bag(path)
     return DataTable(columns, {}, str(path), faults, notes=notes)
 
 
 def _reader(path: Path, kind: str) -> Callable[[Path], DataTable]:
     """Return the reader of the family for a file; InputError where there is none, or no such file."""
-    if path.is_dir():
+    if stat.S_ISDIR(find(path, kinds=READERS.kinds()).st_mode):
         return read_bag
-    if kind not in READERS.table and not path.exists():
-        _bytes(path)  # words the error
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
     found: Callable[[Path], DataTable] = READERS.get(kind)
     return found
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist.") from error
-        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in READERS.kinds())
-        raise InputError(f"{path}: there is no such file; {choices(path.name, near)}") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from error
-
-
-def _content_of(path: Path) -> tuple[bytes, str]:
+def _content_of(path: Path, weight: int = 1) -> tuple[bytes, str]:
     """Return what a file holds, and its name for messages; InputError where it is empty."""
-    data = _bytes(path)
+    data = content(path, weight=weight)
     if not data.strip():
         raise InputError(f"{path}: the file is empty.")
     return data, str(path)

@@ -7,9 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import yaml
 from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
@@ -19,6 +18,7 @@ from dynident.io.opener import text as text_of
 from dynident.io.python_file import CODE, from_file, guarded, located
 from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
+from dynident.io.yaml_text import load_yaml
 
 if TYPE_CHECKING:
     from dynident.models import Model
@@ -46,7 +46,7 @@ def parse_config(
 
     Unless ``allow_code``, a part of a Python file is refused, as that would run the file.
     """
-    data = _load_yaml(text, source)
+    data = load_yaml(text, source)
     try:
         config = Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None})
     except ValidationError as error:
@@ -110,38 +110,6 @@ def _overlaps(config: Config) -> Iterator[str]:
 def _overlap(one: Interval, other: Interval) -> bool:
     start = max(-math.inf if window[0] is None else window[0] for window in (one, other))
     return start < min(math.inf if window[1] is None else window[1] for window in (one, other))
-
-
-def _load_yaml(text: str, source: str) -> Any:
-    try:
-        tree = yaml.compose(text, Loader=yaml.SafeLoader)
-        doubled = next(_doubled_keys(tree, set()), None)
-        data = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ConfigError(f"{source}: {where}{error.problem}; the file must be valid YAML.") from error
-    except Exception as error:  # values such as 2022-99-99 fail in many ways inside the YAML reader
-        raise ConfigError(f"{source}: is not valid YAML ({type(error).__name__}: {error}).") from error
-    if doubled is not None:
-        line = doubled.start_mark.line + 1
-        raise ConfigError(f"{source}: line {line}: the key {doubled.value!r} is given twice; keep one of them.")
-    return data
-
-
-def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:
-    """Yield the keys that repeat in their mapping; ``seen`` holds the nodes visited, as aliases may form rings."""
-    if node is None or id(node) in seen:
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.MappingNode):
-        counts = Counter(str(key.value) for key, _ in node.value)
-        yield from (key for key, _ in reversed(node.value) if counts[str(key.value)] > 1)
-        for child in chain.from_iterable(node.value):
-            yield from _doubled_keys(child, seen)
-    elif isinstance(node, yaml.SequenceNode):
-        for child in node.value:
-            yield from _doubled_keys(child, seen)
 
 
 def _named(config: Config, source: str) -> Config:

@@ -17,7 +17,9 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.terminal import MEMORY_OPTION
 from dynident.errors import DynidentError
+from dynident.io.opener import watched
 
 __all__ = ["main"]
 
@@ -26,7 +28,7 @@ class _Commands(click.Group):
     """Turns the errors meant for the user into one message and exit code 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        with interruptible():
+        with interruptible(), watched():
             try:
                 return super().invoke(ctx)
             except DynidentError as error:
@@ -40,4 +42,5 @@ def main() -> None:
 
 
 for _command in (reproduce, init, check, bound, identify, predict, export, smooth, schema):
+    MEMORY_OPTION(_command)
     main.add_command(_command)

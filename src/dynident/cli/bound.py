@@ -34,6 +34,7 @@ def bound(
     what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
     """
     from dynident.io.folder import result_folder
+    from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
     from dynident.io.results import check_json, json_text, probe_folder, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
@@ -42,11 +43,16 @@ def bound(
 
     if json_file:
         check_json(json_file)
+    targets = [json_file] if json_file else []
+    targets += [out / "bound.json", out / "report.html"] if out else []
+    if json_file:
         probe_folder(json_file.parent)
     with result_folder(out) if out else nullcontext() as folder:
         given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
         with status() as say:
-            found = read_project(config, say).bound(*given, cast("TorqueNoise", torque), say)
+            project = read_project(config, say)
+            refuse_inputs(*targets)
+            found = project.bound(*given, cast("TorqueNoise", torque), say)
         numbers = json_text(bound_dict(found))
         written = folder.replace({"bound.json": numbers, "report.html": bound_page(found)}) if folder else ()
     screen = console()

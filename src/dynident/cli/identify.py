@@ -26,9 +26,10 @@ MOST_STEPS = 6  # in a terminal; the report has all
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
-    from dynident.export import exports
+    from dynident.export import export_files, exports
     from dynident.io.folder import result_folder
-    from dynident.io.project import run
+    from dynident.io.opener import refuse_inputs
+    from dynident.io.project import read_project
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
@@ -36,7 +37,11 @@ def identify(config: Path, out: Path | None) -> None:
 
     with result_folder(out) if out else nullcontext() as folder:
         with status() as say:
-            found = run(config, progress=say)
+            project = read_project(config, say)
+            if out:
+                names = ("result.json", "report.html", *export_files(project.model))
+                refuse_inputs(*(out / name for name in names))
+            found = project.identify(say)
             say("writing and verifying the model")
             made = exports(found) if folder else ()
         # written before anything is printed: the reader of a pipe may close it early
@@ -58,10 +63,9 @@ def _write(folder: ResultFolder, found: Identification, made: Sequence[Export]) 
     """Write the model's files, result.json and report.html; return what was written where."""
     from dynident.io.result_write import result_data
     from dynident.io.results import json_text
-    from dynident.io.saved import check_targets, model_files
+    from dynident.io.saved import model_files
     from dynident.report import identification_page, result_words
 
-    check_targets(folder.path, (one.file for one in made), found.provenance)
     files = {one.file: one.written.text for one in made if one.ready and one.written is not None}
     kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
     files["result.json"] = json_text(result_data(found, result_words(found, made)))

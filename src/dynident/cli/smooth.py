@@ -31,7 +31,7 @@ def smooth(
     from dynident.io.columns import read_name
     from dynident.io.fields import UNITS
     from dynident.io.folder import result_folder
-    from dynident.io.results import check_not_read
+    from dynident.io.opener import keep, refuse_inputs
     from dynident.io.tables import read_columns
     from dynident.report.page import terminal
     from dynident.report.smoothing import smoothed_columns, smoothing_page, smoothing_table
@@ -39,7 +39,8 @@ def smooth(
 
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
-    check_not_read(out / "smoothed.csv", [log])
+    keep(log)
+    refuse_inputs(out / "smoothed.csv", out / "report.html")
     chosen = rule_named(rule) if lam is None else Fixed(lam=lam)
     with result_folder(out) as folder:
         table = read_columns(log)

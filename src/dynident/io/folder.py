@@ -27,6 +27,7 @@ from typing import IO
 from uuid import uuid4
 
 from dynident.errors import InputError
+from dynident.io.opener import refuse_inputs
 
 __all__ = ["ResultFolder", "result_folder", "settle", "write_whole"]
 
@@ -48,12 +49,13 @@ class ResultFolder:
     def replace(self, files: Mapping[str, str | bytes], gone: Iterable[str] = ()) -> tuple[Path, ...]:
         """Write files by name and remove those in ``gone``, all or none; return the paths of the new files.
 
-        Raises InputError where one cannot be written.
+        Raises InputError where one cannot be written, ConfigError where one was read.
         """
         gone = set(gone) - set(files)
         for name in (*files, *gone):
             if Path(name).name != name or (self.path / name).is_dir():
                 raise InputError(f"{self.path / name}: cannot be written: it is a folder, or in another one.")
+        refuse_inputs(*(self.path / name for name in (*files, *gone)))
         try:
             self._stage(files, gone)
             os.rename(self.path / STAGED, self.path / READY)
@@ -140,8 +142,10 @@ def settle(folder: Path) -> None:
 def write_whole(path: Path, data: bytes) -> None:
     """Write one file, never half: a temporary file in its folder, locked while in use, takes the name when it is whole.
 
-    Those of runs that have ended are removed. Raises OSError or ValueError where it cannot be written.
+    Those of runs that have ended are removed. Raises OSError or ValueError where it cannot be written, ConfigError
+    where it was read.
     """
+    refuse_inputs(path)
     settle(path.parent)
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path.parent)
@@ -151,6 +155,7 @@ def write_whole(path: Path, data: bytes) -> None:
         _write(file, data)
         if sys.platform == "win32":
             file.close()  # an open file cannot be renamed there
+        refuse_inputs(path)
         os.replace(temporary, path)
     finally:
         _release(file, temporary)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.io.folder import write_whole
+from dynident.io.opener import content
 
 if TYPE_CHECKING:
     import polars as pl
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = [
     "as_path",
     "check_json",
-    "check_not_read",
     "json_text",
     "probe_folder",
     "read_table",
@@ -42,15 +43,9 @@ def as_path(path: object) -> Path:
     return Path(path)
 
 
-def check_not_read(target: Path, read: Iterable[str | Path]) -> None:
-    """Raise ConfigError where the file to be written is one of those that are read."""
-    if target.resolve() in {Path(one).resolve() for one in read}:
-        raise ConfigError(f"{target}: would be replaced, and is read; choose another name for what is written.")
-
-
 def check_json(target: Path) -> None:
     """Raise ConfigError where a file that is no JSON, such as a recording, would be replaced."""
-    if target.exists() and target.suffix.lower() != ".json":
+    if os.path.exists(target) and target.suffix.lower() != ".json":
         raise ConfigError(f"{target}: exists already and is not named .json; choose another name for the numbers.")
 
 
@@ -59,7 +54,7 @@ def probe_folder(folder: str | Path) -> None:
     folder = Path(folder)
     probe = folder / f".dynident-{uuid4().hex}.tmp"
     try:
-        made = [one for one in (folder, *folder.parents) if not one.exists()]
+        made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
         folder.mkdir(parents=True, exist_ok=True)
         try:
             probe.touch(exist_ok=False)
@@ -107,11 +102,9 @@ def read_table(path: str | Path) -> pl.DataFrame:
 
     path = Path(path)
     kind = table_kind(path)
+    data = BytesIO(content(path, remember=False))
     try:
-        data = BytesIO(path.read_bytes())
         return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 

@@ -29,15 +29,15 @@ def signals() -> Iterator[None]:
 @pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 @pytest.mark.usefixtures("signals")
 def test_a_signal_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, code: int) -> None:
-    monkeypatch.setattr("dynident.io.project.run", lambda *_, **__: os.kill(os.getpid(), getattr(signal, name)))
+    monkeypatch.setattr("dynident.io.project.identify", lambda *_, **__: os.kill(os.getpid(), getattr(signal, name)))
     write_log(tmp_path)
     done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
     assert done.exit_code == code
-    kept = f"Interrupted: {tmp_path / 'out'}: the files here are as they were. Run the same command again.\n"
+    kept = f"Interrupted: {tmp_path / 'out'}: the files here are as they were; run the same command again.\n"
     assert done.output == kept
     assert not (tmp_path / "out").exists()
     done = run("identify", configure(tmp_path))
-    assert done.output == "Interrupted: each file is as it was or complete. Run the same command again.\n"
+    assert done.output == "Interrupted: each file is as it was or complete; run the same command again.\n"
 
 
 def test_a_signal_that_is_ignored_stays_so() -> None:

@@ -101,7 +101,7 @@ class TestReproduce:
         assert len(pl.read_parquet(tmp_path / "study.parquet")) > 0
         if code > 0:
             kept = tmp_path / "study.parquet"
-            assert told == f"Interrupted: finished runs are kept in {kept}. Run the same command again.\n"
+            assert told == f"Interrupted: finished runs are kept in {kept}; run the same command again to go on.\n"
             assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
 
     def test_a_worker_that_dies_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,7 +154,7 @@ def test_an_interrupt_while_files_move_lets_them_arrive(out: Path, monkeypatch: 
 def test_an_interrupt_before_leaves_the_old_files(out: Path) -> None:
     with pytest.raises(KeyboardInterrupt) as stop, result_folder(out):
         raise KeyboardInterrupt
-    assert stop.value.__notes__ == [f"{out}: the files here are as they were."]
+    assert stop.value.__notes__ == [f"{out}: the files here are as they were; run the same command again."]
     assert content(out) == {**OLD, "thesis.tex": "mine"}
 
 

@@ -34,8 +34,8 @@ def interruptible() -> Iterator[None]:
                 before[number] = signal.signal(number, _stop)
         yield
     except KeyboardInterrupt as stop:
-        kept = " ".join(getattr(stop, "__notes__", ["each file is as it was or complete."]))
-        click.echo(f"Interrupted: {kept} Run the same command again.", err=True)
+        kept = " ".join(getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."]))
+        click.echo(f"Interrupted: {kept}", err=True)
         raise SystemExit(128 + getattr(stop, "number", signal.SIGINT)) from None
     finally:
         for number, handler in before.items():

@@ -69,21 +69,23 @@ def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int
     from dynident.errors import InputError
     from dynident.studies import article
 
-    def kept() -> str:
-        if table is None:
-            return "no run is kept; give --out to keep them."
-        return f"finished runs are kept in {table}." if table.exists() else "no run is finished."
-
     try:
         with bar(f"{scenario}, {runs} runs") as progress, _pool(workers) as executor:
             return article.reproduce(scenario, runs, seed, methods, path=table, executor=executor, progress=progress)
     except KeyboardInterrupt as stop:
-        stop.add_note(kept())
+        stop.add_note(_kept(table))
         raise
     except BrokenExecutor as error:
         raise InputError(
-            f"a worker process has died, perhaps for want of memory; {kept()} Use fewer --workers."
+            f"a worker process has died, perhaps for want of memory; {_kept(table)} Take fewer --workers."
         ) from error
+
+
+def _kept(table: Path | None) -> str:
+    if table is None:
+        return "no run is kept; give --out to keep them."
+    kept = f"finished runs are kept in {table}" if table.exists() else "no run is finished"
+    return f"{kept}; run the same command again to go on."
 
 
 @contextmanager

@@ -104,7 +104,8 @@ def result_folder(path: str | Path) -> Iterator[ResultFolder]:
                 _release(lock, folder.path / LOCK)
     except KeyboardInterrupt as stop:
         if not hasattr(stop, "__notes__"):
-            stop.add_note(f"{folder.path}: {'the new files are in place' if folder.written else KEPT}.")
+            kept = "the new files are in place" if folder.written else f"{KEPT}; {AGAIN}"
+            stop.add_note(f"{folder.path}: {kept}.")
         raise
     finally:
         for one in made:

@@ -86,8 +86,11 @@ def result_folder(path: str | Path) -> Iterator[ResultFolder]:
     A folder that was made is removed where nothing is in it at the end. Raises InputError, before long work, where
     nothing can be written or another run holds the folder.
     """
-    folder = ResultFolder(Path(path))
-    made = [one for one in (folder.path, *folder.path.parents) if not one.exists()]
+    try:
+        folder = ResultFolder(Path(os.path.realpath(path)))  # of x/../y, x need not be there
+        made = [one for one in (folder.path, *folder.path.parents) if not one.exists()]
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from error
     try:
         lock = _hold(folder.path)
         try:
@@ -143,16 +146,17 @@ def write_whole(path: Path, data: bytes) -> None:
 
     Those of runs that have ended are removed. Raises OSError or ValueError where it cannot be written.
     """
-    settle(path.parent)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path.parent)
-    temporary = path.parent / f".dynident-{uuid4().hex}.tmp"
+    folder = Path(os.path.realpath(path.parent))  # of x/../y, x need not be there
+    settle(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    _sweep(folder)
+    temporary = folder / f".dynident-{uuid4().hex}.tmp"
     file = _take(temporary)
     try:
         _write(file, data)
         if sys.platform == "win32":
             file.close()  # an open file cannot be renamed there
-        os.replace(temporary, path)
+        os.replace(temporary, folder / path.name)
     finally:
         _release(file, temporary)
 
@@ -220,7 +224,7 @@ def _hold(folder: Path) -> IO[bytes]:
     return lock
 
 
-def _unwritable(folder: Path, error: Exception) -> InputError:
+def _unwritable(folder: str | Path, error: Exception) -> InputError:
     return InputError(f"{folder}: nothing can be written here: {_reason(error)}. Choose another folder.")
 
 

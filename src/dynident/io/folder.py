@@ -27,7 +27,7 @@ from typing import IO
 from uuid import uuid4
 
 from dynident.errors import InputError
-from dynident.io.opener import refuse_inputs
+from dynident.io.opener import real, refuse_inputs
 
 __all__ = ["ResultFolder", "result_folder", "settle", "write_whole"]
 
@@ -88,8 +88,8 @@ def result_folder(path: str | Path) -> Iterator[ResultFolder]:
     A folder that was made is removed where nothing is in it at the end. Raises InputError, before long work, where
     nothing can be written or another run holds the folder.
     """
-    folder = ResultFolder(Path(path))
-    made = [one for one in (folder.path, *folder.path.parents) if not one.exists()]
+    folder = ResultFolder(real(path))  # of x/../y, x need not be there
+    made = [one for one in (folder.path, *folder.path.parents) if not os.path.exists(one)]
     try:
         lock = _hold(folder.path)
         try:
@@ -147,17 +147,18 @@ def write_whole(path: Path, data: bytes) -> None:
     where it was read.
     """
     refuse_inputs(path)
-    settle(path.parent)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path.parent)
-    temporary = path.parent / f".dynident-{uuid4().hex}.tmp"
+    folder = real(path.parent)  # of x/../y, x need not be there
+    settle(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    _sweep(folder)
+    temporary = folder / f".dynident-{uuid4().hex}.tmp"
     file = _take(temporary)
     try:
         _write(file, data)
         if sys.platform == "win32":
             file.close()  # an open file cannot be renamed there
         refuse_inputs(path)
-        os.replace(temporary, path)
+        os.replace(temporary, folder / path.name)
     finally:
         _release(file, temporary)
 

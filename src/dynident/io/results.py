@@ -14,7 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
-from dynident.io.opener import content, refuse_inputs
+from dynident.io.opener import content, real, refuse_inputs
 
 if TYPE_CHECKING:
     import polars as pl
@@ -50,7 +50,7 @@ def check_json(target: Path) -> None:
 
 def probe_folder(folder: str | Path) -> None:
     """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
-    folder = Path(folder)
+    folder = real(folder)
     probe = folder / f".{uuid4().hex}.tmp"
     try:
         made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
@@ -150,16 +150,17 @@ def _plain(value: Any) -> Any:
 
 def _write(path: Path, data: bytes) -> Path:
     refuse_inputs(path)
-    temporary = path.parent / f".{uuid4().hex}.tmp"
+    place = real(path.parent)
+    temporary = place / f".{uuid4().hex}.tmp"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
         try:
             with open(temporary, "xb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())  # the new name must not reach the disk before the content
             refuse_inputs(path)
-            os.replace(temporary, path)
+            os.replace(temporary, place / path.name)
         finally:
             temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.io.folder import write_whole
-from dynident.io.opener import content
+from dynident.io.opener import content, real
 
 if TYPE_CHECKING:
     import polars as pl
@@ -51,7 +51,7 @@ def check_json(target: Path) -> None:
 
 def probe_folder(folder: str | Path) -> None:
     """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
-    folder = Path(folder)
+    folder = real(folder)
     probe = folder / f".dynident-{uuid4().hex}.tmp"
     try:
         made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]

@@ -161,7 +161,7 @@ def _parsed(
     bad = (values.is_null() & ~cells.str.to_lowercase().is_in(_EMPTY)).to_numpy().reshape(-1, len(names))
     found = values.fill_null(np.nan).to_numpy().reshape(-1, len(names))
     columns, faults = {}, {}
-    wrong = bad.any(axis=0)
+    wrong = np.atleast_1d(bad.any(axis=0))
     for k, name in enumerate(names):
         if wrong[k]:
             row = int(np.argmax(bad[:, k]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import socket
 import time
@@ -44,6 +45,28 @@ def odd(folder: Path, kind: str) -> dict[str, str]:
         "nul": str(folder / f"a\0b.{kind}"),
         "below a file": str(folder / "file" / f"a.{kind}"),
     }
+
+
+OPENING = {"open", "read_bytes", "read_text", "fdopen", "loadmat", "genfromtxt", "fromfile"}
+ALLOWED = {
+    ("io/opener.py", "fdopen"),
+    ("io/opener.py", "open"),
+    ("io/results.py", "open"),  # to write
+    ("studies/study.py", "read_bytes"),  # the sources of the package itself
+    ("io/npz.py", "open"),  # members of an archive that is open
+    ("io/bag_files.py", "open"),  # a compressed stream of a file that is open
+}
+
+
+def test_files_are_opened_in_one_place() -> None:
+    root = Path(dy.__file__).parent
+    found = set()
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                found |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()
+    assert found <= ALLOWED, found - ALLOWED
 
 
 @pytest.mark.parametrize("kind", READERS)

@@ -15,7 +15,7 @@ import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.io.folder import write_whole
-from dynident.io.opener import content, real
+from dynident.io.opener import afford, content, real
 
 if TYPE_CHECKING:
     import polars as pl
@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 _TABLES = (".parquet", ".csv")
+_COMPRESSED = (b"\x1f\x8b", b"x\x01", b"x\x9c", b"x\xda", b"(\xb5/\xfd")  # what polars would decompress
 WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
@@ -102,9 +103,15 @@ def read_table(path: str | Path) -> pl.DataFrame:
 
     path = Path(path)
     kind = table_kind(path)
-    data = BytesIO(content(path, remember=False))
+    data = content(path, weight=1 if kind == ".parquet" else 20, remember=False)
     try:
-        return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
+        if data.startswith(_COMPRESSED):
+            raise ValueError("it is compressed")
+        if kind == ".csv":
+            return pl.read_csv(BytesIO(data), infer_schema_length=None)
+        rows = pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item()
+        afford(16 * rows * len(pl.read_parquet_schema(BytesIO(data))), f"{path}: its {rows} rows would take")
+        return pl.read_parquet(BytesIO(data))
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dynident.identification import SourceFile, Sources
+from dynident.io.folder import result_folder
+from dynident.io.robot import fingerprint
+from dynident.io.saved import model_files
 from tests.cli.commands import configure, run, write_log
 from tests.saved_results import errors_by_log
 
@@ -225,6 +233,64 @@ class TestFolder:
         assert done.exit_code == 1
         assert str(no_folder) in done.output
         assert "missing.yaml" not in done.output
+
+    def test_a_folder_that_another_run_holds(self, tmp_path: Path) -> None:
+        for command in ("identify", "bound", "reproduce"):
+            with result_folder(tmp_path / "out"):
+                config = [] if command == "reproduce" else [tmp_path / "missing.yaml"]
+                done = run(command, *config, "--out", tmp_path / "out")
+            assert done.exit_code == 1
+            assert f"another run writes here (process {os.getpid()} on" in done.output
+
+    def test_models_of_an_earlier_run_are_removed_and_the_users_own_kept(self, tmp_path: Path) -> None:
+        write_log(tmp_path)
+        out = tmp_path / "out"
+        assert run("identify", configure(tmp_path), "--out", out).exit_code == 0
+        files = {path.name for path in out.iterdir()}
+        assert files == {"parameters.yaml", "model.py", "result.json", "report.html"}
+        result = json.loads((out / "result.json").read_text())
+        for name, text in (("arm.urdf", "of the earlier run"), ("edited.urdf", "by hand"), ("thesis.tex", "mine")):
+            (out / name).write_text(text)
+            told = hashlib.sha256(b"of the earlier run").hexdigest()
+            result["report"]["exports"].append({"file": name, "sha256": told if name.endswith("urdf") else None})
+        (out / "result.json").write_text(json.dumps(result))
+        assert run("identify", configure(tmp_path), "--out", out).exit_code == 0
+        assert {path.name for path in out.iterdir()} == files | {"edited.urdf", "thesis.tex"}
+        result["report"]["exports"] = [{"file": "../log.csv", "sha256": fingerprint(tmp_path / "log.csv")}]
+        (out / "result.json").write_text(json.dumps(result))
+        assert model_files(out / "result.json", Sources()) == ()
+        result["report"]["exports"] = [{"file": "edited.urdf", "sha256": fingerprint(out / "edited.urdf")}]
+        (out / "result.json").write_text(json.dumps(result))
+        assert model_files(out / "result.json", Sources()) == ("edited.urdf",)
+        assert model_files(out / "result.json", Sources(model=SourceFile(str(out / "edited.urdf"), ""))) == ()
+
+    def test_the_result_alone_and_moved_is_enough(self, tmp_path: Path) -> None:
+        log = write_log(tmp_path)
+        out = tmp_path / "out"
+        assert run("identify", configure(tmp_path), "--out", out).exit_code == 0
+        (out / "report.html").unlink()
+        (out / "parameters.yaml").write_text("edited by hand")
+        assert run("predict", out / "result.json", log).exit_code == 0
+        (out / "result.json").rename(tmp_path / "moved.json")
+        assert run("predict", tmp_path / "moved.json", log).exit_code == 0
+
+    @pytest.mark.skipif(os.name == "nt", reason="kills as POSIX does")
+    @pytest.mark.parametrize("delay", [0.0, 0.004, 0.015])
+    def test_a_kill_while_files_are_written(self, tmp_path: Path, delay: float) -> None:
+        log, out = write_log(tmp_path), tmp_path / "out"
+        first = configure(tmp_path, train=[{"file": "log.csv", "window": [0, 2]}])
+        assert run("identify", first, "--out", out).exit_code == 0
+        old = {path.name: path.read_bytes() for path in out.iterdir()}
+        command = [sys.executable, "-m", "dynident", "identify", str(configure(tmp_path)), "--out", str(out)]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+            while process.poll() is None and not (out / ".dynident.tmp").exists():
+                time.sleep(0.001)
+            time.sleep(delay)
+            process.kill()
+        assert run("predict", out / "result.json", log).exit_code == 0
+        now = {path.name: path.read_bytes() for path in out.iterdir()}
+        assert now.keys() == old.keys()
+        assert {now[name] == old[name] for name in old} in ({True}, {False})
 
     def test_a_report_that_fails_leaves_no_result(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_log(tmp_path)

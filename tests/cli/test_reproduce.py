@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import polars as pl
@@ -66,19 +67,54 @@ class TestReproduce:
         assert done.exit_code == 1
         assert words in done.output
 
-    @pytest.mark.skipif(os.name == "nt", reason="sends a POSIX signal")
-    def test_interrupting_loses_nothing(self, tmp_path: Path) -> None:
-        command = [sys.executable, "-m", "dynident", "reproduce", "--runs", "4000", "--out", str(tmp_path)]
-        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
+    def test_ctrl_c_while_workers_start(self, tmp_path: Path) -> None:
+        """A terminal sends it to all processes, and those that start have not yet said that they ignore it."""
+        script = (
+            "import os, signal, threading\nfrom concurrent.futures import ProcessPoolExecutor\n"
+            "from dynident.cli import main\nsubmit = ProcessPoolExecutor.submit\n"
+            "def early(*given):\n"
+            "    threading.Timer(0.1, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
+            "    return submit(*given)\n"
+            "ProcessPoolExecutor.submit = early\n"
+            f"main(['reproduce', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
+        )
+        words = [sys.executable, "-c", script]
+        done = subprocess.run(words, capture_output=True, text=True, start_new_session=True, timeout=60, check=False)
+        assert done.returncode == 130, done.stderr
+        assert "Traceback" not in done.stderr
+        assert done.stderr.startswith("Interrupted: ")
+
+    @pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
+    @pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGKILL", -9)])
+    def test_stopping_loses_nothing_and_leaves_no_process(self, tmp_path: Path, number: str, code: int) -> None:
+        command = [sys.executable, "-m", "dynident", "reproduce", "--runs", "1000", "--workers", "2"]
+        command += ["--out", str(tmp_path)]
+        # the pipe of standard error ends when the last process that holds it does, workers included
+        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + 60
             while not (tmp_path / "study.parquet").exists() and time.monotonic() < deadline:
                 time.sleep(0.1)
-            process.send_signal(signal.SIGINT)
-            _, told = process.communicate(timeout=60)
-        assert process.returncode != 0
-        assert "Traceback" not in told
-        assert "again" in told  # run the same command again to go on
+            process.send_signal(getattr(signal, number))
+            _, told = process.communicate(timeout=20)
+        assert process.returncode == code
         assert len(pl.read_parquet(tmp_path / "study.parquet")) > 0
+        if code > 0:
+            kept = tmp_path / "study.parquet"
+            assert told == f"Interrupted: finished runs are kept in {kept}; run the same command again to go on.\n"
+            assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
+
+    def test_a_worker_that_dies_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        def die(*_: object, **__: object) -> None:
+            (tmp_path / "study.parquet").touch()
+            raise BrokenProcessPool
+
+        monkeypatch.setattr("dynident.studies.article.reproduce", die)
+        done = run("reproduce", "--out", tmp_path)
+        assert done.exit_code == 1
+        assert f"a worker process has died, perhaps for want of memory; finished runs are kept in {tmp_path}" in (
+            done.output
+        )
 
     @pytest.mark.parametrize("option", ["--out", "--json"])
     def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:

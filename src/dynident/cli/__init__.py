@@ -15,6 +15,7 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.terminal import MEMORY_OPTION
 
 __all__ = ["main"]
 
@@ -32,4 +33,5 @@ def main(debug: bool) -> None:
 
 
 for _command in (reproduce, init, check, bound, identify, predict, export, smooth, schema):
+    MEMORY_OPTION(_command)
     main.add_command(_command)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -32,29 +33,36 @@ def bound(
     """Show how accurately any unbiased method can determine each parameter from the training logs of CONFIG (YAML),
     what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
     """
+    from dynident.io.folder import result_folder
+    from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
-    from dynident.io.results import check_json, probe_folder, write_json, write_text
+    from dynident.io.results import check_json, json_text, probe_folder, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
     from dynident.report.wording import Line, note_lines
 
     if json_file:
         check_json(json_file)
-    for folder in filter(None, (out, json_file and json_file.parent)):
-        probe_folder(folder)
-    given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
-    with status() as say:
-        found = read_project(config, say).bound(*given, cast("TorqueNoise", torque), say)
+    targets = [json_file] if json_file else []
+    targets += [out / "bound.json", out / "report.html"] if out else []
+    if json_file:
+        probe_folder(json_file.parent)
+    with result_folder(out) if out else nullcontext() as folder:
+        given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
+        with status() as say:
+            project = read_project(config, say)
+            refuse_inputs(*targets)
+            found = project.bound(*given, cast("TorqueNoise", torque), say)
+        numbers = json_text(bound_dict(found))
+        written = folder.replace({"bound.json": numbers, "report.html": bound_page(found)}) if folder else ()
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.show(table)
     for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.warnings)):
         say_line(screen, line)
     if json_file:
-        tell(screen, "Numbers", write_json(json_file, bound_dict(found)))
-    if out:
-        page = bound_page(found)
-        tell(screen, "Numbers", write_json(out / "bound.json", bound_dict(found)))
-        tell(screen, "Report", write_text(out / "report.html", page))
+        tell(screen, "Numbers", write_text(json_file, numbers))
+    for what, path in zip(("Numbers", "Report"), written, strict=False):
+        tell(screen, what, path)
 
 
 def _noise(option: str, words: tuple[str, ...]) -> dict[str, float] | float | None:

@@ -23,16 +23,20 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
     print what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
+    from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import check_json, probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
 
     if json_file:
+        for path in files:
+            keep(path)
+        refuse_inputs(json_file)
         check_json(json_file)
         probe_folder(json_file.parent)
     screen, found = console(), {}
     for path in files:
         with status() as say:
-            found[str(path)] = one = _examined(path, say)
+            found[str(path)] = one = _examined(path, json_file, say)
         screen.say(f"{path}: {check_summary(one)}", "bold")
         for table in check_tables(one):
             screen.show(table)
@@ -42,21 +46,35 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
         raise SystemExit(1)
 
 
-def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
-    """Check one file; one that cannot be used is an error among the findings, so that the others are checked."""
-    from dynident.checks import CheckResult, Finding, Topic
-    from dynident.errors import DynidentError, InputError, Severity, choices
+def _examined(path: Path, json_file: Path | None, say: Callable[[str], None]) -> CheckResult:
+    """Check one file; one that cannot be used is an error among the findings, so that the others are checked.
+
+    Raises ConfigError where the findings would replace a file that is named in it.
+    """
+    from dynident.errors import DynidentError, InputError
+    from dynident.io.opener import find, refuse_inputs
     from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
-        if not path.is_file() and path.parent.is_dir():
-            kinds = (".yaml", ".yml", *SUFFIXES)
-            known = (one.name for one in sorted(path.parent.iterdir()) if one.suffix.lower() in kinds)
-            raise InputError(f"{path}: cannot be read: there is no such file; {choices(path.name, known)}")
-        return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
+        find(path, InputError, (".yaml", ".yml", *SUFFIXES))
+        if path.suffix.lower() in SUFFIXES:
+            return _robot(path)
+        project = read_project(path, say)
     except DynidentError as error:
-        return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
+        return _unusable(error)
+    refuse_inputs(*filter(None, [json_file]))
+    try:
+        return project.examine(say)
+    except DynidentError as error:
+        return _unusable(error)
+
+
+def _unusable(error: Exception) -> CheckResult:
+    from dynident.checks import CheckResult, Finding, Topic
+    from dynident.errors import Severity
+
+    return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
 
 
 def _robot(path: Path) -> CheckResult:

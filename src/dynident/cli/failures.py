@@ -14,8 +14,10 @@ from typing import Any
 import click
 
 from dynident import __version__
+from dynident.cli.interrupt import interruptible
 from dynident.cli.terminal import one_line, visible
 from dynident.errors import DynidentError
+from dynident.io.opener import watched
 
 __all__ = ["FAULT", "Commands"]
 
@@ -49,12 +51,14 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes an exception that ``main`` shows."""
+        with interruptible(), watched():
+            return self._invoke(ctx)
+
+    def _invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
-        except (click.ClickException, click.exceptions.Exit, click.Abort, SystemExit):
+        except (click.ClickException, click.exceptions.Exit, click.Abort, KeyboardInterrupt, SystemExit):
             raise
-        except KeyboardInterrupt:
-            raise click.Abort from None
         except BrokenPipeError:  # the reader has seen enough
             _close_output()
             sys.exit(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, te
 if TYPE_CHECKING:
     from dynident.export import Export
     from dynident.identification import Identification
+    from dynident.io.folder import ResultFolder
 
 __all__ = ["identify"]
 
@@ -24,22 +26,26 @@ MOST_STEPS = 6  # in a terminal; the report has all
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
-    from dynident.export import exports
-    from dynident.io.project import run
-    from dynident.io.results import probe_folder
+    from dynident.export import export_files, exports
+    from dynident.io.folder import result_folder
+    from dynident.io.opener import refuse_inputs
+    from dynident.io.project import read_project
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
     from dynident.report.wording import Line
 
-    if out:
-        probe_folder(out)
-    with status() as say:
-        found = run(config, progress=say)
-        say("writing and verifying the model")
-        made = exports(found) if out else ()
-    # written before anything is printed: the reader of a pipe may close it early
-    written = _write(out, found, made) if out else []
+    with result_folder(out) if out else nullcontext() as folder:
+        with status() as say:
+            project = read_project(config, say)
+            if out:
+                names = ("result.json", "report.html", *export_files(project.model))
+                refuse_inputs(*(out / name for name in names))
+            found = project.identify(say)
+            say("writing and verifying the model")
+            made = exports(found) if folder else ()
+        # written before anything is printed: the reader of a pipe may close it early
+        written = _write(folder, found, made) if folder else []
     screen = console()
     verdict, steps = verdict_text(found)
     screen.say(verdict, "bold")
@@ -53,20 +59,17 @@ def identify(config: Path, out: Path | None) -> None:
         tell(screen, what, path)
 
 
-def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
+def _write(folder: ResultFolder, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
     """Write the model's files, result.json and report.html; return what was written where."""
     from dynident.io.result_write import result_data
-    from dynident.io.results import remove, write_json, write_text
-    from dynident.io.saved import check_targets
+    from dynident.io.results import json_text
+    from dynident.io.saved import model_files
     from dynident.report import identification_page, result_words
 
-    check_targets(out, (one.file for one in made), found.provenance)
-    result, page = result_data(found, result_words(found, made)), identification_page(found, made)
-    written = []
-    for one in made:
-        if one.ready and one.written is not None:
-            written.append(("Model", write_text(out / one.file, one.written.text)))
-        else:
-            remove(out / one.file)  # of an earlier run: it would pass for this one's
-    written.append(("Result", write_json(out / "result.json", result)))
-    return [*written, ("Report", write_text(out / "report.html", page))]
+    files = {one.file: one.written.text for one in made if one.ready and one.written is not None}
+    kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
+    files["result.json"] = json_text(result_data(found, result_words(found, made)))
+    files["report.html"] = identification_page(found, made)
+    # the models of an earlier run would pass for this one's
+    paths = folder.replace(files, gone=model_files(folder.path / "result.json", found.provenance))
+    return [(kinds[path.name], path) for path in paths]

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import os
 import signal
-from contextlib import AbstractContextManager, nullcontext
+import time
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, bar, console, one_line, tell
+from dynident.cli.terminal import DIRECTORY, FILE, bar, console, tell
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from multiprocessing.process import BaseProcess
+
+    from dynident.studies.article import Reproduction
 
 __all__ = ["reproduce"]
+
+STOPPING = (signal.SIGINT, signal.SIGTERM)
+GRACE = 2.0  # s for workers to end their fits when a study is stopped
 
 
 @click.command(short_help="Run the article's study again.")
@@ -33,40 +42,109 @@ def reproduce(
     scenario: str, runs: int, seed: int, methods: str, workers: int, out: Path | None, json_file: Path | None
 ) -> None:
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
-    from dynident.io.results import check_json, probe_folder, write_json, write_text
+    from dynident.io.folder import result_folder
+    from dynident.io.results import check_json, probe_folder, write_json
     from dynident.report import study_page, study_text
-    from dynident.studies import article
 
     if json_file:
         check_json(json_file)
-    for folder in filter(None, (out, json_file and json_file.parent)):
-        probe_folder(folder)
+        probe_folder(json_file.parent)
     names = [name.strip() for name in methods.split(",") if name.strip()]
     table = out / "study.parquet" if out else None
-    try:
-        with bar(f"{scenario}, {runs} runs") as progress, _pool(workers) as executor:
-            found = article.reproduce(scenario, runs, seed, names, path=table, executor=executor, progress=progress)
-    except KeyboardInterrupt:
-        if table:
-            click.echo(
-                one_line(f"Finished runs are kept in {table}: run the same command again to continue."), err=True
-            )
-        raise
+    with result_folder(out) if out else nullcontext() as folder:
+        found = _study(scenario, runs, seed, names, workers, table)
+        written = folder.replace({"report.html": study_page(found)}) if folder else ()
     screen = console()
     screen.print(study_text(found))
-    page = study_page(found) if out else ""
     if json_file:
         write_json(json_file, found.summary())
-    if out:
-        tell(screen, "Report", write_text(out / "report.html", page))
+    for path in written:
+        tell(screen, "Report", path)
 
 
-def _pool(workers: int) -> AbstractContextManager[Executor | None]:
-    """Return the processes to work in; None where this one does it alone."""
+def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int, table: Path | None) -> Reproduction:
+    """Run the study; however it is stopped, what is said then is where the finished runs are."""
+    from concurrent.futures import BrokenExecutor
+
+    from dynident.errors import InputError
+    from dynident.studies import article
+
+    try:
+        with bar(f"{scenario}, {runs} runs") as progress, _pool(workers) as executor:
+            return article.reproduce(scenario, runs, seed, methods, path=table, executor=executor, progress=progress)
+    except KeyboardInterrupt as stop:
+        stop.add_note(_kept(table))
+        raise
+    except BrokenExecutor as error:
+        raise InputError(
+            f"a worker process has died, perhaps for want of memory; {_kept(table)} Take fewer --workers."
+        ) from error
+
+
+def _kept(table: Path | None) -> str:
+    if table is None:
+        return "no run is kept; give --out to keep them."
+    kept = f"finished runs are kept in {table}" if table.exists() else "no run is finished"
+    return f"{kept}; run the same command again to go on."
+
+
+@contextmanager
+def _pool(workers: int) -> Iterator[Executor | None]:
+    """Give the processes to work in, which end with this one, however it ends; None where this one does it alone."""
     if workers == 1:
-        return nullcontext()
+        yield None
+        return
     from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+    from multiprocessing import active_children, get_context
 
-    # an interrupt is for this process, which tells the others
-    return ProcessPoolExecutor(workers, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    others = active_children()
+    with ProcessPoolExecutor(workers, get_context("spawn"), _follow) as executor:
+        try:
+            with _held_back():
+                for _ in range(workers):
+                    executor.submit(int)  # starts a worker
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            _end(set(active_children()) - set(others))
+            raise
+
+
+def _end(workers: Collection[BaseProcess]) -> None:
+    """Wait a little for processes to end, then end them: they have nothing to save."""
+    end = time.monotonic() + GRACE
+    try:
+        for worker in workers:
+            worker.join(max(0.0, end - time.monotonic()))
+    finally:
+        for worker in workers:
+            worker.kill()
+
+
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Hold signals back, in processes that are started meanwhile for good: Ctrl-C in a terminal goes to all of them."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _follow() -> None:
+    """Prepare a worker: signals are for the process that started it, which tells the others, or takes them with it."""
+    from multiprocessing import parent_process
+    from threading import Thread
+
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
+
+    def watch() -> None:
+        if parent := parent_process():
+            parent.join()
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()

@@ -30,18 +30,22 @@ def smooth(
     from dynident.errors import ConfigError
     from dynident.io.columns import read_name
     from dynident.io.fields import UNITS
-    from dynident.io.results import check_not_read, write_table, write_text
+    from dynident.io.folder import result_folder
+    from dynident.io.opener import keep, refuse_inputs
     from dynident.io.tables import read_columns
     from dynident.report.smoothing import smoothed_columns, smoothing_page, smoothing_table
     from dynident.splines import Fixed, rule_named
 
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
-    check_not_read(out / "smoothed.csv", [log])
+    keep(log)
+    refuse_inputs(out / "smoothed.csv", out / "report.html")
     chosen = rule_named(rule) if lam is None else Fixed(lam=lam)
-    table = read_columns(log)
-    found = smoothed_columns(table, time_column, columns, chosen, sigma)
-    page = smoothing_page(log.name, found.names, found.measured, found.fit)
+    with result_folder(out) as folder:
+        table = read_columns(log)
+        found = smoothed_columns(table, time_column, columns, chosen, sigma)
+        page = smoothing_page(log.name, found.names, found.measured, found.fit)
+        written = folder.replace({"smoothed.csv": found.frame().write_csv(), "report.html": page})
     screen = console()
     if (unit := read_name(time_column, ()).unit) in UNITS["time"] and unit != "s":
         note = (
@@ -51,5 +55,5 @@ def smooth(
     for note in table.notes:
         screen.say(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(found.names, found.fit))
-    tell(screen, "Table", write_table(out / "smoothed.csv", found.frame()))
-    tell(screen, "Report", write_text(out / "report.html", page))
+    for what, path in zip(("Table", "Report"), written, strict=True):
+        tell(screen, what, path)

@@ -16,12 +16,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dynident.io.opener import set_memory
+
 if TYPE_CHECKING:
     from dynident.cli.screen import Screen
     from dynident.report.wording import Line
 
 __all__ = [
-    "ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "one_line", "say_line", "status", "tell", "visible",
+    "ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "MEMORY_OPTION", "bar", "console", "one_line", "say_line", "status",
+    "tell", "visible",
 ]  # fmt: skip
 
 
@@ -41,6 +44,16 @@ LOG = _Path(path_type=Path)  # a ROS 2 bag is a folder
 ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
 )
+
+
+def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
+    set_memory(value)
+
+
+MEMORY_OPTION = click.option(
+    "--memory", type=click.FloatRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
+    help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
+)  # fmt: skip
 
 
 def visible(text: str) -> str:

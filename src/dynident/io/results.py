@@ -1,11 +1,11 @@
-"""Results to files, never half written: a temporary file in the same folder takes the name when it is whole."""
+"""Results to files, never half written."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,8 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
+from dynident.io.folder import write_whole
+from dynident.io.opener import afford, content, real
 from dynident.io.text import unpanicked
 
 if TYPE_CHECKING:
@@ -22,10 +24,9 @@ if TYPE_CHECKING:
 __all__ = [
     "as_path",
     "check_json",
-    "check_not_read",
+    "json_text",
     "probe_folder",
     "read_table",
-    "remove",
     "table_kind",
     "write_json",
     "write_table",
@@ -33,6 +34,7 @@ __all__ = [
 ]
 
 _TABLES = (".parquet", ".csv")
+_COMPRESSED = (b"\x1f\x8b", b"x\x01", b"x\x9c", b"x\xda", b"(\xb5/\xfd")  # what polars would decompress
 WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
@@ -43,24 +45,18 @@ def as_path(path: object) -> Path:
     return Path(path)
 
 
-def check_not_read(target: Path, read: Iterable[str | Path]) -> None:
-    """Raise ConfigError where the file to be written is one of those that are read."""
-    if target.resolve() in {Path(one).resolve() for one in read}:
-        raise ConfigError(f"{target}: would be replaced, and is read; choose another name for what is written.")
-
-
 def check_json(target: Path) -> None:
     """Raise ConfigError where a file that is no JSON, such as a recording, would be replaced."""
-    if target.exists() and target.suffix.lower() != ".json":
+    if os.path.exists(target) and target.suffix.lower() != ".json":
         raise ConfigError(f"{target}: exists already and is not named .json; choose another name for the numbers.")
 
 
 def probe_folder(folder: str | Path) -> None:
     """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
-    folder = Path(folder)
-    probe = folder / f".{uuid4().hex}.tmp"
+    folder = real(folder)
+    probe = folder / f".dynident-{uuid4().hex}.tmp"
     try:
-        made = [one for one in (folder, *folder.parents) if not one.exists()]
+        made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
         folder.mkdir(parents=True, exist_ok=True)
         try:
             probe.touch(exist_ok=False)
@@ -83,7 +79,12 @@ def write_json(path: str | Path, data: Any) -> Path:
 
     Raises InputError where the file cannot be written, TypeError for values that JSON cannot hold.
     """
-    return write_text(path, _text(_plain(data)) + "\n")
+    return write_text(path, json_text(data))
+
+
+def json_text(data: Any) -> str:
+    """Return what ``write_json`` writes."""
+    return _text(_plain(data)) + "\n"
 
 
 def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
@@ -97,29 +98,33 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
     return _write(path, buffer.getvalue())
 
 
-def remove(path: str | Path) -> None:
-    """Take a file of an earlier run away, where there is one. Raises InputError where that is impossible."""
-    try:
-        Path(path).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: is of an earlier run and cannot be removed: {error.strerror}.") from error
-
-
 def read_table(path: str | Path) -> pl.DataFrame:
     """Read a table that ``write_table`` wrote; InputError where it is missing or damaged."""
     import polars as pl
 
     path = Path(path)
     kind = table_kind(path)
+    data = content(path, weight=1 if kind == ".parquet" else 20, remember=False)
     try:
-        data = BytesIO(path.read_bytes())
-        return unpanicked(
-            lambda: pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
-        )
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
+        if data.startswith(_COMPRESSED):
+            raise ValueError("it is compressed")
+        return unpanicked(lambda: _parquet(data, path) if kind == ".parquet" else _csv(data))
     except (pl.exceptions.PolarsError, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
+
+
+def _csv(data: bytes) -> pl.DataFrame:
+    import polars as pl
+
+    return pl.read_csv(BytesIO(data), infer_schema_length=None)
+
+
+def _parquet(data: bytes, path: Path) -> pl.DataFrame:
+    import polars as pl
+
+    rows = pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item()
+    afford(16 * rows * len(pl.read_parquet_schema(BytesIO(data))), f"{path}: its {rows} rows would take")
+    return pl.read_parquet(BytesIO(data))
 
 
 def table_kind(path: Path) -> str:
@@ -165,20 +170,11 @@ def _plain(value: Any) -> Any:
 
 
 def _write(path: Path, data: bytes) -> Path:
-    temporary = path.parent / f".{uuid4().hex}.tmp"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with open(temporary, "xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())  # the new name must not reach the disk before the content
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_whole(path, data)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"{path}: cannot be written: {reason}. Choose another folder or change its permissions."
+            f"{path}: cannot be written: {reason}. Make room, allow writing, or choose another folder."
         ) from error
     return path

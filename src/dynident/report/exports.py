@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
@@ -49,10 +50,11 @@ def export_notes(exports: Sequence[Export]) -> list[str]:
 
 
 def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
-    """Return the files as plain values: file, format, agreement, proven, readers, left_out, notes, refusal."""
+    """Return the files as plain values: file, sha256, format, agreement, proven, readers, left_out, notes, refusal."""
     return [
         {
             "file": one.file,
+            "sha256": sha256(one.written.text.encode(errors="backslashreplace")).hexdigest() if one.written else None,
             "format": one.format,
             "agreement": one.proof.agreement if one.proof else None,
             "proven": one.ready,

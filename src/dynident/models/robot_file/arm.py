@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,6 +16,7 @@ from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint,
 __all__ = ["Arm", "ArmBody", "assemble"]
 
 Array = NDArray[np.float64]
+MOST_JOINTS = 500  # that move: the regressor of more needs gigabytes for a block of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +62,15 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
     Raises ModelError where a name is unknown, a joint cannot be a moving one, or a constraint closes a loop.
     """
     names = _used(file, used, locked)
+    if len(names) > MOST_JOINTS:
+        raise ModelError(
+            f"{file.source}: {len(names)} joints would move, and {MOST_JOINTS} are the most; name those of the arm in "
+            "'joints_used', and the others stand still."
+        )
     arm = _walk(file, set(names), locked)
     if used is not None:
-        order = np.array([names.index(body.joint.name) for body in arm.bodies])
+        place = {name: k for k, name in enumerate(names)}
+        order = np.array([place[body.joint.name] for body in arm.bodies])
         arm = replace(arm, order=order)
     _check_ties(file, arm)
     return arm
@@ -83,9 +91,10 @@ def _check_named(
     file: RobotFile, movable: Mapping[str, RobotJoint], names: Sequence[str], locked: Mapping[str, float]
 ) -> None:
     """Check that the names used and locked are joints that can move, each named once."""
+    counts = Counter([*names, *locked])
     for name in (*names, *locked):
         known(name, movable, file.source, "joint that can move")
-        if [*names, *locked].count(name) > 1:
+        if counts[name] > 1:
             raise ModelError(f"{file.source}: joint {name!r} is listed twice among the joints used and locked.")
     if not names:
         raise ModelError(f"{file.source}: no joint is left to move; the file has {', '.join(movable) or 'none'}.")
@@ -95,8 +104,9 @@ def _check_named(
 
 
 def _check_mimics(file: RobotFile, names: Sequence[str], locked: Mapping[str, float]) -> None:
+    moving = set(names)
     for joint in file.joints:
-        if joint.follows and joint.name not in locked and joint.follows[0] in names:
+        if joint.follows and joint.name not in locked and joint.follows[0] in moving:
             raise ModelError(
                 f"{file.source}: joint {joint.name!r} mimics {joint.follows[0]!r}, which moves; lock that one, or "
                 f"state a value for {joint.name!r} in 'locked' if it does stand still."
@@ -142,6 +152,7 @@ def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm
     bodies: list[_Body] = []
     still: list[str] = []
     standing: dict[str, float] = {}
+    named = {joint.name: joint for joint in file.joints}
     todo: list[tuple[str, RobotJoint | None, int | None, Array]] = [(file.root, None, None, np.eye(4))]
     while todo:
         link, joint, host, frame = todo.pop()
@@ -149,7 +160,7 @@ def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm
             bodies.append(_Body(joint, host, frame))
             host, frame = len(bodies) - 1, np.eye(4)
         elif joint is not None:
-            position = _position(file, joint, locked)
+            position = _position(file, joint, named, locked)
             frame = frame @ motion(joint, position)
             standing |= {joint.name: position} if joint.kind != "fixed" else {}
         if host is None:
@@ -160,9 +171,10 @@ def _walk(file: RobotFile, moving: set[str], locked: Mapping[str, float]) -> Arm
     return Arm(tuple(body.finished() for body in bodies), np.arange(len(bodies)), tuple(still), standing)
 
 
-def _position(file: RobotFile, joint: RobotJoint, locked: Mapping[str, float]) -> float:
+def _position(
+    file: RobotFile, joint: RobotJoint, named: Mapping[str, RobotJoint], locked: Mapping[str, float]
+) -> float:
     """Return the position of a fixed joint: as given in ``locked``, else that of the joint it mimics, else zero."""
-    named = {x.name: x for x in file.joints}
     factor, offset, seen = 1.0, 0.0, [joint.name]
     while seen[-1] not in locked and (follows := named[seen[-1]].follows):
         master, multiplier, shift = follows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Literal, NoReturn
@@ -222,7 +222,7 @@ def unique(names: Iterable[str], what: str, source: str) -> None:
 
 def known(name: str, names: Iterable[str], where: str, what: str = "joint") -> None:
     """Raise ModelError with the choices where ``name`` is none of ``names``."""
-    names = list(names)
+    names = names if isinstance(names, Collection) else list(names)
     if name not in names:
         raise ModelError(f"{where}: no {what} {name!r}; {choices(name, names)}")
 

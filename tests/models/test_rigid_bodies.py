@@ -135,11 +135,11 @@ def test_a_mimic_joint_can_be_stated():
 
 
 def test_unknown_inertia_is_not_zero():
-    """MuJoCo would compute it from shapes; a body without shapes has none."""
+    """MuJoCo would compute it from the mesh; a body without shapes has none."""
     inertial = '<inertial mass="0.7" pos="0.02 0 0.03" diaginertia="0.003 0.004 0.002"/>'
     shaped = RigidBodies(ARM_MJCF.replace(inertial, '<geom type="mesh" mesh="shell"/>'))
     assert [p.value for p in shaped.parameters[20:]] == [None] * 10
-    assert shaped.notes == ("robot: body 'wrist': the file gives no inertia, only shapes to compute it from.",)
+    assert shaped.notes == ("robot: body 'wrist': its inertia follows from meshes, which are not read.",)
     bare = RigidBodies(ARM_MJCF.replace(inertial, ""))
     assert [p.value for p in bare.parameters[20:]] == [0.0] * 10
     assert bare.notes == ("robot: body 'wrist': the file gives no inertia.",)
@@ -173,11 +173,10 @@ def test_merged_inertias_are_exact_even_where_masses_cancel():
 
 def test_what_an_mjcf_holds_besides_is_noted():
     text = ARM_MJCF.replace("<default>", '<option gravity="0 0 -1.62" density="1.2"/><default>', 1)
-    text = text.replace('angle="radian"', 'angle="radian" boundmass="0.1"')
     text = text.replace('<body name="slide"', '<body gravcomp="1" name="slide"')
     text = text.replace("</worldbody>", '</worldbody><tendon><spatial name="belt"/></tendon>')
     notes = " ".join(RigidBodies(text).notes)
-    for words in ("boundmass = '0.1'", "density = '1.2'", "compensation of slide", "'belt'", "(0.0, 0.0, -1.62)"):
+    for words in ("density = '1.2'", "compensation of slide", "'belt'", "(0.0, 0.0, -1.62)"):
         assert words in notes
     assert RigidBodies(text, gravity=(0, 0, -1.62)).notes[-1] != RigidBodies(text).notes[-1]
 
@@ -221,8 +220,9 @@ BAD_URDF = {
     "unknown child": (urdf(*TWO, joint("j", "revolute", "a", "c")), {}, "joint 'j', <child>: no link 'c'"),
     "no parent": (urdf(*TWO, J.replace('<parent link="a"/>', "")), {}, "joint 'j': it has no <parent link="),
     "unknown type": (urdf(*TWO, J.replace("revolute", "rotary")), {}, "type 'rotary'; .*Known: 'revolute'"),
-    "floating": (urdf(*TWO, J.replace("revolute", "floating")), {}, "it is a floating joint, which has several"),
-    "planar": (urdf(*TWO, J.replace("revolute", "planar")), {}, "it is a planar joint"),
+    "floating": (urdf(*TWO, link("c"), J, joint("k", "floating", "b", "c")), {}, "it is a floating joint, which has"),
+    "planar": (urdf(*TWO, link("c"), J, joint("k", "planar", "b", "c")), {}, "it is a planar joint"),
+    "only floating": (urdf(*TWO, J.replace("revolute", "floating")), {}, "no joint is left to move; the file has j"),
     "locked floating": (
         urdf(*TWO, link("c"), J, joint("f", "floating", "b", "c")), {"locked": {"f": 1.0}},
         "'f' cannot be locked at 1.0"
@@ -251,9 +251,10 @@ BAD_URDF = {
     "used twice": (ARM, {"joints_used": ("rail", "rail")}, "'rail' is listed twice"),
     "locked at nan": (ARM, {"locked": {"rail": np.nan}}, "'rail' cannot be locked at nan"),
     "gravity": (ARM, {"gravity": (0.0, -9.81)}, "give three numbers in m/s"),
-    "mimic": (GRIPPER, {}, "'follower' cannot be one of the moving joints: it mimics 'finger'"),
-    "mimicked": (GRIPPER, {"joints_used": ("elbow", "finger")}, "'follower' mimics 'finger', which moves"),
-    "mimic unknown": (GRIPPER.replace('mimic joint="finger"', 'mimic joint="f"'), {}, "'follower': no joint 'f'"),
+    "mimic": (GRIPPER, {"joints_used": ("elbow", "follower")}, "'follower' mimics 'finger' and moves with it"),
+    "mimic unknown": (
+        GRIPPER.replace('mimic joint="finger"', 'mimic joint="fin"'), {}, "the file has no joint 'fin': did you mean"
+    ),
     "mimic circle": (
         GRIPPER.replace('mimic joint="finger"', 'mimic joint="follower"'), {"joints_used": ("elbow",)},
         "follower -> follower mimic each other in a circle",
@@ -269,29 +270,40 @@ def test_bad_robot_files(text, options, message):
 
 END = "</worldbody></mujoco>"
 BAD_MJCF = {
-    "include": ("<default>", '<include file="x.xml"/><default>', "<include> is not supported; save the compiled model"),
-    "frame": ('<body name="slide"', '<frame/><body name="slide"', "<frame> is not supported"),
+    "include": ("<default>", '<include file="x.xml"/><default>', "<include> names another file"),
+    "replicate": ('<body name="slide"', '<replicate count="2"/><body name="slide"', "<replicate> is not supported"),
+    "attach": ('<body name="slide"', '<attach model="x"/><body name="slide"', "<attach> is not supported"),
     "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not supported"),
-    "two joints": ("<inertial mass", '<joint name="x"/><joint name="y"/><inertial mass', "has 2 joints; give each"),
     "nameless joint": ('<joint name="twist"', "<joint", "of body 'wrist': it has no name"),
-    "nameless body": ('<body name="tool"', "<body", "a body has no name"),
     "same bodies": ('<body name="tool"', '<body name="base"', "the name 'base' is given to more than one body"),
     "same joints": ('<joint name="twist"', '<joint name="rail"', "the name 'rail' is given to more than one joint"),
     "ball": ('type="slide"', 'type="ball"', "joint 'rail' .* it is a ball joint"),
     "unknown type": ('type="slide"', 'type="slider"', "type 'slider'; did you mean 'slide'"),
-    "free": ("<inertial mass", '<freejoint name="float"/><inertial mass', "'float' .* it is a free joint"),
+    "nameless ball": ('<inertial mass="1"', '<joint type="ball"/><inertial mass="1"', "'slide .ball.' .* it is"),
     "spring": ('damping="0.4"', 'damping="0.4" stiffness="3"', "it has a spring .stiffness 3."),
     "unknown class": ('class="main"', 'class="mian"', "no default class 'mian'; did you mean 'main'"),
     "two turns": ('euler="0.1 0.2 0.3"', 'euler="0 0 0" quat="1 0 0 0"', "quat and euler are both given"),
     "zero quaternion": ('euler="0.1 0.2 0.3"', 'quat="0 0 0 0"', "quat is zero"),
     "euler sequence": ('eulerseq="XYZ"', 'eulerseq="XY"', "eulerseq = 'XY'; give three"),
     "few numbers": ('euler="0.1 0.2 0.3"', 'euler="0.1 0.2"', "euler = '0.1 0.2', expected 3 numbers below"),
-    "equality": (END, '</worldbody><equality><joint joint1="rail" joint2="twist"/></equality></mujoco>', "binds it to"),
+    "polynomial": (
+        END, '</worldbody><equality><joint joint1="rail" joint2="twist" polycoef="0 1 2"/></equality></mujoco>',
+        "binds it to",
+    ),
+    "follows nothing": (
+        END, '</worldbody><equality><joint joint1="rail" joint2="twits"/></equality></mujoco>', "did you mean 'twist'"
+    ),
+    "coupled tendons": (
+        END,
+        END.replace("</mujoco>", "<equality><tendon tendon1='t'/></equality><tendon><fixed name='t'>")
+        + "<joint joint='rail'/></fixed></tendon></mujoco>",
+        "<equality> <tendon> '' binds it to 'rail'",
+    ),
     "connect": (END, '</worldbody><equality><connect body1="upper" body2="wrist"/></equality></mujoco>', "a loop"),
     "weld to world": (END, '</worldbody><equality><weld body1="wrist"/></equality></mujoco>', "closes a loop"),
     "sites": (END, '</worldbody><equality><weld site1="a" site2="b"/></equality></mujoco>', "closes a loop"),
     "tendon": (
-        END, '</worldbody><tendon><fixed name="t"><joint joint="rail"/></fixed></tendon></mujoco>',
+        END, '</worldbody><tendon><fixed name="t" stiffness="3"><joint joint="rail"/></fixed></tendon></mujoco>',
         "<tendon> <fixed> 't' binds it to 'rail'",
     ),
 }  # fmt: skip

@@ -86,8 +86,8 @@ def _(note: notes.NoMass) -> str:
 @words.register
 def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
     return (
-        "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the compiled "
-        "model from MuJoCo, which writes the inertia out."
+        "its inertia follows from meshes or height fields, which are not read; save the compiled model from MuJoCo "
+        "with <compiler saveinertial='true'/>, which writes the inertia out."
     )
 
 

@@ -56,8 +56,9 @@ class RobotJoint:
     """A joint between two links: at position q the child's frame in the parent's is ``placement`` @ motion(q).
 
     ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` is the reason why the
-    joint cannot be a moving one. ``follows`` is (joint, multiplier, offset) of a mimic joint. ``nominal`` holds the
-    file's damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or kg).
+    joint cannot be a moving one; ``free``: it has several coordinates. ``follows`` is (joint, multiplier, offset) of a
+    mimic joint. ``nominal`` holds the file's damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or
+    kg).
     """
 
     name: str
@@ -70,6 +71,7 @@ class RobotJoint:
     nominal: Mapping[str, float] = field(default_factory=dict)
     follows: tuple[str, float, float] | None = None
     refusal: str = ""
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ class RobotFile:
     """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
     where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
     m/s^2 is None where the file gives none; ``notes`` say what is ignored. ``origins`` (3), in m, are the origins of
-    the link frames used here in those of the file, where they differ (MJCF: at the joint's anchor).
+    the link frames used here in those of the file, where they differ (MJCF: at the joint's anchor). ``massless`` are
+    links that the file does not have: between the joints of one body.
     """
 
     format: Literal["urdf", "mjcf"]
@@ -105,8 +108,14 @@ class RobotFile:
     gravity: tuple[float, ...] | None = None
     notes: tuple[str, ...] = ()
     origins: Mapping[str, Array] = field(default_factory=dict)
+    massless: tuple[str, ...] = ()
 
     __repr__ = brief
+
+    @property
+    def floating(self) -> tuple[str, ...]:
+        """The joints with several coordinates that carry the whole robot, such as a free joint of the trunk."""
+        return tuple(joint.name for joint in self.joints if joint.free and joint.parent == self.root)
 
 
 def parse(xml: str, source: str) -> Element:

@@ -200,7 +200,7 @@ def test_mistakes_are_worded_with_their_path(text, fragments):
 
 def test_a_missing_configuration_lists_its_neighbours(tmp_path):
     (tmp_path / "arm.yaml").write_text(FULL)
-    with pytest.raises(ConfigError, match=r"No such file.*did you mean 'arm\.yaml'"):
+    with pytest.raises(ConfigError, match=r"no such file.*did you mean 'arm\.yaml'"):
         read_config(tmp_path / "amr.yaml")
     with pytest.raises(ConfigError, match=r"folder .* does not exist"):
         read_config(tmp_path / "lost" / "arm.yaml")

@@ -10,7 +10,13 @@ import pytest
 import scipy.io
 import scipy.sparse
 
-from dynident.io.matlab import parse_mat
+from dynident.io.matlab import parse_mat as parse
+
+
+def parse_mat(data: bytes) -> dict:
+    """Return all arrays, read."""
+    return {name: one if isinstance(one, str) else one.read() for name, one in parse(data).items()}
+
 
 KINDS = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
 

@@ -90,7 +90,7 @@ def test_a_damaged_table_is_an_input_error(tmp_path, name, data):
 
 
 def test_a_missing_table_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="there is no such file"):
         read_table(tmp_path / "t.csv")
 
 

@@ -107,7 +107,7 @@ class TestReadRobot:
             dy.read_robot(tmp_path / "arm.urdf", joints=["sholder"])
         with pytest.raises(ConfigError, match="stiction"):
             dy.read_robot(tmp_path / "arm.urdf", terms=["stiction"])
-        with pytest.raises(ModelError, match=r"Robot files there: arm\.urdf"):
+        with pytest.raises(ModelError, match=r"did you mean 'arm\.urdf'"):
             dy.read_robot(tmp_path / "amr.urdf")
 
 

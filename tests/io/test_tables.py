@@ -83,7 +83,7 @@ def test_rows_and_columns_of_matlab_are_columns(tmp_path, shape):
 
 def test_pickled_objects_are_not_loaded(tmp_path):
     path = written(tmp_path, "a.npz", npz(t=np.arange(3), x=np.array([{}], dtype=object)))
-    with pytest.raises(InputError, match="column 'x' holds Object arrays cannot be loaded"):
+    with pytest.raises(InputError, match="column 'x' holds Python objects, which are not read"):
         read_columns(path).column("x")
 
 

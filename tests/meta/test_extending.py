@@ -145,7 +145,7 @@ def test_a_reader_of_a_package_reads(folder: Path, monkeypatch: pytest.MonkeyPat
     np.arange(5.0).tofile(folder / "log.raw")
     with pytest.raises(InputError, match=r"log.raw: is not a readable .raw file"):
         read_columns(folder / "log.raw")
-    with pytest.raises(InputError, match=r"log.row: there is no such file; did you mean 'log.raw'"):
+    with pytest.raises(InputError, match=r"log.row: cannot be read: there is no such file; did you mean 'log.raw'"):
         read_columns(folder / "log.row")
 
 

@@ -16,7 +16,9 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.terminal import MEMORY_OPTION
 from dynident.errors import DynidentError
+from dynident.io.opener import watched
 
 __all__ = ["main"]
 
@@ -26,7 +28,8 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with watched():
+                return super().invoke(ctx)
         except DynidentError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
@@ -41,4 +44,5 @@ def main() -> None:
 
 
 for _command in (reproduce, init, check, bound, identify, predict, export, smooth, schema):
+    MEMORY_OPTION(_command)
     main.add_command(_command)

@@ -32,6 +32,7 @@ def bound(
     """Show how accurately any unbiased method can determine each parameter from the training logs of CONFIG (YAML),
     what limits it, and what one more encoder bit, a ten times better torque sensor or a longer record would gain.
     """
+    from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
     from dynident.io.results import check_json, probe_folder, write_json, write_text
     from dynident.report.bound import bound_dict, bound_findings, bound_page, bound_table, noise_table
@@ -40,11 +41,15 @@ def bound(
 
     if json_file:
         check_json(json_file)
-    for folder in filter(None, (out, json_file and json_file.parent)):
-        probe_folder(folder)
+    targets = [json_file] if json_file else []
+    targets += [out / "bound.json", out / "report.html"] if out else []
+    for target in targets:
+        probe_folder(target.parent)
     given = _noise("--sigma-q", sigma_q), _noise("--sigma-tau", sigma_tau)
     with status() as say:
-        found = read_project(config, say).bound(*given, cast("TorqueNoise", torque), say)
+        project = read_project(config, say)
+        refuse_inputs(*targets)
+        found = project.bound(*given, cast("TorqueNoise", torque), say)
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.print(terminal(table))

@@ -23,11 +23,15 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
     print what is wrong and what to do about it. The exit code is 1 where an error is found.
     """
+    from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import check_json, probe_folder, write_json
     from dynident.report.check import check_dict, check_summary, check_tables
     from dynident.report.page import terminal
 
     if json_file:
+        for path in files:
+            keep(path)
+        refuse_inputs(json_file)
         check_json(json_file)
         probe_folder(json_file.parent)
     screen, found = console(), {}
@@ -46,15 +50,13 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
 def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
     """Check one file; one that cannot be used is an error among the findings, so that the others are checked."""
     from dynident.checks import CheckResult, Finding, Topic
-    from dynident.errors import DynidentError, InputError, Severity, choices
+    from dynident.errors import DynidentError, InputError, Severity
+    from dynident.io.opener import find
     from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
-        if not path.is_file() and path.parent.is_dir():
-            kinds = (".yaml", ".yml", *SUFFIXES)
-            known = (one.name for one in sorted(path.parent.iterdir()) if one.suffix.lower() in kinds)
-            raise InputError(f"{path}: cannot be read: there is no such file; {choices(path.name, known)}")
+        find(path, InputError, (".yaml", ".yml", *SUFFIXES))
         return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
     except DynidentError as error:
         return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))

@@ -43,15 +43,17 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.export import Identified, random_states
     from dynident.export import export as make
     from dynident.io.families import EXPORTERS
-    from dynident.io.results import check_not_read, probe_folder, write_text
-    from dynident.io.saved import check_targets, load
+    from dynident.io.opener import keep, refuse_inputs
+    from dynident.io.results import probe_folder, write_text
+    from dynident.io.saved import load
     from dynident.report.exports import export_notes
     from dynident.report.wording import old_result_lines
 
-    check_not_read(out, [result])
+    keep(result)
+    refuse_inputs(out)
     probe_folder(out.parent)
     found, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
-    check_targets(out.parent, [out.name], found.provenance)
+    refuse_inputs(out)
     estimate, states = found.estimate, random_states(len(found.model.joints), np.random.default_rng(0))
     made = make(Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance)), exporter, states)
     if not made.ready or made.written is None or made.proof is None:

@@ -24,8 +24,9 @@ MOST_STEPS = 6  # in a terminal; the report has all
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
-    from dynident.export import exports
-    from dynident.io.project import run
+    from dynident.export import export_files, exports
+    from dynident.io.opener import refuse_inputs
+    from dynident.io.project import read_project
     from dynident.io.results import probe_folder
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
@@ -35,7 +36,11 @@ def identify(config: Path, out: Path | None) -> None:
     if out:
         probe_folder(out)
     with status() as say:
-        found = run(config, progress=say)
+        project = read_project(config, say)
+        if out:
+            names = ("result.json", "report.html", *export_files(project.model))
+            refuse_inputs(*(out / name for name in names))
+        found = project.identify(say)
         say("writing and verifying the model")
         made = exports(found) if out else ()
     # written before anything is printed: the reader of a pipe may close it early
@@ -57,10 +62,8 @@ def _write(out: Path, found: Identification, made: Sequence[Export]) -> list[tup
     """Write the model's files, result.json and report.html; return what was written where."""
     from dynident.io.result_write import result_data
     from dynident.io.results import remove, write_json, write_text
-    from dynident.io.saved import check_targets
     from dynident.report import identification_page, result_words
 
-    check_targets(out, (one.file for one in made), found.provenance)
     result, page = result_data(found, result_words(found, made)), identification_page(found, made)
     written = []
     for one in made:

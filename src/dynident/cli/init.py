@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,11 +30,15 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     from dynident.errors import InputError
     from dynident.io.column_mapping import map_columns
     from dynident.io.config_draft import draft_config, same_columns
+    from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import write_text
     from dynident.io.sources import read_joints, read_source
 
-    if out.exists() and not force:
+    if os.path.lexists(out) and not force:
         raise InputError(f"{out}: exists already; choose another name with -o, or overwrite it with --force.")
+    for file in (robot, robot.rpartition(":")[0], *logs, *(file.strip() for log in logs for file in log.split("+"))):
+        keep(file)
+    refuse_inputs(out)
     joints = read_joints(robot)
     sources = []
     with status() as say:

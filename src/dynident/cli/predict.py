@@ -31,22 +31,27 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
     names several files for a recording, LOG is key=file,key=file.
     """
     from dynident.errors import ConfigError
-    from dynident.io.results import check_not_read, probe_folder, table_kind, write_table
-    from dynident.io.saved import check_targets, load
+    from dynident.io.opener import keep, refuse_inputs
+    from dynident.io.results import probe_folder, table_kind, write_table
+    from dynident.io.saved import load
     from dynident.report.page import terminal
     from dynident.report.prediction import prediction_frame, prediction_table
     from dynident.report.wording import old_result_lines
 
     if out:
         table_kind(out)
-        check_not_read(out, [result, *(file.rpartition("=")[2] for text in logs for file in text.split(","))])
+        keep(result)
+        for text in logs:
+            for file in (text, *(part.rpartition("=")[2] for part in text.split(","))):
+                keep(file)
+        refuse_inputs(out)
         probe_folder(out.parent)
     screen = console()
     with status() as say:
         say("reading the result")
         saved = load(result, allow_code=allow_code)
         if out:
-            check_targets(out.parent, [out.name], saved.provenance)
+            refuse_inputs(out)
         for line in old_result_lines(saved):
             say_line(screen, line)
         found = _predicted(saved, logs, allow_code, screen, say)

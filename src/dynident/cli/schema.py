@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -22,11 +23,12 @@ def schema(kind: str, out: Path | None) -> None:
     import json
 
     from dynident.errors import InputError
+    from dynident.io.opener import content
     from dynident.io.results import write_json
     from dynident.io.schema import SCHEMAS
 
     found = SCHEMAS[kind]()
-    if out and out.exists() and b'"$schema"' not in out.read_bytes():
+    if out and os.path.exists(out) and b'"$schema"' not in content(out, remember=False):
         raise InputError(f"{out}: exists already and is no schema; choose another name.")
     if out:
         tell(console(), "Schema", write_json(out, found))

@@ -30,7 +30,8 @@ def smooth(
     from dynident.errors import ConfigError
     from dynident.io.columns import read_name
     from dynident.io.fields import UNITS
-    from dynident.io.results import check_not_read, write_table, write_text
+    from dynident.io.opener import keep, refuse_inputs
+    from dynident.io.results import write_table, write_text
     from dynident.io.tables import read_columns
     from dynident.report.page import terminal
     from dynident.report.smoothing import smoothed_columns, smoothing_page, smoothing_table
@@ -38,7 +39,8 @@ def smooth(
 
     if lam is not None and rule != "constraint":
         raise ConfigError(f"--lam and --rule {rule} contradict each other; give one of them.")
-    check_not_read(out / "smoothed.csv", [log])
+    keep(log)
+    refuse_inputs(out / "smoothed.csv", out / "report.html")
     chosen = rule_named(rule) if lam is None else Fixed(lam=lam)
     table = read_columns(log)
     found = smoothed_columns(table, time_column, columns, chosen, sigma)

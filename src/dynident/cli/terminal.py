@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynident.io.opener import set_memory
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from dynident.report.wording import Line
 
-__all__ = ["ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "bar", "console", "say_line", "status", "tell"]
+__all__ = ["ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "MEMORY_OPTION", "bar", "console", "say_line", "status", "tell"]
 
 DIRECTORY = click.Path(file_okay=False, path_type=Path)
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -23,6 +25,16 @@ LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
 ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
 )
+
+
+def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
+    set_memory(value)
+
+
+MEMORY_OPTION = click.option(
+    "--memory", type=click.FloatRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
+    help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
+)  # fmt: skip
 
 
 def tell(console: Console, what: str, path: Path) -> None:

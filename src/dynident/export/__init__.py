@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from dynident.errors import ModelError
 from dynident.export.exporter import Exporter, States
 from dynident.export.formats import Mjcf, Numpy, Urdf, Yaml
@@ -15,6 +17,7 @@ from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Export, Proof, Written
 from dynident.identification import Identification
+from dynident.models import Model
 
 __all__ = [
     "Export",
@@ -27,6 +30,7 @@ __all__ = [
     "Written",
     "Yaml",
     "export",
+    "export_files",
     "exports",
     "identified_mjcf",
     "identified_module",
@@ -49,8 +53,18 @@ def exports(found: Identification) -> tuple[Export, ...]:
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.validations))
+    return tuple(export(identified, one, states) for one in _usual(identified))
+
+
+def export_files(model: Model) -> tuple[str, ...]:
+    """Return the names of the files that ``exports`` gives for a model."""
+    identified = Identified(model, np.zeros(len(model.parameters)))
+    return tuple(one.file(identified) for one in _usual(identified))
+
+
+def _usual(identified: Identified) -> tuple[Exporter, ...]:
     robots = [ROBOT[robot.format]] if (robot := identified.robot) else []
-    return tuple(export(identified, one, states) for one in (*robots, *ALWAYS))
+    return (*robots, *ALWAYS)
 
 
 def export(identified: Identified, exporter: Exporter, states: States) -> Export:

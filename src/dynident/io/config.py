@@ -7,21 +7,23 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, combinations, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import yaml
 from pydantic import ValidationError
 
 from dynident.errors import ConfigError, ModelError, choices
 from dynident.io.fields import Interval, interval_words
+from dynident.io.opener import keep, real
+from dynident.io.opener import text as text_of
 from dynident.io.python_file import CODE, from_file, guarded, located
 from dynident.io.settings import Channel, Config, RobotSettings
 from dynident.io.wording import worded
+from dynident.io.yaml_text import load_yaml
 
 if TYPE_CHECKING:
     from dynident.models import Model
 
-__all__ = ["config_warnings", "load_model", "parse_config", "read_config"]
+__all__ = ["config_text", "config_warnings", "load_model", "parse_config", "read_config"]
 
 
 def read_config(path: str | Path) -> Config:
@@ -29,14 +31,12 @@ def read_config(path: str | Path) -> Config:
 
     Raises ConfigError with the path of the wrong setting (``train[0].window``), its value and the choices.
     """
-    path = Path(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}; {_neighbours(path)}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: is not a UTF-8 text ({error}); save it as one.") from error
-    return parse_config(text, path.parent, str(path))
+    return parse_config(config_text(path), Path(path).parent, str(path))
+
+
+def config_text(path: str | Path) -> str:
+    """Return the text of a configuration; ConfigError where it cannot be read or is not text."""
+    return text_of(path, ConfigError, (".yaml", ".yml"))
 
 
 def parse_config(
@@ -46,13 +46,25 @@ def parse_config(
 
     Unless ``allow_code``, a part of a Python file is refused, as that would run the file.
     """
-    data = _load_yaml(text, source)
+    data = load_yaml(text, source)
     try:
-        return _named(
-            Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None}), source
-        )
+        config = Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None})
     except ValidationError as error:
         raise ConfigError(worded(error, data, source)) from None
+    _keep(config, Path(folder))
+    return _named(config, source)
+
+
+def _keep(config: Config, folder: Path) -> None:
+    """Count the files that a configuration names among those read, also where a command does not open them."""
+    for path in (*chain.from_iterable(spec.file.values() for spec in (*config.train, *config.validation)),):
+        keep(path)
+    for path in (
+        config.model.file.values()
+        if isinstance(config.model, RobotSettings)
+        else [folder / config.model, folder / config.model.rpartition(":")[0]]
+    ):
+        keep(path)
 
 
 def config_warnings(config: Config) -> tuple[str, ...]:
@@ -86,7 +98,7 @@ def _torques_of_positions(config: Config) -> Iterator[str]:
 def _overlaps(config: Config) -> Iterator[str]:
     """Return warnings on validation logs that overlap in time with a training log; windows may touch."""
     for held, fitted in product(config.validation, config.train):
-        if {path.resolve() for path in held.file.values()} & {path.resolve() for path in fitted.file.values()}:
+        if set(map(real, held.file.values())) & set(map(real, fitted.file.values())):
             pairs = product(held.window or ((None, None),), fitted.window or ((None, None),))
             if any(_overlap(one, other) for one, other in pairs):
                 yield (
@@ -98,44 +110,6 @@ def _overlaps(config: Config) -> Iterator[str]:
 def _overlap(one: Interval, other: Interval) -> bool:
     start = max(-math.inf if window[0] is None else window[0] for window in (one, other))
     return start < min(math.inf if window[1] is None else window[1] for window in (one, other))
-
-
-def _neighbours(path: Path) -> str:
-    if not path.parent.is_dir():
-        return f"the folder {path.parent} does not exist."
-    return choices(path.name, (p.name for p in sorted(path.parent.iterdir()) if p.suffix in (".yaml", ".yml")))
-
-
-def _load_yaml(text: str, source: str) -> Any:
-    try:
-        tree = yaml.compose(text, Loader=yaml.SafeLoader)
-        doubled = next(_doubled_keys(tree, set()), None)
-        data = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ConfigError(f"{source}: {where}{error.problem}; the file must be valid YAML.") from error
-    except Exception as error:  # values such as 2022-99-99 fail in many ways inside the YAML reader
-        raise ConfigError(f"{source}: is not valid YAML ({type(error).__name__}: {error}).") from error
-    if doubled is not None:
-        line = doubled.start_mark.line + 1
-        raise ConfigError(f"{source}: line {line}: the key {doubled.value!r} is given twice; keep one of them.")
-    return data
-
-
-def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:
-    """Yield the keys that repeat in their mapping; ``seen`` holds the nodes visited, as aliases may form rings."""
-    if node is None or id(node) in seen:
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.MappingNode):
-        counts = Counter(str(key.value) for key, _ in node.value)
-        yield from (key for key, _ in reversed(node.value) if counts[str(key.value)] > 1)
-        for child in chain.from_iterable(node.value):
-            yield from _doubled_keys(child, seen)
-    elif isinstance(node, yaml.SequenceNode):
-        for child in node.value:
-            yield from _doubled_keys(child, seen)
 
 
 def _named(config: Config, source: str) -> Config:

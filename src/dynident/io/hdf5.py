@@ -5,32 +5,42 @@ Nothing outside the file is opened: links to other files, and data in them, are 
 
 from __future__ import annotations
 
-from io import BytesIO
-from typing import Any
+import math
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
+from dynident.io.arrays import Found, StoredArray, held
+from dynident.io.opener import memory
 
-__all__ = ["is_hdf5", "parse_hdf5"]
+__all__ = ["is_hdf5", "opened_hdf5"]
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512  # bytes that MATLAB puts before the HDF5 file
 _OBJECTS = {b"char": "text", b"cell": "a cell array", b"function_handle": "an object"}
 _RATIO = 1100  # more than this, deflate cannot compress
+_MOST, _DEEPEST = 100_000, 20  # objects, and levels of groups
+_FRAME, _PART = 1 << 16, 1 << 24  # bytes that filters may add to a chunk; those decompressed at a time
 
 
-def is_hdf5(data: bytes) -> bool:
-    """Return whether the bytes are an HDF5 file, with or without MATLAB's header."""
+def is_hdf5(file: BinaryIO) -> bool:
+    """Return whether a file is of HDF5, with or without MATLAB's header."""
+    file.seek(0)
+    data = file.read(_MATLAB_HEADER + len(_SIGNATURE))
     return data.startswith(_SIGNATURE) or data[_MATLAB_HEADER:].startswith(_SIGNATURE)
 
 
-def parse_hdf5(data: bytes, source: str) -> dict[str, NDArray[Any] | str]:
-    """Return the arrays of a file by name (``group/name``), and a description of what is not a numeric array.
+@contextmanager
+def opened_hdf5(file: BinaryIO, source: str) -> Iterator[dict[str, Found]]:
+    """Open the arrays of a file by name (``group/name``), or a description of what is not a numeric array.
 
-    Arrays written by MATLAB are transposed to MATLAB's own shape. Raises InputError where the extra is not installed,
-    and almost any exception where the file is damaged.
+    Arrays written by MATLAB are transposed to MATLAB's own shape. A group with several names is read under one. Raises
+    InputError where the extra is not installed, and almost any exception where the file is damaged.
     """
     try:
         import h5py
@@ -38,44 +48,87 @@ def parse_hdf5(data: bytes, source: str) -> dict[str, NDArray[Any] | str]:
         raise InputError(
             f'{source}: to read HDF5 (MATLAB 7.3), install the extra "hdf5": pip install "dynident[hdf5]"'
         ) from error
-    found: dict[str, NDArray[Any] | str] = {}
+    size = file.seek(0, 2)
+    with h5py.File(file, "r") as content:
+        yield {name: _found(item, size) for name, item in _items(content, source)}
 
-    def visit(group: Any, prefix: str) -> None:
+
+def _items(file: Any, source: str) -> Iterator[tuple[str, Any]]:
+    """Yield the data sets by name, and None for a link; a group is visited once, as hard links may form rings."""
+    import h5py
+
+    groups, seen, count = [("", file)], {h5py.h5o.get_info(file.id).addr}, 0
+    for prefix, group in groups:
         for key in group:
-            name, link = f"{prefix}{key}", group.get(key, getlink=True)
+            count += 1
+            if count > _MOST:
+                raise InputError(f"{source}: holds more than {_MOST} objects; copy the columns to a new file.")
+            name = f"{prefix}{key}"
             if key in ("#refs#", "#subsystem#"):  # where MATLAB keeps the inside of cells and objects
                 continue
-            if not isinstance(link, h5py.HardLink):
-                found[name] = "a link"
+            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                yield name, None
                 continue
             item = group[key]
-            if isinstance(item, h5py.Dataset):
-                found[name] = _values(item, len(data))
-            elif isinstance(item, h5py.Group) and "MATLAB_class" in item.attrs:
-                found[name] = "a struct"
-            elif isinstance(item, h5py.Group) and name.count("/") < 20:  # hard links may form rings
-                visit(item, f"{name}/")
-
-    with h5py.File(BytesIO(data), "r") as file:
-        visit(file, "")
-    return found
+            if isinstance(item, h5py.Group) and "MATLAB_class" not in item.attrs:
+                address = h5py.h5o.get_info(item.id).addr
+                if address not in seen and name.count("/") < _DEEPEST:
+                    seen.add(address)
+                    groups.append((f"{name}/", item))
+            elif isinstance(item, h5py.Dataset | h5py.Group):
+                yield name, item
 
 
-def _values(item: Any, size: int) -> NDArray[Any] | str:
-    """Return the array of a dataset, or a description of it; ``size`` is that of the file in bytes."""
+def _found(item: Any, size: int) -> Found:
+    """Return the array of a data set, or a description of it; ``size`` is that of the file in bytes."""
+    if item is None:
+        return "a link"
+    if not hasattr(item, "dtype"):
+        return "a struct"
     kind = item.attrs.get("MATLAB_class")
     if isinstance(kind, bytes) and kind in _OBJECTS:
         return _OBJECTS[kind]
     if "MATLAB_empty" in item.attrs:
-        return np.empty(0)
+        return held(np.empty(0))
     if item.dtype.kind not in "biuf":
         return _content(item)
     if item.external or item.is_virtual:
         return "data of another file"
     if item.size and item.nbytes > _RATIO * size:
         raise ValueError(f"{item.name} claims {item.nbytes} bytes in a file of {size}")
-    values = np.asarray(item[()])
-    return values.T if kind is not None else values
+    shape = item.shape or ()
+    chunk = math.prod(item.chunks or ()) * item.dtype.itemsize
+    if kind is not None:
+        return StoredArray(shape[::-1], item.dtype, lambda: _read(item, chunk).T, chunk)
+    return StoredArray(shape, item.dtype, lambda: _read(item, chunk), chunk)
+
+
+def _read(item: Any, chunk: int) -> NDArray[Any]:
+    """Return the array of a data set; ValueError where a compressed chunk holds more than it should."""
+    wrong: list[int] = []
+
+    def examine(stored: Any) -> None:
+        if stored.size > chunk + _FRAME and not wrong:
+            wrong.append(stored.size)
+        elif _RATIO * stored.size > max(memory(), chunk) and item.compression == "gzip":
+            data = item.id.read_direct_chunk(stored.chunk_offset)[1]
+            if not stored.filter_mask and _inflates_beyond(data, chunk + _FRAME):
+                wrong.append(stored.size)
+
+    if item.chunks:
+        item.id.chunk_iter(examine)
+    if wrong:
+        raise ValueError(f"{item.name} has a chunk of {wrong[0]} bytes that holds more than the {chunk} it should")
+    return np.asarray(item[()])
+
+
+def _inflates_beyond(data: bytes, most: int) -> bool:
+    """Whether the data, decompressed, are more than so many bytes."""
+    stream, count, rest = zlib.decompressobj(), 0, data
+    while rest and not stream.eof and count <= most:
+        count += len(stream.decompress(rest, _PART))
+        rest = stream.unconsumed_tail
+    return count > most
 
 
 def _content(item: Any) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -13,7 +13,7 @@ from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, reading_line, r
 from dynident.errors import ConfigError, InputError, Severity, brief
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
-from dynident.io.signals import RecordedSignals, bad_values, controller, has_torques, signals
+from dynident.io.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
@@ -111,7 +111,7 @@ def read_found(
 def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
     """Read one recording as ``read_logs`` does, without checking its logs."""
     check_joints(config, joints)
-    table = read_recording(spec)
+    table = read_recording(spec, column_names(config, spec))
     found = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(found, config.simulation, spec, joints) if torque else None
     logs: list[Log] = []
@@ -125,13 +125,17 @@ def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: boo
     return Reading(tuple(logs), tuple(warnings), found.measured)
 
 
-def read_recording(spec: LogSpec) -> DataTable:
+def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> DataTable:
     """Return the table of a recording; where it has several files, their columns are named ``key.column``.
+
+    ``needed`` as in ``read_columns``.
 
     Raises InputError where one of them cannot be read.
     """
     tables = {
-        key: read_columns(path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width)
+        key: read_columns(
+            path, spec.width.get(key) if isinstance(spec.width, Mapping) else spec.width, _of(key, needed)
+        )
         for key, path in spec.file.items()
     }
     if list(tables) == [""]:
@@ -142,7 +146,15 @@ def read_recording(spec: LogSpec) -> DataTable:
         ", ".join(f"{key}: {table.source}" for key, table in tables.items()),
         _keyed({key: table.faults for key, table in tables.items()}),
         notes=tuple(note for table in tables.values() for note in table.notes),
+        unread=tuple(f"{key}.{name}" for key, table in tables.items() for name in table.unread),
     )
+
+
+def _of(key: str, needed: Collection[str] | None) -> Collection[str] | None:
+    """Return the names of one file's columns among those of a recording."""
+    if needed is None or not key:
+        return needed
+    return {name.removeprefix(f"{key}.") for name in needed if name.startswith(f"{key}.")}
 
 
 def _keyed(parts: Mapping[str, Mapping[str, T]]) -> dict[str, T]:

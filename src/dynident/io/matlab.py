@@ -1,18 +1,23 @@
 """Numeric arrays of MATLAB files of version 5 to 7.2 (format: MathWorks, "MAT-File Format", Level 5).
 
 Only what a recording needs is read, with every size checked: the compiled reader of SciPy reads more kinds of
-variables, but a damaged file can crash it, and with it the interpreter.
+variables, but a damaged file can crash it, and with it the interpreter. A compressed variable is decompressed when it
+is read, and never beyond the size that it claims.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dynident.io.arrays import Found, StoredArray, held
+from dynident.io.opener import afford
 
 __all__ = ["parse_mat"]
 
@@ -23,9 +28,10 @@ _NUMERIC = range(6, 16)  # classes of arrays, from double to uint64
 _STRUCT, _DEEPEST = "a struct", 20  # deeper nesting of structs is taken for damage
 _CLASSES = {1: "a cell array", 2: _STRUCT, 3: "an object", 4: "text", 5: "a sparse matrix"}
 _COMPLEX = 0x800
+_PEEK = 4096  # bytes in which flags, dimensions and name of an array are
 
 
-def parse_mat(data: bytes) -> dict[str, NDArray[Any] | str]:
+def parse_mat(data: bytes, source: str = "") -> dict[str, Found]:
     """Return the arrays of a file by name, and a description of what is not an array of real numbers.
 
     Raises ValueError, zlib.error or struct.error where the file is damaged, or of another version.
@@ -36,13 +42,18 @@ def parse_mat(data: bytes) -> dict[str, NDArray[Any] | str]:
     (version,) = struct.unpack_from(f"{order}H", data, 124)
     if version >> 8 != 1:
         raise ValueError("of version 7.3, which is HDF5; save it with -v7")
-    variables: dict[str, NDArray[Any] | str] = {}
-    for kind, content in _elements(data[_HEADER:], order):
+    variables: dict[str, Found] = {}
+    taken = len(data)
+    for kind, content in _elements(memoryview(data)[_HEADER:], order):
+        found: Iterable[tuple[str, Found]]
         if kind == _COMPRESSED:
-            kind, content = next(_elements(zlib.decompress(content), order), (0, b""))
-        if kind != _MATRIX:
+            found, more = _compressed(content, order, source, taken)
+            taken += more
+        elif kind == _MATRIX:
+            found = _variables(content, order)
+        else:
             raise ValueError(f"a data element of type {kind}, where a variable is expected")
-        for name, value in _variables(content, order):
+        for name, value in found:
             if name in variables:
                 raise ValueError(f"the variable {name!r} is there twice")
             variables[name] = value
@@ -50,8 +61,50 @@ def parse_mat(data: bytes) -> dict[str, NDArray[Any] | str]:
     return variables
 
 
-def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Yield type and content of the data elements in a row; short ones are packed into their own tag."""
+def _compressed(content: memoryview, order: str, source: str, taken: int) -> tuple[Iterable[tuple[str, Found]], int]:
+    """Return the variables of a compressed element, and the memory that they hold: that of a struct, as it is opened.
+
+    An array is decompressed when it is read.
+    """
+    start, complete = _inflated(content, _PEEK)
+    kind, size = struct.unpack_from(f"{order}II", start)
+    if kind != _MATRIX:
+        raise ValueError(f"a data element of type {kind}, where a variable is expected")
+    if complete:
+        return _variables(next(_elements(start, order))[1], order), len(start)
+    name, value = _variable(start[8:], order, whole=False)
+
+    def whole() -> memoryview:
+        inner, complete = _inflated(content, size + 16)
+        if not complete:
+            raise ValueError(f"the variable {name!r} is cut off, or larger than it claims")
+        return next(_elements(inner, order))[1]
+
+    if isinstance(value, StoredArray):
+        return [(name, replace(value, read=lambda: _read(_variable(whole(), order)[1]), extra=size))], 0
+    if value != _STRUCT:
+        return [(name, value)], 0
+    afford(taken + size, f"{source}: to read the struct {name!r} would take")
+    return _variables(whole(), order), size
+
+
+def _inflated(content: memoryview, most: int) -> tuple[memoryview, bool]:
+    """Return no more than so many bytes of what a compressed element holds, and whether that is all."""
+    stream = zlib.decompressobj()
+    return memoryview(stream.decompress(content, most)), stream.eof
+
+
+def _read(value: Found) -> NDArray[Any]:
+    if isinstance(value, str):
+        raise ValueError(f"{value}, where an array is expected")
+    return value.read()
+
+
+def _elements(data: memoryview, order: str, *, whole: bool = True) -> Iterator[tuple[int, memoryview]]:
+    """Yield type and content of the data elements in a row; short ones are packed into their own tag.
+
+    Unless ``whole``, the last one may be cut off.
+    """
     at = 0
     while at < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
@@ -61,13 +114,13 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             start, after = at + 4, at + 8
         elif kind != _COMPRESSED:
             after += -size % 8
-        if start + size > len(data) or (start == at + 4 and size > 4):
+        if (whole and start + size > len(data)) or (start == at + 4 and size > 4):
             raise ValueError(f"a data element of {size} bytes is cut off")
         yield kind, data[start : start + size]
         at = after
 
 
-def _variables(content: bytes, order: str, within: str = "") -> Iterator[tuple[str, NDArray[Any] | str]]:
+def _variables(content: memoryview, order: str, within: str = "") -> Iterator[tuple[str, Found]]:
     """Yield name and value of a variable; of a single struct those of its fields, as ``struct.field``."""
     name, value = _variable(content, order)
     path = f"{within}{name}"
@@ -87,20 +140,23 @@ def _variables(content: bytes, order: str, within: str = "") -> Iterator[tuple[s
         yield from _variables(inner, order, f"{path}.{field}") if inner else ()
 
 
-def _fields(names: bytes, size: int) -> list[str]:
+def _fields(names: memoryview, size: int) -> list[str]:
     """Return the names of a struct's fields, each of so many bytes."""
-    return [names[k : k + size].split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
+    return [bytes(names[k : k + size]).split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
 
 
-def _variable(content: bytes, order: str) -> tuple[str, NDArray[Any] | str]:
-    """Return name and value of a variable: its elements are flags, dimensions, name, and the real part."""
-    parts = _elements(content, order)
+def _variable(content: memoryview, order: str, *, whole: bool = True) -> tuple[str, Found]:
+    """Return name and value of a variable: its elements are flags, dimensions, name, and the real part.
+
+    Unless ``whole``, the real part may be cut off, and is not to be read.
+    """
+    parts = _elements(content, order, whole=whole)
     flags = _next(parts)[1]
     (word,) = struct.unpack_from(f"{order}I", flags)
     kind, shape = _next(parts)
     if kind == _INT8:  # opaque objects have no dimensions, and tell their name first
-        return shape.decode("latin-1"), "an object"
-    name = _next(parts)[1].decode("latin-1")
+        return bytes(shape).decode("latin-1"), "an object"
+    name = bytes(_next(parts)[1]).decode("latin-1")
     if word & 0xFF not in _NUMERIC:
         return name, _CLASSES.get(word & 0xFF, "an object")
     if word & _COMPLEX:
@@ -111,10 +167,13 @@ def _variable(content: bytes, order: str) -> tuple[str, NDArray[Any] | str]:
     dimensions = [int(n) for n in np.frombuffer(shape, f"{order}i4")]
     if min(dimensions, default=-1) < 0:
         raise ValueError(f"the variable {name!r} has the dimensions {dimensions}")
-    return name, np.frombuffer(real, order + _TYPES[kind]).reshape(dimensions, order="F")
+    dtype = np.dtype(order + _TYPES[kind])
+    if whole:
+        return name, held(np.frombuffer(real, dtype).reshape(dimensions, order="F"))
+    return name, StoredArray(tuple(dimensions), dtype, lambda: np.empty(0))
 
 
-def _next(parts: Iterator[tuple[int, bytes]]) -> tuple[int, bytes]:
+def _next(parts: Iterator[tuple[int, memoryview]]) -> tuple[int, memoryview]:
     part = next(parts, None)
     if part is None:
         raise ValueError("a variable is cut off")

@@ -7,8 +7,9 @@ from pathlib import Path
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.export import Export, exports
 from dynident.identification import Identification
+from dynident.io.opener import refuse_inputs, watched
 from dynident.io.results import as_path, probe_folder, write_text
-from dynident.io.saved import check_targets
+from dynident.io.saved import source_files
 
 __all__ = ["export_model"]
 
@@ -35,10 +36,11 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
         raise InputError(f"export_model: a {type(found).__name__} is given; give the Identification.")
     folder = as_path(folder)
     chosen = _exported(found, format)
-    check_targets(folder, [one.file for one in chosen], found.provenance)
-    probe_folder(folder)
-    ready = [(one.file, one.written.text) for one in chosen if one.written is not None and one.ready]
-    return tuple(write_text(folder / file, text) for file, text in ready)
+    with watched(*source_files(found.provenance)):
+        refuse_inputs(*(folder / one.file for one in chosen))
+        probe_folder(folder)
+        ready = [(one.file, one.written.text) for one in chosen if one.written is not None and one.ready]
+        return tuple(write_text(folder / file, text) for file, text in ready)
 
 
 def _exported(found: Identification, name: str | None) -> list[Export]:

@@ -11,8 +11,9 @@ from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, run_checks
 from dynident.errors import Remark, Severity, brief
 from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
-from dynident.io.config import config_warnings, load_model, parse_config, read_config
+from dynident.io.config import config_text, config_warnings, load_model, parse_config
 from dynident.io.logs import read_found, read_roles, turning_joints
+from dynident.io.opener import real
 from dynident.io.recipe import build_recipe
 from dynident.io.results import as_path
 from dynident.io.robot import SUFFIXES, fingerprint, model_file, robot_text
@@ -106,8 +107,8 @@ def read_project(path: str | Path, progress: Progress = _silent) -> Project:
     Raises ConfigError where it is wrong, ModelError where its model cannot be built.
     """
     path = as_path(path)
-    config = read_config(path)
-    return _built(config, path, path.read_text(encoding="utf-8-sig"), progress)
+    text = config_text(path)
+    return _built(parse_config(text, path.parent, str(path)), path, text, progress)
 
 
 def parse_project(text: str, path: Path, source: str | None = None) -> Project:
@@ -123,14 +124,14 @@ def _built(config: Config, path: Path, text: str, progress: Progress) -> Project
     model = load_model(config.model, path.parent)
     file = model_file(config.model, path.parent)
     robot = None if file is None else model_source(file)
-    sources = Sources(SourceFile(str(path.resolve()), sha256(text.encode()).hexdigest(), text), robot)
+    sources = Sources(SourceFile(str(real(path)), sha256(text.encode()).hexdigest(), text), robot)
     return Project(path, config, model, build_recipe(config), config_warnings(config), sources)
 
 
 def model_source(file: Path) -> SourceFile:
     """Return what a result keeps of the file of a model: of a robot file its text, too."""
     text = robot_text(file) if file.suffix.lower() in SUFFIXES else ""
-    return SourceFile(str(file.resolve()), fingerprint(file), text)
+    return SourceFile(str(real(file)), fingerprint(file), text)
 
 
 def run(path: str | Path, *, progress: Progress | None = None) -> Identification:
@@ -164,5 +165,5 @@ def run(path: str | Path, *, progress: Progress | None = None) -> Identification
 
 def log_files(config: Config) -> tuple[SourceFile, ...]:
     """Return every file of the recordings with its SHA-256; each is read once more."""
-    files = {file.resolve(): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
+    files = {real(file): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
     return tuple(SourceFile(str(file), fingerprint(file)) for file in files)

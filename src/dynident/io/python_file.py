@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from dynident.errors import DynidentError, choices
+from dynident.io.opener import content, real
 
 __all__ = ["CODE", "from_file", "guarded", "located"]
 
@@ -21,9 +22,9 @@ CODE = "is of a Python file, which a result does not run; if you trust the file,
 def located(folder: str | Path, place: str, where: str, error: type[DynidentError]) -> Path:
     """Return the path of a Python file; ``error``, led by ``where``, where no file can have that name."""
     try:
-        path = (Path(folder) / place).resolve()
+        path = real(Path(folder) / place)
         path.is_file()
-    except (OSError, ValueError) as wrong:
+    except (DynidentError, OSError, ValueError) as wrong:
         raise error(
             f"{where}: {place[:100]!r} is no name of a file ({getattr(wrong, 'strerror', None) or wrong})."
         ) from wrong
@@ -60,7 +61,8 @@ def guarded(call: Callable[[], object], what: str, file: Path, where: str, error
 
 def _import(path: Path, where: str, error: type[DynidentError]) -> ModuleType:
     """Import a file under a private name, known to ``sys.modules`` as dataclasses and pickle need it there."""
-    private = f"_dynident_file_{hashlib.sha256(str(path).encode() + path.read_bytes()).hexdigest()[:16]}"
+    code = content(path, error, (".py",))
+    private = f"_dynident_file_{hashlib.sha256(str(path).encode() + code).hexdigest()[:16]}"
     if private in sys.modules:  # the same text: its classes stay the same
         return sys.modules[private]
     spec = importlib.util.spec_from_file_location(private, path)

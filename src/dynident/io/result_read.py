@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -94,7 +95,7 @@ def model_of(sources: Sources, source: str, *, allow_code: bool = False) -> Mode
     where the model's file is gone or has changed.
     """
     given, robot = sources.configuration, sources.model
-    gone = robot is not None and bool(robot.text) and not Path(robot.path).exists()
+    gone = robot is not None and bool(robot.text) and not os.path.exists(robot.path)
     if robot is not None and not gone and fingerprint(Path(robot.path)) != robot.sha256:
         raise ModelError(
             f"{robot.path}: has changed since {source} was identified with it, so that its parameters may mean "

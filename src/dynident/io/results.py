@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
+from dynident.io.opener import content, refuse_inputs
 
 if TYPE_CHECKING:
     import polars as pl
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 __all__ = [
     "as_path",
     "check_json",
-    "check_not_read",
     "probe_folder",
     "read_table",
     "remove",
@@ -42,15 +42,9 @@ def as_path(path: object) -> Path:
     return Path(path)
 
 
-def check_not_read(target: Path, read: Iterable[str | Path]) -> None:
-    """Raise ConfigError where the file to be written is one of those that are read."""
-    if target.resolve() in {Path(one).resolve() for one in read}:
-        raise ConfigError(f"{target}: would be replaced, and is read; choose another name for what is written.")
-
-
 def check_json(target: Path) -> None:
     """Raise ConfigError where a file that is no JSON, such as a recording, would be replaced."""
-    if target.exists() and target.suffix.lower() != ".json":
+    if os.path.exists(target) and target.suffix.lower() != ".json":
         raise ConfigError(f"{target}: exists already and is not named .json; choose another name for the numbers.")
 
 
@@ -59,7 +53,7 @@ def probe_folder(folder: str | Path) -> None:
     folder = Path(folder)
     probe = folder / f".{uuid4().hex}.tmp"
     try:
-        made = [one for one in (folder, *folder.parents) if not one.exists()]
+        made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
         folder.mkdir(parents=True, exist_ok=True)
         try:
             probe.touch(exist_ok=False)
@@ -98,6 +92,7 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
 
 def remove(path: str | Path) -> None:
     """Take a file of an earlier run away, where there is one. Raises InputError where that is impossible."""
+    refuse_inputs(path)
     try:
         Path(path).unlink(missing_ok=True)
     except OSError as error:
@@ -110,11 +105,9 @@ def read_table(path: str | Path) -> pl.DataFrame:
 
     path = Path(path)
     kind = table_kind(path)
+    data = BytesIO(content(path, remember=False))
     try:
-        data = BytesIO(path.read_bytes())
         return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from error
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 
@@ -156,6 +149,7 @@ def _plain(value: Any) -> Any:
 
 
 def _write(path: Path, data: bytes) -> Path:
+    refuse_inputs(path)
     temporary = path.parent / f".{uuid4().hex}.tmp"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -164,6 +158,7 @@ def _write(path: Path, data: bytes) -> Path:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())  # the new name must not reach the disk before the content
+            refuse_inputs(path)
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)

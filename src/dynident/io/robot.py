@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dynident.errors import ModelError
 from dynident.io.families import TERMS
+from dynident.io.opener import opened, real, text
 from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
@@ -15,21 +16,12 @@ from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 __all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "robot_text"]
 
 SUFFIXES = (".urdf", ".xml", ".mjcf")
-MOST_BYTES = 50_000_000
+WEIGHT = 80  # memory of a tree of elements, per byte of its text
 
 
 def robot_text(path: Path) -> str:
     """Return the text of a robot file; ModelError where it cannot be read or is not text."""
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ModelError(f"{path}: {path.stat().st_size} bytes are too many for a robot file.")
-        return path.read_bytes().decode("utf-8-sig")  # with its own line endings, which exports keep
-    except OSError as error:
-        known = sorted(p.name for p in path.parent.glob("*") if p.suffix in SUFFIXES) if path.parent.is_dir() else []
-        beside = f" Robot files there: {', '.join(known)}." if known else ""
-        raise ModelError(f"{path}: cannot be read: {error.strerror}.{beside}") from error
-    except UnicodeDecodeError as error:
-        raise ModelError(f"{path}: is not a UTF-8 text ({error}).") from error
+    return text(path, ModelError, SUFFIXES, WEIGHT)
 
 
 def model_file(spec: str | RobotSettings, folder: Path) -> Path | None:
@@ -37,7 +29,7 @@ def model_file(spec: str | RobotSettings, folder: Path) -> Path | None:
     if isinstance(spec, RobotSettings):
         return next(iter(spec.file.values()))
     name = spec if Path(spec).suffix.lower() in SUFFIXES else spec.rpartition(":")[0]
-    return None if name == "gallery" else (folder / name).resolve()
+    return None if name == "gallery" else real(folder / name, ModelError)
 
 
 def fingerprint(path: Path) -> str:
@@ -46,7 +38,7 @@ def fingerprint(path: Path) -> str:
     digest = hashlib.sha256()
     try:
         for file in files:
-            with file.open("rb") as content:
+            with opened(file, ModelError) as content:
                 while part := content.read(1 << 20):
                     digest.update(part)
     except OSError as error:
@@ -63,8 +55,8 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     if len(settings.file) != 1:
         raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
     (path,) = settings.file.values()
-    text = robot_text(path) if text is None else text
-    bodies = RigidBodies(text, settings.joints, settings.lock, settings.gravity, path.name)
+    xml = robot_text(path) if text is None else text
+    bodies = RigidBodies(xml, settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
     terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
     for name, coupling in settings.couplings.items():

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
+from dynident.io.bag_files import chunks_within_budget, examine_files
+from dynident.io.opener import afford, memory
 
 __all__ = ["BAGS", "parse_bag"]
 
@@ -25,6 +27,7 @@ Stamps = NDArray[np.int64]
 BAGS = (".bag", ".db3", ".mcap")
 _TYPE = "sensor_msgs/msg/JointState"
 _QUANTITIES = ("position", "velocity", "effort")
+_COPIES = 4  # of the values, on the way from messages to columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,7 @@ def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, 
     become floats: of the header stamps, or of the receipt where headers are not stamped. Raises InputError where the
     bag has no joint states or the extra is not installed, and almost any exception where it is damaged.
     """
+    examine_files(path)
     groups, notes = _groups(path)
     rows = sorted(map(_sorted, groups), key=_rank)
     zero = {clock: min(int(one.stamps[0]) for one in rows if one.clock == clock) for clock in {x.clock for x in rows}}
@@ -99,7 +103,9 @@ def _groups(path: Path) -> tuple[list[_Group], list[str]]:
     reader, decode = _opened(path)
     groups: dict[tuple[str, frozenset[str]], _Group] = {}
     torn: dict[str, int] = {}
-    with reader:
+    most = memory()
+    taken = 0
+    with chunks_within_budget(path), reader:
         wanted = _joint_states(path, reader)
         for connection, received, data in reader.messages(connections=wanted):
             message = decode(data, _TYPE)
@@ -109,6 +115,9 @@ def _groups(path: Path) -> tuple[list[_Group], list[str]]:
             key = connection.topic, frozenset(message.name)
             group = groups.setdefault(key, _Group(connection.topic, tuple(message.name)))
             group.add(message, received)
+            taken += _COPIES * 8 * (2 + len(_QUANTITIES) * len(message.name))
+            if taken > most:
+                afford(taken, f"{path}: its messages would take at least")
     notes = [f"{n} messages of {topic} were left out: names and values differ in number." for topic, n in torn.items()]
     if not groups:
         topics = sorted({one.topic for one in wanted})

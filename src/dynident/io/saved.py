@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.errors import InputError, ModelError
 from dynident.identification import Identification, Sources
 from dynident.io.config import parse_config
 from dynident.io.logs import Reading, read_logs
 from dynident.io.named_log import log_spec
+from dynident.io.opener import content, keep, refuse_inputs, watched
 from dynident.io.result_format import FORMAT, VERSION
 from dynident.io.result_read import identification_of
 from dynident.io.result_version_0 import is_version_0, upgraded
@@ -19,7 +20,9 @@ from dynident.io.result_write import result_data
 from dynident.io.results import as_path, write_json
 from dynident.models import Model
 
-__all__ = ["check_targets", "load", "read_log_like", "save"]
+__all__ = ["load", "read_log_like", "save", "source_files"]
+
+WEIGHT = 30  # memory of the content of JSON, per byte of its text
 
 
 def save(found: Identification, path: str | Path, report: Mapping[str, Any] | None = None) -> Path:
@@ -29,8 +32,9 @@ def save(found: Identification, path: str | Path, report: Mapping[str, Any] | No
     without a plain form, or where a file that was read would be replaced.
     """
     path = as_path(path)
-    check_targets(path.parent, [path.name], found.provenance)
-    return write_json(path, result_data(found, report))
+    with watched(*source_files(found.provenance)):
+        refuse_inputs(path)
+        return write_json(path, result_data(found, report))
 
 
 def load(path: str | Path, model: Model | None = None, *, allow_code: bool = False) -> Identification:
@@ -70,7 +74,10 @@ def load(path: str | Path, model: Model | None = None, *, allow_code: bool = Fal
         raise InputError(
             f"{path}: has version {data.get('version')!r}, and this dynident reads up to {VERSION}; take a newer one."
         )
-    return identification_of(data, source, model, allow_code=allow_code)
+    found = identification_of(data, source, model, allow_code=allow_code)
+    for file in source_files(found.provenance):
+        keep(file)
+    return found
 
 
 def read_log_like(found: Identification, text: str, *, allow_code: bool = False) -> Reading:
@@ -86,19 +93,15 @@ def read_log_like(found: Identification, text: str, *, allow_code: bool = False)
     return read_logs(log_spec(text, config), config, found.model.joints, torque=False)
 
 
-def check_targets(folder: Path, names: Iterable[str], sources: Sources) -> None:
-    """Raise ConfigError where one of the files to be written is the configuration, the model's file or a recording."""
-    read = {one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None}
-    for name in names:
-        if str((folder / name).resolve()) in read:
-            raise ConfigError(f"{folder / name}: would be replaced, and was read; choose another name or folder.")
+def source_files(sources: Sources) -> list[str]:
+    """Return the files that a result was made from: the configuration, the model's file and the recordings."""
+    return [one.path for one in (sources.configuration, sources.model, *sources.logs) if one is not None]
 
 
 def _load(path: Path) -> dict[str, Any]:
+    text = content(path, InputError, (".json",), WEIGHT)
     try:
-        data = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}.") from error
+        data = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not a result.json of `dynident identify` ({error}).") from error
     if not isinstance(data, dict):

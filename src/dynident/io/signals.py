@@ -15,7 +15,7 @@ from dynident.io.tables import DataTable
 from dynident.models import Joint
 from dynident.validation import CascadePD
 
-__all__ = ["RecordedSignals", "bad_values", "controller", "has_torques", "signals"]
+__all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_torques", "signals"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,17 @@ class RecordedSignals:
     q: Array
     tau: Array
     measured: bool
+
+
+def column_names(config: Config, spec: LogSpec) -> set[str]:
+    """Return the columns that a configuration reads of a recording; also scalars, where gains name them."""
+    channels: list[Channel] = [*config.position.values(), *config.torque.values()]
+    names = {config.time.column} if config.time.column else set()
+    if isinstance(config.simulation, CascadeSettings):
+        for loop in config.simulation.joints.values():
+            channels.append(loop.reference)
+            names.add(_feedforward_column(loop, spec) or "")
+    return names.union(*(channel.terms for channel in channels))
 
 
 def has_torques(table: DataTable, config: Config, joints: Sequence[Joint]) -> bool:
@@ -84,8 +95,12 @@ def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints
 
 def _feedforward(table: DataTable, loop: CascadeJoint, where: str, spec: LogSpec, rows: int) -> Array:
     """Return the feedforward of a joint's controller in a recording: a column, or zeros."""
-    column = loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
+    column = _feedforward_column(loop, spec)
     return np.zeros(rows) if column is None else table.column(column, f"{where}.feedforward")
+
+
+def _feedforward_column(loop: CascadeJoint, spec: LogSpec) -> str | None:
+    return loop.feedforward.get(spec.label) if isinstance(loop.feedforward, Mapping) else loop.feedforward
 
 
 def _require_valid(table: DataTable, name: str, arrays: Sequence[Array], size: int) -> None:

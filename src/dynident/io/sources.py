@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,7 +76,7 @@ def read_source(log: str) -> Source:
     Several files get short names, from the parts in which their stems differ. Raises InputError where one cannot be
     read.
     """
-    parts = [log] if Path(log).exists() else log.split("+")
+    parts = [log] if os.path.exists(log) else log.split("+")
     if len(parts) == 1:
         return Source({"": Path(log)}, {}, read_columns(log))
     paths = [Path(part.strip()) for part in parts]

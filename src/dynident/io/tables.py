@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+import stat
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief, called, choices
+from dynident.io.arrays import Found, columns_of
 from dynident.io.families import READERS
-from dynident.io.hdf5 import is_hdf5, parse_hdf5
+from dynident.io.hdf5 import is_hdf5, opened_hdf5
 from dynident.io.matlab import parse_mat
+from dynident.io.npz import opened_npz
+from dynident.io.opener import afford, content, find, opened
 from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, unpanicked
 
 __all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 
 Array = NDArray[np.float64]
+WEIGHT = 8  # memory of a table of text, per byte of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +36,8 @@ class DataTable:
     """Columns and scalars of a file, as float64 and without units.
 
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
-    only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading. Columns may
-    differ in length: a file may hold more than one log.
+    only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading, ``unread`` the
+    columns that were not asked for. Columns may differ in length: a file may hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -40,6 +47,7 @@ class DataTable:
     lines: Sequence[int] | None = None
     notes: tuple[str, ...] = ()
     rows: NDArray[np.intp] | None = None
+    unread: tuple[str, ...] = ()
 
     __repr__ = brief
 
@@ -56,7 +64,9 @@ class DataTable:
         if name in self.constants:
             raise InputError(f"{self.source}: {_led(where)}{name!r} is a single number, not a column.")
         if name not in self.columns:
-            raise InputError(f"{self.source}: {_led(where)}no column {name!r}; {choices(name, self.columns)}")
+            raise InputError(
+                f"{self.source}: {_led(where)}no column {name!r}; {choices(name, [*self.columns, *self.unread])}"
+            )
         return self.columns[name]
 
     def constant(self, value: float | str, where: str = "") -> float:
@@ -85,9 +95,11 @@ def _led(where: str) -> str:
     return f"{where}: " if where else ""
 
 
-def read_columns(path: str | Path, width: int | None = None) -> DataTable:
-    """Read all columns of a file; ``width`` is the number of columns of a text file with one number per line.
+def read_columns(path: str | Path, width: int | None = None, needed: Collection[str] | None = None) -> DataTable:
+    """Read the columns of a file; ``width`` is the number of columns of a text file with one number per line.
 
+    Where ``needed`` names columns, readers need not read others. A file takes no more memory than 4 GB, or what the
+    environment variable DYNIDENT_MEMORY says.
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
     bags as in ``parse_bag``. A ROS 2 bag may be given as its folder. Nothing is ever unpickled. Raises InputError
     where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
@@ -104,7 +116,7 @@ def read_columns(path: str | Path, width: int | None = None) -> DataTable:
     kind = path.suffix.lower()
     reader = _reader(path, kind)
     try:
-        table = called(reader, path, DataTable)
+        table = called(reader if kind not in READERS.table else partial(reader, needed=needed), path, DataTable)
     except InputError:
         raise
     except Exception as error:  # readers of damaged files raise almost any exception
@@ -114,46 +126,40 @@ def read_columns(path: str | Path, width: int | None = None) -> DataTable:
     return table if width is None else _reshaped(table, width)
 
 
-def read_bag(path: Path) -> DataTable:
+def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read the joint states of a ROS bag, a file or a folder."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds()))
         raise InputError(
             f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; name a file in it. {inside}"
         )
-    if not path.exists():
-        _bytes(path)  # words the error
     columns, faults, notes = parse_bag(path)
     return DataTable(columns, {}, str(path), faults, notes=notes)
 
 
-def _reader(path: Path, kind: str) -> Callable[[Path], DataTable]:
+def _reader(path: Path, kind: str) -> Callable[..., DataTable]:
     """Return the reader of the family for a file; InputError where there is none, or no such file."""
-    if path.is_dir():
+    if stat.S_ISDIR(find(path, kinds=READERS.kinds()).st_mode):
         return read_bag
-    if kind not in READERS.table and not path.exists():
-        _bytes(path)  # words the error
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
-    found: Callable[[Path], DataTable] = READERS.get(kind)
+    found: Callable[..., DataTable] = READERS.get(kind)
     return found
 
 
-def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: the folder {path.parent} does not exist.") from error
-        near = sorted(p.name for p in path.parent.iterdir() if p.suffix.lower() in READERS.kinds())
-        raise InputError(f"{path}: there is no such file; {choices(path.name, near)}") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from error
+@contextmanager
+def _file_of(path: Path) -> Iterator[BinaryIO]:
+    """Open a file; InputError where it is empty."""
+    with opened(path) as file:
+        if not file.read(1):
+            raise InputError(f"{path}: the file is empty.")
+        file.seek(0)
+        yield file
 
 
-def _content_of(path: Path) -> tuple[bytes, str]:
+def _content_of(path: Path, weight: int = 1) -> tuple[bytes, str]:
     """Return what a file holds, and its name for messages; InputError where it is empty."""
-    data = _bytes(path)
+    data = content(path, weight=weight)
     if not data.strip():
         raise InputError(f"{path}: the file is empty.")
     return data, str(path)
@@ -177,86 +183,55 @@ def _reshaped(table: DataTable, width: int) -> DataTable:
     return replace(table, columns=columns, lines=None if table.lines is None else table.lines[::width])
 
 
-def read_text(path: Path) -> DataTable:
+def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read a table of text."""
-    data, source = _content_of(path)
+    data, source = _content_of(path, WEIGHT)
     columns, faults, lines = parse_text(data, source)
     return DataTable(columns, {}, source, faults, lines)
 
 
-def read_parquet(path: Path) -> DataTable:
+def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a Parquet file."""
     data, source = _content_of(path)
     import polars as pl
 
-    frame = unpanicked(lambda: pl.read_parquet(BytesIO(data)))
-    columns, faults = {}, {}
+    types = unpanicked(lambda: pl.read_parquet_schema(BytesIO(data)))
+    rows = unpanicked(lambda: pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item())
+    numeric = {name for name, kind in types.items() if kind.is_numeric() or kind == pl.Boolean}
+    chosen = [name for name in types if name in numeric and (needed is None or name in needed)]
+    afford(len(data) + 3 * 8 * rows * len(chosen), f"{path}: {rows} rows of {len(chosen)} columns would take")
+    faults = {name: f"holds {types[name]}, not numbers; convert it before." for name in types if name not in numeric}
+    frame = unpanicked(lambda: pl.read_parquet(BytesIO(data), columns=chosen)) if chosen else pl.DataFrame()
+    columns = {}
     for series in frame.get_columns():
-        if series.dtype.is_numeric() or series.dtype == pl.Boolean:
-            numbers = series.cast(pl.Float64)  # shares its memory with the array where nothing is to be changed
-            columns[series.name] = (numbers.fill_null(np.nan) if numbers.null_count() else numbers).to_numpy()
-        else:
-            faults[series.name] = f"holds {series.dtype}, not numbers; convert it before."
-    return DataTable(columns, {}, source, faults)
+        numbers = series.cast(pl.Float64)  # shares its memory with the array where nothing is to be changed
+        columns[series.name] = (numbers.fill_null(np.nan) if numbers.null_count() else numbers).to_numpy()
+    unread = tuple(name for name in types if name in numeric and name not in columns)
+    return DataTable(columns, {}, source, faults, unread=unread)
 
 
-def read_npz(path: Path) -> DataTable:
+def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a NumPy archive."""
-    data, source = _content_of(path)
-    with np.load(BytesIO(data), allow_pickle=False) as archive:
-        items: dict[str, Any] = {}
-        for name in archive.files:
-            try:
-                items[name] = archive[name]
-            except ValueError as error:  # pickled objects are refused here
-                items[name] = str(error)
-    return _from_arrays(items.items(), source)
+    with _file_of(path) as file, opened_npz(file) as arrays:
+        return _table(arrays, needed, path)
 
 
-def read_mat(path: Path) -> DataTable:
+def read_mat(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a MATLAB file."""
+    with _file_of(path) as file:
+        if is_hdf5(file):
+            with opened_hdf5(file, str(path)) as arrays:
+                return _table(arrays, needed, path)
     data, source = _content_of(path)
-    return _from_arrays((parse_hdf5(data, source) if is_hdf5(data) else parse_mat(data)).items(), source)
+    return _table(parse_mat(data, source), needed, path, len(data))
 
 
-def read_hdf5(path: Path) -> DataTable:
+def read_hdf5(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read an HDF5 file."""
-    data, source = _content_of(path)
-    return _from_arrays(parse_hdf5(data, source).items(), source)
+    with _file_of(path) as file, opened_hdf5(file, str(path)) as arrays:
+        return _table(arrays, needed, path)
 
 
-def _from_arrays(items: Iterable[tuple[str, Any]], source: str) -> DataTable:
-    arrays = {name: (value, np.asarray(value)) for name, value in items}
-    lengths = {array.size for _, array in arrays.values() if max(array.shape, default=0) == array.size > 1}
-    columns: dict[str, Array] = {}
-    constants, faults = {}, {}
-    for name, (value, array) in arrays.items():
-        if array.dtype.kind not in "biuf" or array.size == 0:
-            faults[name] = f"holds {_content(value, array)}, not an array of numbers."
-        elif array.size == 1:
-            constants[name] = float(array.item())
-        elif found := _columns(name, array, lengths):
-            columns |= found
-        else:
-            faults[name] = f"has the shape {array.shape}; time must run down the rows of a 2-D array: transpose it."
-    return DataTable(columns, constants, source, faults)
-
-
-def _columns(name: str, array: NDArray[Any], lengths: Set[int]) -> dict[str, Array]:
-    """Return the columns of an array in which time runs down the rows, or along them, as ``lengths`` of others tell."""
-    if array.ndim == 2 and array.shape[1] in lengths and array.shape[0] not in lengths:
-        array = array.T
-    if max(array.shape) == array.size:
-        return {name: _float(array.reshape(-1))}
-    if array.ndim == 2 and array.shape[0] >= array.shape[1]:
-        return {f"{name}[{k}]": _float(array[:, k]) for k in range(array.shape[1])}
-    return {}
-
-
-def _float(array: NDArray[Any]) -> Array:
-    with np.errstate(over="ignore", invalid="ignore"):  # extended precision may exceed float64: then inf
-        return np.array(array, dtype=np.float64)
-
-
-def _content(value: Any, array: NDArray[Any]) -> str:
-    return value if isinstance(value, str) else f"{array.dtype} values of shape {array.shape}"
+def _table(arrays: Mapping[str, Found], needed: Collection[str] | None, path: Path, taken: int = 0) -> DataTable:
+    found = columns_of(arrays, needed, str(path), taken)
+    return DataTable(found.columns, found.constants, str(path), found.faults, unread=tuple(found.unread))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import ModelError
-from dynident.models import Joint, RigidBodies, from_physical
+from dynident.models import Joint, Model, RigidBodies, from_physical
 from dynident.models.robot_file import Limits
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
 
@@ -114,6 +114,47 @@ def test_a_mimic_joint_stands_where_it_follows():
     np.testing.assert_allclose(my, [-0.1 * 0.01, 0.1 * 0.05 - 0.1 * 0.11], rtol=1e-12)
 
 
+def test_a_mimic_joint_moves_with_its_master():
+    """Two fingers of 0.1 kg: the follower at 2 q + 0.01 weighs twice on the finger, and its inertia four times."""
+    term = RigidBodies(GRIPPER, gravity=(0.0, -10.0, 0.0))
+    assert [one.name for one in term.joints] == ["elbow", "finger"]
+    assert [p.body for p in term.parameters[::10]] == ["arm", "left", "right"]
+    assert list(term.limits) == list(RigidBodies(GRIPPER, locked={"follower": 0.0}).limits) == ["elbow", "finger"]
+    rest, pull = np.zeros((1, 2)), np.array([[0.0, 1.0]])
+    np.testing.assert_allclose(term.torque(rest, rest, rest, values(term))[0, 1], 0.1 * 10 - 2 * 0.1 * 10)
+    np.testing.assert_allclose(term.regressor(rest, rest, rest)[0, 1, [10, 20]], [10, -20])
+    assert Model((term,)).mass_matrix(pull, values(term))[0, 1, 1] == pytest.approx(0.1 + 4 * 0.1)
+    swapped = RigidBodies(GRIPPER, joints_used=("finger", "elbow"), gravity=(0.0, -10.0, 0.0))
+    assert [p.body for p in swapped.parameters[::10]] == ["left", "arm", "right"]
+    state = np.random.default_rng(0).normal(size=(3, 4, 2))
+    one, other = term.torque(*state, values(term)), swapped.torque(*state[:, :, ::-1], values(swapped))
+    np.testing.assert_allclose(other, one[:, ::-1], rtol=1e-12)
+
+
+def test_a_joint_of_an_unknown_master_matters_only_where_it_moves():
+    text = GRIPPER.replace('mimic joint="finger"', 'mimic joint="fin"')
+    assert [j.name for j in RigidBodies(text, joints_used=("elbow",)).joints] == ["elbow"]
+    assert len(RigidBodies(text, locked={"follower": 0.1}).joints) == 2
+
+
+def test_a_base_that_floats_is_taken_as_fixed_and_that_is_said():
+    text = urdf(link("world"), link("trunk", 3.0), link("leg", 1.0), joint("root", "floating", "world", "trunk"),
+                joint("hip", "revolute", "trunk", "leg"))  # fmt: skip
+    term = RigidBodies(text, source="dog.urdf")
+    assert [j.name for j in term.joints] == ["hip"]
+    assert term.notes == (
+        "dog.urdf: the robot floats by 'root', but only a fixed base is supported: it is taken as fixed.",
+    )
+
+
+def test_several_limbs_of_a_heavy_base_are_said():
+    parts = (link("trunk", 3.0), link("left", 1.0), link("right", 1.0), joint("l", "revolute", "trunk", "left"),
+             joint("r", "revolute", "trunk", "right"))  # fmt: skip
+    assert RigidBodies(urdf(*parts)).notes == ("robot: 2 limbs move from the base 'trunk', which is taken as fixed.",)
+    assert RigidBodies(urdf(*parts), locked={"r": 0.0}).notes == ()
+    assert RigidBodies(urdf(link("trunk"), *parts[1:])).notes == ()
+
+
 def test_mimics_of_mimics():
     """follower = 2 finger + 0.01, third = 3 follower + 0.1."""
     third = joint(
@@ -207,9 +248,10 @@ BAD_URDF = {
     "external entity": (EXTERNAL, {}, "a DOCTYPE with its entities is not read"),
     "doctype alone": ('<!DOCTYPE robot SYSTEM "x.dtd"><robot/>', {}, "delete it"),
     "deep": ("<a>" * 400 + "</a>" * 400, {}, "nested deeper than 300 levels"),
-    "xacro": ('<robot><xacro:macro name="m"/></robot>', {}, "needs xacro; expand the file first"),
+    "xacro": ('<robot><xacro:macro name="m"/></robot>', {}, "needs xacro; let the file.s name end in .xacro"),
     "xacro value": ('<robot><link name="${prefix}base"/></robot>', {}, "<link> needs xacro"),
-    "other format": ("<sdf version='1.7'/>", {}, "root element is <sdf>; a URDF begins with <robot>"),
+    "other format": ("<collada/>", {}, "root element is <collada>; a URDF begins with <robot>, an MJCF .*>.$"),
+    "sdf": ("<sdf version='1.7'/>", {}, "root element is <sdf>; .* SDF is not read: export the robot as a URDF"),
     "no link": (urdf(), {}, "the file has no <link>"),
     "no joint": (urdf(link("a")), {}, "no joint is left to move; the file has none"),
     "only fixed": (urdf(*TWO, joint("j", "fixed", "a", "b")), {}, "no joint is left to move"),

@@ -38,6 +38,7 @@ ADVICE = (
     "Install it with `pip install pin` on Linux and macOS; on Windows, where there is no wheel, with "
     "`conda install -c conda-forge pinocchio`."
 )
+SDF = " SDF is not read: export the robot as a URDF, from which most SDF files are made, or as an MJCF."
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 MEANINGS = (
     "mass",
@@ -163,6 +164,8 @@ class RigidBodies:
         if self._file.floating:
             names = ", ".join(map(repr, self._file.floating))
             notes.append(f"the robot floats by {names}, but only a fixed base is supported: it is taken as fixed")
+        elif limbs := self._file.limbs({body.joint.name for body in self._arm.bodies}):
+            notes.append(f"{len(limbs[1])} limbs move from the base {limbs[0]!r}, which is taken as fixed")
         if self._file.gravity not in (None, self.gravity):
             notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
         for body in self._arm.chosen:
@@ -301,6 +304,7 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
     if root.tag not in READERS:
         raise ModelError(
             f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
+            f"{SDF if root.tag == 'sdf' else ''}"
         )
     return READERS[root.tag](root, source)
 

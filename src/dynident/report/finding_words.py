@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynident.checks import notes, reading_words
+from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report.wording import words
 
@@ -80,6 +81,22 @@ def _(note: notes.NoMass) -> str:
     return (
         f"the links that the joint moves ({', '.join(note.links)}) have no mass in the file: simulators reject "
         f"this, and it gives no prior. {REMEDY}"
+    )
+
+
+@words.register
+def _(note: notes.FloatingBase) -> str:  # noqa: ARG001
+    return (
+        "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. Record with "
+        "the base clamped, as what it feels of a moving one is not modelled."
+    )
+
+
+@words.register
+def _(note: notes.SeveralLimbs) -> str:
+    return (
+        f"{len(note.joints)} limbs move from the base {note.base!r}, which is taken as fixed "
+        f"({listed(note.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Literal, NoReturn
@@ -117,6 +117,18 @@ class RobotFile:
         """The joints with several coordinates that carry the whole robot, such as a free joint of the trunk."""
         return tuple(joint.name for joint in self.joints if joint.free and joint.parent == self.root)
 
+    def limbs(self, moving: Collection[str]) -> tuple[str, tuple[str, ...]] | None:
+        """Return the link that several of the ``moving`` joints have as their base, with these, where it has a mass."""
+        base = [self.root]
+        below: dict[str, list[RobotJoint]] = {}
+        for joint in self.joints:
+            below.setdefault(joint.parent, []).append(joint)
+        for link in base:
+            base += [joint.child for joint in below.get(link, []) if joint.kind == "fixed"]
+        found = [joint for link in base for joint in below.get(link, []) if joint.name in moving]
+        heavy = [link for link in base if (theta := self.links[link]) is not None and theta[0] > 0]
+        return (heavy[0], tuple(joint.name for joint in found)) if heavy and len(found) > 1 else None
+
 
 def parse(xml: str, source: str) -> Element:
     """Return the root element of a robot file's text; no entity is expanded and no other file is opened.
@@ -140,8 +152,8 @@ def parse(xml: str, source: str) -> Element:
             )
         if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):
             raise ModelError(
-                f"{source}, line {parser.CurrentLineNumber}: <{tag}> needs xacro; expand the file first with "
-                "`xacro robot.urdf.xacro > robot.urdf`."
+                f"{source}, line {parser.CurrentLineNumber}: <{tag}> needs xacro; let the file's name end in "
+                ".xacro, or expand it first with `xacro robot.urdf.xacro > robot.urdf`."
             )
         builder.start(tag, attributes)
 

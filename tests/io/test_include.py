@@ -9,7 +9,8 @@ import pytest
 from dynident.errors import ConfigError, ModelError
 from dynident.io.include import with_includes
 from dynident.io.opener import refuse_inputs, watched
-from dynident.io.robot import robot_text
+from dynident.io.project import model_source
+from dynident.io.robot import changed, robot_text
 from dynident.models import RigidBodies
 from tests.robots import ARM_MJCF
 
@@ -80,3 +81,12 @@ def test_all_together_fit_into_the_memory(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_text_without_includes_is_not_looked_at(tmp_path: Path) -> None:
     assert with_includes("no <XML", tmp_path / "x.urdf") == "no <XML"
+
+
+def test_a_result_notices_that_an_included_file_has_changed(tmp_path: Path) -> None:
+    path = write(tmp_path, **GOOD)
+    kept = model_source(path)
+    assert RigidBodies(kept.text).parameters == RigidBodies(ARM_MJCF).parameters
+    assert not changed(kept)
+    write(tmp_path, **{**GOOD, "wrist": f"<mujoco>{WRIST.replace('0.7', '0.8')}</mujoco>"})
+    assert changed(kept)

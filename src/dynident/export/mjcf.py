@@ -64,7 +64,7 @@ def _nodes(text: Text) -> Iterator[Node]:
 def _set_found(text: Text, bodies: RigidBodies, found: Drives, shares: Shares) -> None:
     """Set the inertias of bodies, and what drives their joints."""
     joints = {body.joint.name for body in bodies.arm.bodies}
-    links = {link: bodies.file.links[link] for body in bodies.arm.chosen for link in body.links}
+    links = {name: theta for name, theta in bodies.file.links.items() if theta is not None}
     altered, count = bool(_altering(text)), 0
     for node in _nodes(text):
         count += node.tag == "body"
@@ -93,7 +93,10 @@ def _set_inertia(text: Text, body: Node, name: str, theta: Array | None, origin:
 
 def _set_drive(text: Text, joint: Node, found: Drives, name: str) -> None:
     names = {"armature": found.armature, "damping": found.damping, "frictionloss": found.friction}
-    text.set(joint, {key: repr(float(values[name])) for key, values in names.items() if name in values})
+    given = {key: repr(float(values[name])) for key, values in names.items() if name in values}
+    if "damping" in given and any(" " in node.attributes.get("damping", "").strip() for node in text.root.walk()):
+        given["damping"] += " 0 0"  # a default class has powers, which would be added
+    text.set(joint, given)
 
 
 def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:

@@ -30,7 +30,8 @@ RICH_MJCF = """<mujoco><compiler angle="degree" eulerseq="zyx" autolimits="true"
 <geom type="capsule" size="0.1" fromto="0 0 0 1 1 1" mass="2"/><geom type="ellipsoid" size="1 2 3" shellinertia="true"/>
 <body name="tip" zaxis="0 1 1"><joint name="c" axis="1 0 0" pos="0 0 0.1"/><geom size="0.1" group="2"/>
 <inertial mass="1" pos="0 0 0" fullinertia="1 1 1 0 0 0"/></body></body></frame></body></worldbody>
-<equality><joint joint1="b" joint2="a" polycoef="0.1 2"/><connect active="false" body1="base" anchor="0 0 0"/></equality>
+<equality><joint joint1="b" joint2="a" polycoef="0.1 2"/>
+<connect active="false" body1="base" anchor="0 0 0"/></equality>
 <tendon><fixed name="t"><joint joint="a" coef="1"/></fixed><spatial name="s"/></tendon></mujoco>"""
 FILES = [ARM, ARM_MJCF, RICH_URDF, RICH_MJCF]
 VALUES = ["", "0", "-1", "nan", "inf", "1e300", "1e-300", "0 0 0", "1 2 3 4 5 6", "x", "true", "fixed", "mesh", "None"]

@@ -95,7 +95,7 @@ def _base(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
     for name in file.floating:
         yield Finding(Severity.WARNING, name, notes.FloatingBase(), Topic.FLOATING)
-    limbs = file.limbs([joint.name for joint in moving])
+    limbs = file.limbs({joint.name for joint in moving})
     if limbs is not None:
         yield Finding(Severity.INFO, None, notes.SeveralLimbs(*limbs), Topic.LIMBS)
 

@@ -6,7 +6,6 @@ import stat
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
@@ -23,12 +22,11 @@ from dynident.io.matlab import parse_mat
 from dynident.io.npz import opened_npz
 from dynident.io.opener import afford, content, find, opened
 from dynident.io.ros import parse_bag
-from dynident.io.text import parse_text, unpanicked
+from dynident.io.text import parse_text, unpanicked, weight
 
 __all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 
 Array = NDArray[np.float64]
-WEIGHT = 8  # memory of a table of text, per byte of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +114,7 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     kind = path.suffix.lower()
     reader = _reader(path, kind)
     try:
-        table = called(reader if kind not in READERS.table else partial(reader, needed=needed), path, DataTable)
+        table = reader(path, needed) if reader.__module__ == __name__ else called(reader, path, DataTable)
     except InputError:
         raise
     except Exception as error:  # readers of damaged files raise almost any exception
@@ -157,9 +155,9 @@ def _file_of(path: Path) -> Iterator[BinaryIO]:
         yield file
 
 
-def _content_of(path: Path, weight: int = 1) -> tuple[bytes, str]:
+def _content_of(path: Path) -> tuple[bytes, str]:
     """Return what a file holds, and its name for messages; InputError where it is empty."""
-    data = content(path, weight=weight)
+    data = content(path)
     if not data.strip():
         raise InputError(f"{path}: the file is empty.")
     return data, str(path)
@@ -185,7 +183,8 @@ def _reshaped(table: DataTable, width: int) -> DataTable:
 
 def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read a table of text."""
-    data, source = _content_of(path, WEIGHT)
+    data, source = _content_of(path)
+    afford(weight(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
     columns, faults, lines = parse_text(data, source)
     return DataTable(columns, {}, source, faults, lines)
 

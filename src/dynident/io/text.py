@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable
-from io import BytesIO
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -16,12 +15,15 @@ from dynident.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["parse_text", "unpanicked"]
+__all__ = ["parse_text", "unpanicked", "weight"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
+_ENDS = list(b"\n\r\v\f\x1c\x1d\x1e\x85\xa8\xa9")  # bytes that end a line, in any encoding
+_SEPARATORS = list(b",;\t ")
+_PART = 1 << 20
 _EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
@@ -40,9 +42,16 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     names, rows = _trimmed(names, [line.replace('"', "") for _, line in body], separator)
     numbers = [k for k, _ in body]
     _check_rows(rows, numbers, len(names), separator, source)
-    cells = _split(rows, separator, len(names))
-    columns, faults = _parsed(cells, _distinct(names, source), numbers, source)
+    columns, faults = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
     return columns, faults, numbers
+
+
+def weight(data: bytes) -> int:
+    """Return the memory (bytes) that ``parse_text`` takes at most, by the number of lines and cells (measured)."""
+    parts = (np.frombuffer(data[k : k + _PART], np.uint8) for k in range(0, len(data), _PART))
+    counts = sum((np.bincount(part, minlength=256) for part in parts), np.zeros(256, int))
+    lines = 1 + int(counts[_ENDS].sum())
+    return 5 * len(data) + 350 * lines + 80 * (lines + int(counts[_SEPARATORS].sum()))
 
 
 def _lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
@@ -116,64 +125,51 @@ def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str 
 
 def _distinct(names: list[str], source: str) -> list[str]:
     names = [name or str(k) for k, name in enumerate(names)]
+    first: dict[str, int] = {}
     for k, name in enumerate(names):
-        if name in names[:k]:
+        if first.setdefault(name, k) < k:
             raise InputError(
-                f"{source}: columns {names.index(name) + 1} and {k + 1} are both named {name!r}; rename one of them."
+                f"{source}: columns {first[name] + 1} and {k + 1} are both named {name!r}; rename one of them."
             )
     return names
 
 
-def _split(rows: list[str], separator: str | None, width: int) -> pl.DataFrame:
-    """Return the cells as texts, one column of texts per column of the file."""
+def _cells(rows: list[str], separator: str | None) -> pl.Series:
+    """Return the cells as texts, row after row."""
     import polars as pl
 
     if separator is None:
         separator, rows = " ", [" ".join(row.split()) for row in rows]
-    frame = unpanicked(
-        lambda: pl.read_csv(
-            BytesIO("\n".join(rows).encode()),
-            has_header=False,
-            separator=separator,
-            infer_schema=False,
-            quote_char=None,
-            raise_if_empty=False,
-            new_columns=[str(k) for k in range(width)],
-        )
-    )
-    if frame.shape != (len(rows), width):
-        raise ValueError(f"the reader found a table of {frame.shape}, not of {(len(rows), width)}")
-    return frame.select(pl.all().fill_null("").str.strip_chars())
+    return pl.Series([separator.join(rows)]).str.split(separator).explode().str.strip_chars()
 
 
 def _parsed(
-    cells: pl.DataFrame, names: list[str], numbers: list[int], source: str
+    cells: pl.Series, names: list[str], numbers: list[int], source: str
 ) -> tuple[dict[str, Array], dict[str, str]]:
     """Return the numbers of each column, with NaN for empty cells, and a fault for each column with other text."""
     import polars as pl
 
     comma, point = (rf"^[-+]?\d*[{mark}]\d+([eE][-+]?\d+)?$" for mark in ",.")
-    decimal_comma = _any(cells, comma)
-    if decimal_comma and _any(cells, point):
+    decimal_comma = cells.str.contains(comma).any()
+    if decimal_comma and cells.str.contains(point).any():
         raise InputError(
             f"{source}: some numbers have a decimal comma and others a decimal point; "
             "write all with one of them and no thousands separators."
         )
+    plain = cells.str.replace(",", ".", literal=True) if decimal_comma else cells
+    values = plain.cast(pl.Float64, strict=False)
+    bad = (values.is_null() & ~cells.str.to_lowercase().is_in(_EMPTY)).to_numpy().reshape(-1, len(names))
+    found = values.fill_null(np.nan).to_numpy().reshape(-1, len(names))
     columns, faults = {}, {}
-    for name, texts in zip(names, cells.get_columns(), strict=True):
-        plain = texts.str.replace(",", ".", literal=True) if decimal_comma else texts
-        values = plain.cast(pl.Float64, strict=False)
-        bad = (values.is_null() & ~texts.str.to_lowercase().is_in(_EMPTY)).arg_true()
-        if len(bad):
-            text, line = texts[bad[0]], numbers[bad[0]]
+    wrong = np.atleast_1d(bad.any(axis=0))
+    for k, name in enumerate(names):
+        if wrong[k]:
+            row = int(np.argmax(bad[:, k]))
+            text, line = cells[row * len(names) + k], numbers[row]
             faults[name] = f"has {text!r} at line {line}, which is not a number; correct or empty the cell."
         else:
-            columns[name] = values.fill_null(np.nan).to_numpy().copy()
+            columns[name] = found[:, k].copy()
     return columns, faults
-
-
-def _any(cells: pl.DataFrame, pattern: str) -> bool:
-    return any(texts.str.contains(pattern).any() for texts in cells.get_columns())
 
 
 def unpanicked(read: Callable[[], T]) -> T:

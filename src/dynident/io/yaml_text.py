@@ -25,7 +25,7 @@ class _Loader(yaml.SafeLoader):
         self.count += 1
         if self.count > MOST_NODES:
             raise _TooManyError
-        return super().compose_node(parent, index)  # type: ignore[no-untyped-call]
+        return super().compose_node(parent, index)
 
 
 class _TooManyError(Exception):
@@ -41,7 +41,7 @@ def load_yaml(text: str, source: str) -> Any:
         tree = loader.get_single_node()
         _count(tree, {})
         doubled = next(_doubled_keys(tree, set()), None)
-        data = None if tree is None else loader.construct_document(tree)  # type: ignore[no-untyped-call]
+        data = None if tree is None else loader.construct_document(tree)
     except _TooManyError:
         raise ConfigError(
             f"{source}: has more than {MOST_NODES} values, those of aliases counted each time; write fewer."

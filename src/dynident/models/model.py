@@ -68,11 +68,13 @@ class Model:
                     f"{self.name}: term {_name(term)} has joints {_listed(term.joints)}, but {_name(self.terms[0])} "
                     f"has {_listed(self.joints)}; give all terms the same joints, in the same order."
                 )
-        for k, name in enumerate(self.names):
-            if name in self.names[:k]:
+        seen: set[str] = set()
+        for name in self.names:
+            if name in seen:
                 raise ModelError(
                     f"{self.name}: two parameters are called {name!r}; rename one with the field 'names' of its term."
                 )
+            seen.add(name)
 
     def __repr__(self) -> str:
         joints = listed((joint.name for joint in self.joints), 6)

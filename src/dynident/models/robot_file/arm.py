@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,6 +17,7 @@ from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint,
 __all__ = ["Arm", "ArmBody", "assemble"]
 
 Array = NDArray[np.float64]
+MOST_JOINTS = 500  # that move: the regressor of more needs gigabytes for a block of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,19 +89,18 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
     """
     motions = _motions(file, locked)
     names = _used(file, used, locked)
-    moving = {name: motions[name] for name in motions if motions[name][0] in names and name not in locked}
-    for name in moving:
-        if name not in names:
-            _check_movable(file, name)
+    columns = {name: column for column, name in enumerate(names)}
+    moving = {name: found for name, found in motions.items() if found[0] in columns and name not in locked}
+    _check_moving(file, moving)
     bodies, still, standing = _walk(file, moving, motions, locked)
     places = {body.joint.name: k for k, body in enumerate(bodies)}
     if used is None:
         names = sorted(names, key=places.__getitem__)
+        columns = {name: column for column, name in enumerate(names)}
     drive, rest = np.zeros((len(bodies), len(names))), np.zeros(len(bodies))
-    columns = {name: column for column, name in enumerate(names)}
     for name, place in places.items():
-        master, drive_factor, rest[place] = moving[name]
-        drive[place, columns[master]] = drive_factor
+        master, factor, rest[place] = moving[name]
+        drive[place, columns[master]] = factor
     arm = Arm(bodies, tuple(places[name] for name in names), drive, rest, still, standing)
     _check_ties(file, arm)
     return arm
@@ -110,23 +111,25 @@ def _motions(file: RobotFile, locked: Mapping[str, float]) -> dict[str, Motion]:
     named = {joint.name: joint for joint in file.joints if joint.kind != "fixed" or joint.refusal}
     found: dict[str, Motion] = {}
     for name in named:
-        factor, offset, seen = 1.0, 0.0, [name]
-        while seen[-1] not in locked and (follows := named[seen[-1]].follows) and follows[0] in named:
-            master, multiplier, shift = follows
-            factor, offset = factor * multiplier, offset + factor * shift
-            if master in seen:
-                raise ModelError(
-                    f"{file.source}: the joints {' -> '.join([*seen, master])} mimic each other in a circle."
-                )
-            seen.append(master)
-        found[name] = seen[-1], factor, offset
+        chain = {name: (name, 1.0, 0.0)}  # joints, each with what it follows directly
+        last = name
+        while last not in locked and last not in found and (follows := named[last].follows) and follows[0] in named:
+            chain[last], last = follows, follows[0]
+            if last in chain:
+                circle = " -> ".join([*chain, last])
+                raise ModelError(f"{file.source}: the joints {circle} mimic each other in a circle.")
+            chain[last] = last, 1.0, 0.0
+        for one, (master, factor, offset) in reversed(chain.items()):
+            end, outer, shift = found.get(master, (master, 1.0, 0.0))
+            found.setdefault(one, (end, factor * outer, factor * shift + offset))
     return found
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:
     """Return the names of the moving joints: known, with one coordinate, not constrained to another."""
     movable = {joint.name: joint for joint in file.joints if joint.kind != "fixed" or joint.refusal}
-    own = [name for name, joint in movable.items() if not joint.follows and name not in file.floating]
+    floating = set(file.floating)
+    own = [name for name, joint in movable.items() if not joint.follows and name not in floating]
     names = [name for name in own if name not in locked] if used is None else list(used)
     _check_named(file, movable, names, locked)
     for name in names:
@@ -134,7 +137,6 @@ def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, floa
             raise ModelError(
                 f"{file.source}: joint {name!r} mimics {follows[0]!r} and moves with it; leave it out of `joints`."
             )
-        _check_movable(file, name)
     return names
 
 
@@ -142,9 +144,10 @@ def _check_named(
     file: RobotFile, movable: Mapping[str, RobotJoint], names: Sequence[str], locked: Mapping[str, float]
 ) -> None:
     """Check that the names used and locked are joints that can move, each named once."""
+    counts = Counter([*names, *locked])
     for name in (*names, *locked):
         known(name, movable, file.source, "joint that can move")
-        if [*names, *locked].count(name) > 1:
+        if counts[name] > 1:
             raise ModelError(f"{file.source}: joint {name!r} is listed twice in `joints` and `lock`; keep one of them.")
     if not names:
         raise ModelError(f"{file.source}: no joint is left to move; the file has {', '.join(movable) or 'none'}.")
@@ -153,9 +156,20 @@ def _check_named(
             raise ModelError(f"{file.source}: joint {name!r} cannot be locked at {value}; lock it at 0.")
 
 
-def _check_movable(file: RobotFile, name: str) -> None:
-    """Raise ModelError where a joint cannot move by one coordinate of its own."""
-    reason = next(joint.refusal for joint in file.joints if joint.name == name)
+def _check_moving(file: RobotFile, moving: Mapping[str, Motion]) -> None:
+    """Raise ModelError where a joint cannot move by one coordinate, its own or that of its master."""
+    if len(moving) > MOST_JOINTS:
+        raise ModelError(
+            f"{file.source}: {len(moving)} joints would move, and {MOST_JOINTS} are the most; name those of the arm in "
+            "`joints`, and the others stand still."
+        )
+    for joint in file.joints:
+        if joint.name in moving:
+            _check_movable(file, joint)
+
+
+def _check_movable(file: RobotFile, joint: RobotJoint) -> None:
+    name, reason = joint.name, joint.refusal
     for constraint in file.constraints:
         if isinstance(constraint, Coupled) and name in constraint.joints:
             reason = f"{constraint.what} binds it to {', '.join(map(repr, constraint.joints))}"

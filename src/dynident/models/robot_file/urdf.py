@@ -6,7 +6,7 @@ mass, in a frame that may be rotated against the link's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 from xml.etree.ElementTree import Element
@@ -60,19 +60,19 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     # some exporters do not declare the world link that the base is fixed to
     if any(parent.get("link") == WORLD for parent in root.findall("joint/parent")):
         inertias.setdefault(WORLD, np.zeros(10))
-    found = tuple(_joint(joint, list(inertias), source) for joint in joints)
+    found = tuple(_joint(joint, inertias, source) for joint in joints)
     found = _checked_mimics(found)
     return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=_corrected(joints))
 
 
 def _checked_mimics(joints: tuple[RobotJoint, ...]) -> tuple[RobotJoint, ...]:
     """Refuse the use of a joint that mimics one that the file does not have; fixed joints follow nothing."""
-    names, out = [joint.name for joint in joints], []
+    names, out = {joint.name: None for joint in joints}, []
     for joint in joints:
         master = joint.follows[0] if joint.follows else ""
         if joint.kind == "fixed":
             joint = replace(joint, follows=None)
-        elif joint.follows and master not in set(names):
+        elif joint.follows and master not in names:
             reason = f"it mimics {master!r}, and the file has no joint {master!r}: {choices(master, names)}"
             joint = replace(joint, follows=None, refusal=reason.rstrip("."))
         out.append(joint)
@@ -101,21 +101,25 @@ def _root(joints: Sequence[RobotJoint], links: list[str], source: str) -> str:
             f"{source}: {len(roots)} links have no parent ({', '.join(map(repr, roots[:5]))}); the file must describe "
             "one tree: connect the others by joints (fixed ones perhaps), or delete them."
         )
+    sound: set[str] = set()
     for link in links:
-        _check_cycle(link, parents, source)
+        _check_cycle(link, parents, sound, source)
     if not roots:
         raise ModelError(f"{source}: the file has no <link>.")
     return roots[0]
 
 
-def _check_cycle(link: str, parents: Mapping[str, RobotJoint], source: str) -> None:
-    above: list[str] = []
-    while link in parents and link not in above:
-        above.append(link)
+def _check_cycle(link: str, parents: Mapping[str, RobotJoint], sound: set[str], source: str) -> None:
+    """Raise ModelError where the links above this one form a cycle; else they are ``sound``, and are not seen again."""
+    above: dict[str, None] = {}
+    while link in parents and link not in above and link not in sound:
+        above[link] = None
         link = parents[link].parent
     if link in above:
-        loop = " -> ".join([*above[above.index(link) :], link][::-1])
+        links = list(above)
+        loop = " -> ".join([*links[links.index(link) :], link][::-1])
         raise ModelError(f"{source}: the links {loop} form a cycle; only trees can be identified.")
+    sound.update(above)
 
 
 def _origin(element: Element | None, where: str) -> tuple[Array, Array]:
@@ -139,7 +143,7 @@ def _inertia(link: Element, source: str) -> Array:
     return from_physical(numbers(mass, "value", "", where)[0], centre, (about_centre + about_centre.T) / 2)
 
 
-def _joint(element: Element, links: list[str], source: str) -> RobotJoint:
+def _joint(element: Element, links: Collection[str], source: str) -> RobotJoint:
     name, type_ = element.get("name", ""), element.get("type", "")
     where = f"{source}, joint {name!r}"
     if type_ not in KINDS:
@@ -178,7 +182,7 @@ def _follows(mimic: Element | None, where: str) -> tuple[str, float, float] | No
     return mimic.get("joint", ""), float(multiplier), float(offset)
 
 
-def _end(joint: Element, tag: str, links: list[str], where: str) -> str:
+def _end(joint: Element, tag: str, links: Collection[str], where: str) -> str:
     element = joint.find(tag)
     if element is None or not element.get("link"):
         raise ModelError(f"{where}: it has no <{tag} link=...>.")

@@ -243,7 +243,7 @@ def unique(names: Iterable[str], what: str, source: str) -> None:
 
 def known(name: str, names: Iterable[str], where: str, what: str = "joint") -> None:
     """Raise ModelError with the choices where ``name`` is none of ``names``."""
-    names = list(names)
+    names = names if isinstance(names, Collection) else list(names)
     if name not in names:
         raise ModelError(f"{where}: no {what} {name!r}; {choices(name, names)}")
 

@@ -188,8 +188,8 @@ class RigidBodies:
         if self._plain:
             return full
         # the torque of a mimic joint acts on its master
-        joints = (arm.drive.T @ full).reshape(rows, -1, bodies, 10)
-        return joints[:, :, arm.listed].reshape(rows, len(arm.driven), -1)
+        joints = (arm.drive.T @ full).reshape(rows, len(arm.driven), bodies, 10)
+        return joints[:, :, arm.listed].reshape(rows, len(arm.driven), 10 * len(arm.listed))
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not.

@@ -148,7 +148,7 @@ def _followers(bodies: RigidBodies, names: Iterable[str]) -> dict[str, list[str]
 def _freed(followers: Mapping[str, Sequence[str]]) -> Iterator[str]:
     for name, joints in followers.items():
         if joints:
-            yield f"{name} of {', '.join(map(repr, joints))} is set to 0: it counts to the joint that they follow"
+            yield f"{name} of {', '.join(map(repr, joints))} is set to 0, as the joint that they follow has it"
 
 
 def _names(term: Term) -> tuple[str, ...]:

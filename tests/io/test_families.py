@@ -286,7 +286,7 @@ def test_settings_of_many_types(tmp_path):
 
 
 WRONG = {
-    "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no file", "did you mean 'sg.py'")),
+    "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no such file", "did you mean 'sg.py'")),
     "no class": ({"kind": "sg.py:Savitzky"}, ("has no class 'Savitzky'", "did you mean 'SavitzkyGolay'")),
     "not a dataclass": ({"kind": "sg.py:function"}, ("sg.py: function is no frozen dataclass",)),
     "not frozen": ({"kind": "sg.py:Thawed"}, ("sg.py: Thawed is no frozen dataclass",)),

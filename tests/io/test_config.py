@@ -284,7 +284,7 @@ def test_models_are_found_in_the_gallery_and_in_files(tmp_path):
 WRONG_MODELS = {
     "no colon": ("slider", "", ("neither a robot file (.urdf, .xml) nor `gallery:NAME` nor",)),
     "gallery": ("gallery:slidr", "", ("did you mean 'slider'", "'two_link_arm'")),
-    "no file": ("amr.py:arm", "", ("there is no file", "did you mean 'arm.py'")),
+    "no file": ("amr.py:arm", "", ("there is no such file", "did you mean 'arm.py'")),
     "no function": ("arm.py:amr", "def arm(): ...\n", ("no function 'amr'", "did you mean 'arm'")),
     "raises": ("arm.py:arm", "x = 1\ndef arm():\n    return [][3]\n", ("arm.py:3: IndexError: list index",)),
     "raises at import": ("arm.py:arm", "x = 1\n1 / 0\n", ("arm.py:2: ZeroDivisionError",)),

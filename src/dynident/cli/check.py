@@ -37,7 +37,7 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     screen, found = console(), {}
     for path in files:
         with status() as say:
-            found[str(path)] = one = _examined(path, say)
+            found[str(path)] = one = _examined(path, json_file, say)
         screen.print(f"{path}: {check_summary(one)}", soft_wrap=True, highlight=False, markup=False, style="bold")
         for table in check_tables(one):
             screen.print(terminal(table))
@@ -47,19 +47,35 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
         raise SystemExit(1)
 
 
-def _examined(path: Path, say: Callable[[str], None]) -> CheckResult:
-    """Check one file; one that cannot be used is an error among the findings, so that the others are checked."""
-    from dynident.checks import CheckResult, Finding, Topic
-    from dynident.errors import DynidentError, InputError, Severity
-    from dynident.io.opener import find
+def _examined(path: Path, json_file: Path | None, say: Callable[[str], None]) -> CheckResult:
+    """Check one file; one that cannot be used is an error among the findings, so that the others are checked.
+
+    Raises ConfigError where the findings would replace a file that is named in it.
+    """
+    from dynident.errors import DynidentError, InputError
+    from dynident.io.opener import find, refuse_inputs
     from dynident.io.project import read_project
     from dynident.io.robot import SUFFIXES
 
     try:
         find(path, InputError, (".yaml", ".yml", *SUFFIXES))
-        return _robot(path) if path.suffix.lower() in SUFFIXES else read_project(path, say).examine(say)
+        if path.suffix.lower() in SUFFIXES:
+            return _robot(path)
+        project = read_project(path, say)
     except DynidentError as error:
-        return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
+        return _unusable(error)
+    refuse_inputs(*filter(None, [json_file]))
+    try:
+        return project.examine(say)
+    except DynidentError as error:
+        return _unusable(error)
+
+
+def _unusable(error: Exception) -> CheckResult:
+    from dynident.checks import CheckResult, Finding, Topic
+    from dynident.errors import Severity
+
+    return CheckResult((Finding(Severity.ERROR, None, str(error), Topic.UNUSABLE),))
 
 
 def _robot(path: Path) -> CheckResult:

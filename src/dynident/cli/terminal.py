@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,9 +19,19 @@ if TYPE_CHECKING:
 
 __all__ = ["ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "MEMORY_OPTION", "bar", "console", "say_line", "status", "tell"]
 
-DIRECTORY = click.Path(file_okay=False, path_type=Path)
-FILE = click.Path(dir_okay=False, path_type=Path)
-LOG = click.Path(path_type=Path)  # a ROS 2 bag is a folder
+
+class _Path(click.Path):
+    """A path, which click would ask the system for before it is known to be one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if "\0" in str(value):
+            self.fail(f"{str(value)!r} is no name of a file.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+DIRECTORY = _Path(file_okay=False, path_type=Path)
+FILE = _Path(dir_okay=False, path_type=Path)
+LOG = _Path(path_type=Path)  # a ROS 2 bag is a folder
 ALLOW_CODE = click.option(
     "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
 )

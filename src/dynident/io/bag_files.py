@@ -18,7 +18,7 @@ from dynident.io.yaml_text import load_yaml
 
 __all__ = ["chunks_within_budget", "examine_files"]
 
-_SHARE = 4  # of the budget, what chunks hold beyond the usual ratio
+_SHARE = 32  # of the budget, what chunks hold beyond the usual ratio
 _RATIO = 100  # chunks of a recording are compressed less
 _MOST_FRAMES = 1000
 _PART = 1 << 20
@@ -47,7 +47,7 @@ def _examine_database(path: Path) -> None:
 
 @contextmanager
 def chunks_within_budget(path: Path) -> Iterator[None]:
-    """Let the library rosbags decompress within a budget: a quarter of a file's, and 100 times what is compressed.
+    """Let the library rosbags decompress within a budget: a 32nd of a file's, and 100 times what is compressed.
 
     Raises InputError inside where a chunk holds more.
     """

@@ -25,7 +25,7 @@ _MATLAB_HEADER = 512  # bytes that MATLAB puts before the HDF5 file
 _OBJECTS = {b"char": "text", b"cell": "a cell array", b"function_handle": "an object"}
 _RATIO = 1100  # more than this, deflate cannot compress
 _MOST, _DEEPEST = 50_000, 20  # objects, and levels of groups
-_FRAME, _PART = 1 << 16, 1 << 24  # bytes that filters may add to a chunk; those decompressed at a time
+_FRAME, _PART = 1 << 16, 1 << 20  # bytes that filters may add to a chunk; those decompressed at a time
 
 
 def is_hdf5(file: BinaryIO) -> bool:

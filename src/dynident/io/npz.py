@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -30,12 +31,11 @@ def opened_npz(file: BinaryIO) -> Iterator[dict[str, Found]]:
     Raises ValueError, and zipfile.BadZipFile, where it is damaged or holds a name twice.
     """
     with ZipFile(file) as archive:
-        found: dict[str, Found] = {}
-        for member in archive.infolist():
-            name = member.filename.removesuffix(".npy")
-            if name in found:
-                raise ValueError(f"the array {name!r} is there twice")
-            found[name] = _found(archive, member)
+        members = archive.infolist()
+        for name, count in Counter(member.filename for member in members).items():
+            if count > 1:
+                raise ValueError(f"the array {name.removesuffix('.npy')!r} is there twice")
+        found = {member.filename.removesuffix(".npy"): _found(archive, member) for member in members}
         yield found
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -31,6 +31,8 @@ __all__ = [
     "text",
     "watched",
 ]
+
+Failure = Callable[[str], DynidentError]  # the type of the error, or what makes one of a sentence
 
 MEMORY = "DYNIDENT_MEMORY"  # the environment variable with the budget, in GB
 USUAL = 4.0  # GB
@@ -84,7 +86,7 @@ def keep(path: str | Path) -> None:
 
 
 def refuse_inputs(*targets: str | Path) -> None:
-    """Raise ConfigError where one of the files to be written was read, under whatever name."""
+    """Raise ConfigError where one of the files to be written was read, under whatever name; InputError for a device."""
     run = _RUN.get() or Run()
     for target in targets:
         for name in (os.fspath(target), _resolved(target)):  # the folders on the way may not be there yet
@@ -92,6 +94,8 @@ def refuse_inputs(*targets: str | Path) -> None:
                 found = os.stat(name)
             except (OSError, ValueError):
                 continue
+            if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+                raise InputError(f"{target}: is {_kind(found)}, and no file that can be replaced; choose another name.")
             read = run.files.get((found.st_dev, found.st_ino))
             if read is not None:
                 same = "which is read" if read == str(target) else f"which is {read} and is read"
@@ -118,7 +122,7 @@ def memory() -> int:
     return int(amount * GIGABYTE)
 
 
-def afford(needed: int, what: str, error: type[DynidentError] = InputError) -> None:
+def afford(needed: int, what: str, error: Failure = InputError) -> None:
     """Raise ``error`` where this many bytes are more than the budget; ``what`` begins the sentence."""
     if needed > memory():
         raise error(
@@ -127,7 +131,7 @@ def afford(needed: int, what: str, error: type[DynidentError] = InputError) -> N
         )
 
 
-def find(path: str | Path, error: type[DynidentError] = InputError, kinds: Collection[str] = ()) -> os.stat_result:
+def find(path: str | Path, error: Failure = InputError, kinds: Collection[str] = ()) -> os.stat_result:
     """Return the status of a file or folder; ``error`` where there is none, with files of these ``kinds`` beside it."""
     try:
         return os.stat(path)
@@ -143,7 +147,7 @@ def find(path: str | Path, error: type[DynidentError] = InputError, kinds: Colle
 
 @contextmanager
 def opened(
-    path: str | Path, error: type[DynidentError] = InputError, kinds: Collection[str] = (), *, remember: bool = True
+    path: str | Path, error: Failure = InputError, kinds: Collection[str] = (), *, remember: bool = True
 ) -> Iterator[BinaryIO]:
     """Open a regular file, or a link to one, for reading bytes; ``remember`` it, unless the run itself wrote it.
 
@@ -167,7 +171,7 @@ def opened(
 
 def content(
     path: str | Path,
-    error: type[DynidentError] = InputError,
+    error: Failure = InputError,
     kinds: Collection[str] = (),
     weight: int = 1,
     *,
@@ -186,9 +190,7 @@ def content(
     return data
 
 
-def text(
-    path: str | Path, error: type[DynidentError] = InputError, kinds: Collection[str] = (), weight: int = 1
-) -> str:
+def text(path: str | Path, error: Failure = InputError, kinds: Collection[str] = (), weight: int = 1) -> str:
     """Return the text (UTF-8) of a file, with its own line endings; raises as ``content``, and where it is no text."""
     try:
         return content(path, error, kinds, weight).decode("utf-8-sig")
@@ -196,7 +198,7 @@ def text(
         raise error(f"{path}: is not a UTF-8 text ({wrong}); save it as one.") from wrong
 
 
-def real(path: str | Path, error: type[DynidentError] = InputError) -> Path:
+def real(path: str | Path, error: Failure = InputError) -> Path:
     """Return the absolute path with links followed; ``error`` where no file can have that name."""
     try:
         return Path(os.path.realpath(path))
@@ -204,10 +206,13 @@ def real(path: str | Path, error: type[DynidentError] = InputError) -> Path:
         raise error(f"{_short(path)}: is no name of a file ({getattr(wrong, 'strerror', None) or wrong}).") from wrong
 
 
-def _regular(found: os.stat_result, path: str | Path, error: type[DynidentError]) -> None:
+def _regular(found: os.stat_result, path: str | Path, error: Failure) -> None:
     if not stat.S_ISREG(found.st_mode):
-        what = next((words for test, words in _TYPES.items() if test(found.st_mode)), "no file")
-        raise error(f"{_short(path)}: cannot be read: it is {what}; give a file.")
+        raise error(f"{_short(path)}: cannot be read: it is {_kind(found)}; give a file.")
+
+
+def _kind(found: os.stat_result) -> str:
+    return next((words for test, words in _TYPES.items() if test(found.st_mode)), "no file")
 
 
 def _remember(found: os.stat_result, path: str | Path) -> None:

@@ -22,14 +22,7 @@ CODE = "is of a Python file, which a result does not run; if you trust the file,
 
 def located(folder: str | Path, place: str, where: str, error: type[DynidentError]) -> Path:
     """Return the path of a Python file; ``error``, led by ``where``, where no file can have that name."""
-    try:
-        path = real(Path(folder) / place)
-        path.is_file()
-    except (DynidentError, OSError, ValueError) as wrong:
-        raise error(
-            f"{where}: {place[:100]!r} is no name of a file ({getattr(wrong, 'strerror', None) or wrong})."
-        ) from wrong
-    return path
+    return real(Path(folder) / place, lambda words: error(f"{where}: {words}"))
 
 
 def from_file(path: Path, name: str, what: str, where: str, error: type[DynidentError]) -> Any:
@@ -38,9 +31,6 @@ def from_file(path: Path, name: str, what: str, where: str, error: type[Dynident
     ``what`` is the word for it, "function" or "class". Raises ``error``, led by ``where``, where there is no such
     file or name, and where the file fails.
     """
-    if not path.is_file():
-        known = sorted(p.name for p in path.parent.glob("*.py")) if path.parent.is_dir() else []
-        raise error(f"{where}: there is no file {path}; {choices(path.name, known)}")
     module = _import(path, where, error)
     found = {key: value for key, value in vars(module).items() if callable(value) and not key.startswith("_")}
     if name not in found:
@@ -62,7 +52,7 @@ def guarded(call: Callable[[], object], what: str, file: Path, where: str, error
 
 def _import(path: Path, where: str, error: type[DynidentError]) -> ModuleType:
     """Import a file under a private name, known to ``sys.modules`` as dataclasses and pickle need it there."""
-    code = content(path, error, (".py",))
+    code = content(path, lambda words: error(f"{where}: {words}"), (".py",))
     private = f"_dynident_file_{hashlib.sha256(str(path).encode() + code).hexdigest()[:16]}"
     if private in sys.modules:  # the same text: its classes stay the same
         return sys.modules[private]

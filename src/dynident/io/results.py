@@ -14,7 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
-from dynident.io.opener import content, refuse_inputs
+from dynident.io.opener import afford, content, real, refuse_inputs
 
 if TYPE_CHECKING:
     import polars as pl
@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 _TABLES = (".parquet", ".csv")
+_COMPRESSED = (b"\x1f\x8b", b"x\x01", b"x\x9c", b"x\xda", b"(\xb5/\xfd")  # what polars would decompress
 WIDTH = 160  # of a line of JSON that holds a whole mapping
 
 
@@ -50,7 +51,7 @@ def check_json(target: Path) -> None:
 
 def probe_folder(folder: str | Path) -> None:
     """Make a folder and a file in it, and remove both: InputError, before long work, where that is impossible."""
-    folder = Path(folder)
+    folder = real(folder)
     probe = folder / f".{uuid4().hex}.tmp"
     try:
         made = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
@@ -105,9 +106,15 @@ def read_table(path: str | Path) -> pl.DataFrame:
 
     path = Path(path)
     kind = table_kind(path)
-    data = BytesIO(content(path, remember=False))
+    data = content(path, weight=1 if kind == ".parquet" else 20, remember=False)
     try:
-        return pl.read_parquet(data) if kind == ".parquet" else pl.read_csv(data, infer_schema_length=None)
+        if data.startswith(_COMPRESSED):
+            raise ValueError("it is compressed")
+        if kind == ".csv":
+            return pl.read_csv(BytesIO(data), infer_schema_length=None)
+        rows = pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item()
+        afford(16 * rows * len(pl.read_parquet_schema(BytesIO(data))), f"{path}: its {rows} rows would take")
+        return pl.read_parquet(BytesIO(data))
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
         raise InputError(f"{path}: is not a readable table ({error}); delete it and run again.") from error
 
@@ -150,16 +157,17 @@ def _plain(value: Any) -> Any:
 
 def _write(path: Path, data: bytes) -> Path:
     refuse_inputs(path)
-    temporary = path.parent / f".{uuid4().hex}.tmp"
+    place = real(path.parent)
+    temporary = place / f".{uuid4().hex}.tmp"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
         try:
             with open(temporary, "xb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())  # the new name must not reach the disk before the content
             refuse_inputs(path)
-            os.replace(temporary, path)
+            os.replace(temporary, place / path.name)
         finally:
             temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:

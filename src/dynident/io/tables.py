@@ -114,7 +114,7 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     kind = path.suffix.lower()
     reader = _reader(path, kind)
     try:
-        table = reader(path, needed) if reader.__module__ == __name__ else called(reader, path, DataTable)
+        table = reader(path, needed) if reader.__module__ == __name__ else _foreign(reader, path)
     except InputError:
         raise
     except Exception as error:  # readers of damaged files raise almost any exception
@@ -122,6 +122,12 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
         what = "bag" if path.is_dir() else f"{kind} file"
         raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
     return table if width is None else _reshaped(table, width)
+
+
+def _foreign(reader: Callable[..., DataTable], path: Path) -> DataTable:
+    """Call the reader of another package, on a regular file."""
+    with opened(path):
+        return called(reader, path, DataTable)
 
 
 def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001

@@ -14,6 +14,7 @@ from dynident.errors import ConfigError
 __all__ = ["load_yaml"]
 
 MOST_CHARACTERS, MOST_NODES = 1_000_000, 50_000
+DIGITS, _WHOLE = 300, "tag:yaml.org,2002:int"  # a float has no more digits before its point
 
 
 class _Loader(yaml.SafeLoader):
@@ -61,6 +62,9 @@ def load_yaml(text: str, source: str) -> Any:
 def _count(node: yaml.Node | None, known: dict[int, int]) -> int:
     """Return the number of nodes with aliases written out; ``known`` holds those of the nodes visited."""
     if not isinstance(node, yaml.MappingNode | yaml.SequenceNode):
+        if node is not None and node.tag == _WHOLE and len(node.value) > DIGITS:
+            words = f"{node.value[:20]}... is a number of {len(node.value)} digits; no setting is so large"
+            raise yaml.MarkedYAMLError(problem=words, problem_mark=node.start_mark)
         return 1
     if id(node) not in known:
         known[id(node)] = MOST_NODES  # where an alias is inside its own anchor

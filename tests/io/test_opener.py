@@ -1,0 +1,163 @@
+"""Only regular files are read, within a budget of memory; nothing else takes time or ends in a traceback."""
+
+from __future__ import annotations
+
+import ast
+import os
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+import dynident as dy
+from dynident.errors import ConfigError, DynidentError, InputError, ModelError
+from dynident.io.config import read_config
+from dynident.io.opener import MEMORY, content, memory, opened, real, refuse_inputs, set_memory, watched
+from dynident.io.results import read_table, write_text
+from dynident.io.robot import robot_text
+from dynident.io.saved import load
+from dynident.io.tables import read_columns
+from tests.cli.commands import configure, run, write_log
+
+READERS = {
+    "yaml": read_config,
+    "urdf": lambda path: robot_text(Path(path)),
+    "json": load,
+    **dict.fromkeys(("csv", "parquet", "npz", "mat", "h5", "bag", "db3", "mcap"), read_columns),
+    "py": lambda path: dy.identify(f"{path}:arm", ()),
+}
+
+
+def odd(folder: Path, kind: str) -> dict[str, str]:
+    """Return paths by what is wrong with them."""
+    os.mkfifo(folder / f"pipe.{kind}")
+    (folder / f"loop.{kind}").symlink_to(f"loop.{kind}")
+    (folder / f"zero.{kind}").symlink_to("/dev/zero")
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(str(folder / "s"))
+    (folder / f"socket.{kind}").symlink_to("s")
+    names = {name: str(folder / f"{name}.{kind}") for name in ("pipe", "loop", "zero", "socket", "missing")}
+    (folder / "file").write_text("")
+    return names | {
+        "long": str(folder / ("y" * 5000 + f".{kind}")),
+        "deep": str(folder / ("y/" * 2500 + f"x.{kind}")),
+        "nul": str(folder / f"a\0b.{kind}"),
+        "below a file": str(folder / "file" / f"a.{kind}"),
+    }
+
+
+OPENING = {"open", "read_bytes", "read_text", "fdopen", "loadmat", "genfromtxt", "fromfile"}
+ALLOWED = {
+    ("io/opener.py", "fdopen"),
+    ("io/opener.py", "open"),
+    ("io/results.py", "open"),  # to write
+    ("studies/study.py", "read_bytes"),  # the sources of the package itself
+    ("io/npz.py", "open"),  # members of an archive that is open
+    ("io/bag_files.py", "open"),  # a compressed stream of a file that is open
+}
+
+
+def test_files_are_opened_in_one_place() -> None:
+    root = Path(dy.__file__).parent
+    found = set()
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                found |= {(path.relative_to(root).as_posix(), name)} if name in OPENING else set()
+    assert found <= ALLOWED, found - ALLOWED
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # the name of a socket must be short
+    for what, path in odd(Path(), kind).items():
+        start = time.perf_counter()
+        with pytest.raises(DynidentError) as raised:
+            READERS[kind](path)
+        assert time.perf_counter() - start < 5, what
+        assert len(str(raised.value)) < 1000, what
+        assert "\0" not in str(raised.value)
+        assert Path(path).stem[:50].replace("\0", "\\x00") in str(raised.value), what
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may search any folder")
+def test_a_folder_that_cannot_be_searched_is_named(tmp_path: Path) -> None:
+    (tmp_path / "closed").mkdir(0o600)
+    with pytest.raises(InputError, match="Permission denied"):
+        read_columns(tmp_path / "closed" / "a.csv")
+
+
+def test_a_link_to_a_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t\n1\n2\n")
+    (tmp_path / "b.csv").symlink_to("a.csv")
+    assert list(read_columns(tmp_path / "b.csv").column("t")) == [1, 2]
+
+
+def test_a_name_that_no_file_can_have_is_the_error_of_its_kind() -> None:
+    for error in (InputError, ConfigError, ModelError):
+        with pytest.raises(error, match="is no name of a file"):
+            real("a\0b", error)
+
+
+def test_the_budget_is_that_of_the_run_else_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(MEMORY, raising=False)
+    assert memory() == 4 * 10**9
+    monkeypatch.setenv(MEMORY, "0.5")
+    assert memory() == 5 * 10**8
+    with watched():
+        set_memory(2)
+        assert memory() == 2 * 10**9
+        with watched():
+            assert memory() == 2 * 10**9
+    assert memory() == 5 * 10**8
+    for wrong in ("plenty", "0", "-1", "nan", "inf"):
+        monkeypatch.setenv(MEMORY, wrong)
+        with pytest.raises(ConfigError, match=f"{MEMORY} is '{wrong}'; give a positive number of GB"):
+            memory()
+
+
+def test_a_file_beyond_the_budget_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # takes no room on the disk
+    start = time.perf_counter()
+    for read in (read_columns, content):
+        with pytest.raises(InputError, match=r"more than the 4 GB that a file may take; raise this by --memory or DYN"):
+            read(path)
+    assert time.perf_counter() - start < 2
+    with pytest.raises(InputError, match="--memory"), opened(path):
+        pass
+
+
+@pytest.mark.parametrize("words", [["--memory", "1e-4"], ["--memory", "0.2"]])
+def test_the_option_sets_the_budget_of_a_command(tmp_path: Path, words: list[str]) -> None:
+    write_log(tmp_path)
+    done = run("check", configure(tmp_path), *words)
+    assert ("raise this by --memory" in done.output.replace("\n", " ")) == (words[1] == "1e-4")
+
+
+def test_a_compressed_table_is_none(tmp_path: Path) -> None:
+    import gzip
+
+    (tmp_path / "t.csv").write_bytes(gzip.compress(b"1,2\n" * 1000))
+    with pytest.raises(InputError, match="is not a readable table"):
+        read_table(tmp_path / "t.csv")
+    with pytest.raises(InputError, match="is not a text but a binary file"):
+        read_columns(tmp_path / "t.csv")
+
+
+def test_a_device_is_not_written_over(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/null")):
+        with pytest.raises(InputError, match=r"is a (named pipe|device), and no file that can be replaced"):
+            write_text(path, "x")
+        with pytest.raises(InputError):
+            refuse_inputs(path)
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_folder_on_the_way_that_is_not_there_is_left_out(tmp_path: Path) -> None:
+    write_text(tmp_path / "x" / ".." / "y", "text")
+    assert [one.name for one in tmp_path.iterdir()] == ["y"]

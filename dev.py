@@ -6,6 +6,7 @@ python3 dev.py test [ARGS]   the test suite (pytest)
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
 python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
+python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-EXTRAS = {"demo": "", "test": "dev", "lint": "dev,docs", "docs": "docs", "bench": "bench"}
+EXTRAS = {"demo": "", "test": "dev", "lint": "dev,docs", "docs": "docs", "bench": "bench", "robots": "dev,mujoco,xacro"}
+# for their robot files; robosuite would need an older NumPy to run
+ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
+ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "tests/io/test_xacro.py", "tests/export")
 # by Python, not by the programs in BIN: those name the folder in which they were installed
 IMPORTS = (PYTHON, "-c", "from importlinter.cli import lint_imports_command as lint; lint()", "--no-cache")
 DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
@@ -76,6 +80,9 @@ def main(arguments: list[str]) -> None:
         run(*DOCS)
     elif task == "docs":
         run(*DOCS)
+    elif task == "robots":
+        run(PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", *ROBOT_FILES)
+        run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *rest)
     else:
         run(PYTHON, "benchmarks/run.py", *rest)
 

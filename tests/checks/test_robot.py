@@ -122,9 +122,9 @@ def test_both_formats_say_the_same() -> None:
         assert (a.mass, *a.centre, *a.moments) == pytest.approx((b.mass, *b.centre, *b.moments), abs=1e-12)
 
 
-def test_what_mujoco_computes_from_shapes_is_said() -> None:
+def test_what_mujoco_computes_from_meshes_is_said() -> None:
     xml = (
-        '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom type="box" size="1 1 1"/></body></worldbody>'
+        '<mujoco><worldbody><body name="arm"><joint name="hinge"/><geom type="mesh" mesh="shell"/></body></worldbody>'
         "</mujoco>"
     )
     shapes = [one for one in found(xml) if one.topic == "shapes"]

@@ -37,8 +37,8 @@ def test_compiler_settings_that_change_inertias_go():
 
 def test_a_welded_body_whose_inertia_comes_from_shapes_gets_none():
     tool = '<inertial mass="0.5" pos="0 0 0.05" diaginertia="0.002 0.002 0.001"/>'
-    text = ARM_MJCF.replace(tool, '<geom size="0.1"/>')
+    text = ARM_MJCF.replace(tool, '<geom type="mesh" mesh="shell"/>')
     made = export(arm(text), Mjcf(), STATES)
     assert made.ready, made.refusal
     assert '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>' in made.written.text
-    assert any("'tool': the file computes its inertia" in note for note in made.written.notes)
+    assert any("'tool': its inertia follows from meshes" in note for note in made.written.notes)

@@ -284,7 +284,7 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
         # For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`.
         model:
           file: arm.urdf
-          joints: [shoulder, elbow]  # 'other_finger': coupled to a fixed joint
+          joints: [shoulder, elbow]
           lock:  # joints that are not identified, and their positions
             finger: 0.02
           # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the gears

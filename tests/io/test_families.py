@@ -286,7 +286,7 @@ def test_settings_of_many_types(tmp_path):
 
 
 WRONG = {
-    "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no file", "did you mean 'sg.py'")),
+    "no file": ({"kind": "gs.py:SavitzkyGolay"}, ("there is no such file", "did you mean 'sg.py'")),
     "no class": ({"kind": "sg.py:Savitzky"}, ("has no class 'Savitzky'", "did you mean 'SavitzkyGolay'")),
     "not a dataclass": ({"kind": "sg.py:function"}, ("sg.py: function is no frozen dataclass",)),
     "not frozen": ({"kind": "sg.py:Thawed"}, ("sg.py: Thawed is no frozen dataclass",)),
@@ -295,8 +295,8 @@ WRONG = {
     "key": ({"kind": "sg.py:SavitzkyGolay", "widht": 1}, ("unknown key 'widht'", "did you mean 'width'")),
     "value": ({"kind": "sg.py:SavitzkyGolay", "order": 2.5}, ("smoother: order: a whole number is expected; got 2.5",)),
     "fails": ({"kind": "bad.py:A"}, ("bad.py failed at", "bad.py:2: ZeroDivisionError")),
-    "long": ({"kind": "x" * 5000 + ".py:A"}, ("is no name of a file",)),
-    "NUL": ({"kind": "a\0.py:A"}, ("is no name of a file",)),
+    "long": ({"kind": "x" * 5000 + ".py:A"}, ("File name too long",)),
+    "NUL": ({"kind": "a\0.py:A"}, ("File name too long",)),
     "reserved": ({"kind": "sg.py:Reserved"}, ("Reserved.kind: no setting can have this name",)),
     "private": ({"kind": "sg.py:Private"}, ("Private._width: no setting can have this name",)),
     "no name": ({"kind": "sg.py:"}, ("has no class ''",)),

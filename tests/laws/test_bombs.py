@@ -214,6 +214,7 @@ YAMLS = {
     "block": "\n".join(" " * k + "a:" for k in range(1300)),
     "many": "[" + "1," * (MOST_NODES + 1) + "]",
     "long": "a: " + "x" * 2_000_000,
+    "number": "a: 0x" + "f" * 500_000,
 }
 
 

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from dynident.export import (
     Identified,
     Mjcf,
+    Numpy,
     Urdf,
+    Yaml,
     export,
     identified_mjcf,
     identified_module,
@@ -33,12 +35,14 @@ from dynident.models import (
     from_physical,
     moved,
 )
+from tests.laws.test_damaged_robot_files import RICH_MJCF, RICH_URDF
 from tests.laws.test_rigid_bodies import Peer, few, random_body, random_robot, states
 from tests.robots import ARM, ARM_MJCF, words
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 8)
 CLOSE = 1e-8
+UNTIED_MJCF = RICH_MJCF.replace("<equality><joint", '<equality><joint active="false"')
 
 
 def physical(rng, count, scale=1.0):
@@ -102,6 +106,29 @@ def test_links_sum_to_the_body_and_none_is_impossible(seed, count):
         assert consistency_violations(theta) == ()
         total += moved(theta, frame)
     np.testing.assert_allclose(total, values[0], rtol=1e-9, atol=1e-9 * np.abs(values).max())
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        (RICH_URDF, {}),
+        (RICH_URDF, {"joints_used": ("finger",), "locked": {"elbow": 0.4}}),
+        (RICH_URDF, {"locked": {"follower": 0.1}}),
+        (RICH_MJCF, {}),
+        (RICH_MJCF, {"joints_used": ("c", "a")}),
+        (UNTIED_MJCF, {"locked": {"b": 0.1}}),
+        (UNTIED_MJCF, {"locked": {"a": 0.1}}),
+    ],
+)
+def test_mimic_joints_several_joints_of_a_body_and_shapes_are_written(text, options):
+    rng = np.random.default_rng(0)
+    bodies = RigidBodies(text, **options)
+    joints, count = bodies.joints, len(bodies.parameters) // 10
+    model = Model((bodies, Viscous(joints), Coulomb(joints), RotorInertia(joints)), name="arm")
+    one = Identified(model, np.concatenate([physical(rng, count).ravel(), rng.uniform(0, 2, 3 * len(joints))]))
+    for exporter in (Urdf() if bodies.format == "urdf" else Mjcf(), Numpy(), Yaml()):
+        made = export(one, exporter, states(rng, len(joints), 20))
+        assert made.ready, made.refusal
 
 
 def random_mjcf(rng, count):

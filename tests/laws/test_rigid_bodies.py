@@ -147,7 +147,7 @@ def test_mass_matrix_is_that_of_the_kinetic_energy(seed, count):
     assert model.check_mass_matrix(q, theta).positive
     kinetic = np.einsum("ni,nij,nj->n", dq, D, dq) / 2
     assert_close(kinetic, np.array(Peer(pinocchio.buildModelFromXML(text), joints).kinetic(q, dq)))
-    assert not term.notes
+    assert [note for note in term.notes if "limbs move from the base 'L0'" not in note] == []
 
 
 def test_the_articles_arm_is_the_lagrangian_one():

@@ -130,8 +130,22 @@ SAID = [
     (
         notes.OnlyShapes(),
         (
-            "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the "
-            "compiled model from MuJoCo, which writes the inertia out."
+            "its inertia follows from meshes or height fields, which are not read; save the compiled model from "
+            "MuJoCo with <compiler saveinertial='true'/>, which writes the inertia out."
+        ),
+    ),
+    (
+        notes.FloatingBase(),
+        (
+            "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. "
+            "Record with the base clamped, as what it feels of a moving one is not modelled."
+        ),
+    ),
+    (
+        notes.SeveralLimbs("trunk", ("left", "right")),
+        (
+            "2 limbs move from the base 'trunk', which is taken as fixed (left, right): right for arms on a stand; "
+            "a walking robot must be clamped at its trunk."
         ),
     ),
     (

@@ -18,6 +18,7 @@ __all__ = [
     "EqualLinks",
     "FarCentre",
     "FewReversals",
+    "FloatingBase",
     "GravityIgnored",
     "ImpossibleInertia",
     "InertiaAboutOrigin",
@@ -41,6 +42,7 @@ __all__ = [
     "ReversedSign",
     "SamplingJitter",
     "SaturatedTorque",
+    "SeveralLimbs",
     "StampsJitter",
     "TooFewSamples",
     "UnevenSteps",
@@ -183,8 +185,21 @@ class NoMass(Note):
 
 
 @dataclass(frozen=True)
+class FloatingBase(Note):
+    """A joint with several coordinates carries the whole robot, which is taken as fixed."""
+
+
+@dataclass(frozen=True)
+class SeveralLimbs(Note):
+    """Several joints move limbs of a base with a mass, which is taken as fixed; it may be a trunk."""
+
+    base: str
+    joints: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class OnlyShapes(Note):
-    """A link has shapes instead of an inertia."""
+    """A link has shapes of files instead of an inertia."""
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ def check_robot(
         *_copies(file, facts),
         *_total(facts),
         *_limits(file, moving),
+        *_base(file, moving),
         *(Finding(Severity.INFO, None, f"{note}.", Topic.UNREAD) for note in file.notes),
     ]
     return tuple(Finding(x.severity, x.joint, x.message, x.topic, file.source, x.link) for x in found)
@@ -88,6 +89,15 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
             yield Finding(Severity.INFO, None, notes.OnlyShapes(), Topic.SHAPES, link=name)
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
             yield Finding(Severity.INFO, None, notes.PointMass(float(theta[0])), Topic.POINT, link=name)
+
+
+def _base(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
+    """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
+    for name in file.floating:
+        yield Finding(Severity.WARNING, name, notes.FloatingBase(), Topic.FLOATING)
+    limbs = file.limbs({joint.name for joint in moving})
+    if limbs is not None:
+        yield Finding(Severity.INFO, None, notes.SeveralLimbs(*limbs), Topic.LIMBS)
 
 
 def _rigid(file: RobotFile, link: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,8 +109,9 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
         _add(found[kinds[type(term)]], term, values)
         left_out += _rules(term)
     nominal: dict[str, dict[str, float]] = {name: getattr(bodies, name) for name in found}
-    held = {name: {**nominal[name], **found[name]} for name in found}
-    notes = tuple(_kept(nominal, found))
+    followers = _followers(bodies, found)
+    held = {name: {**nominal[name], **found[name], **dict.fromkeys(followers[name], 0.0)} for name in found}
+    notes = (*_kept(nominal, found), *_freed(followers))
     return Drives(held["damping"], held["friction"], held.get("armature", {}), tuple(left_out), notes)
 
 
@@ -135,6 +136,19 @@ def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mappin
         for joint, value in values.items():
             if value and joint not in found[name]:
                 yield f"{name} {value:g} of joint {joint!r} is the file's own; it was not identified"
+
+
+def _followers(bodies: RigidBodies, names: Iterable[str]) -> dict[str, list[str]]:
+    """Return by name of the attribute the mimic joints for which the file gives one."""
+    own = {joint.name for joint in bodies.joints}
+    follow = [body.joint for body in bodies.arm.bodies if body.joint.name not in own]
+    return {name: [joint.name for joint in follow if joint.nominal.get(name)] for name in names}
+
+
+def _freed(followers: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    for name, joints in followers.items():
+        if joints:
+            yield f"{name} of {', '.join(map(repr, joints))} is set to 0, as the joint that they follow has it"
 
 
 def _names(term: Term) -> tuple[str, ...]:
@@ -166,7 +180,7 @@ def link_inertias(bodies: RigidBodies, values: Array) -> Shares:
     links: dict[str, Array | None] = {}
     notes: list[str] = []
     for body, theta in zip(bodies.arm.chosen, values, strict=True):
-        _require_physical(body.joint.child, theta)
+        _require_physical(body.name, theta)
         others = _others(bodies, body)
         share = _share(theta, others)
         rest = theta.copy()
@@ -177,7 +191,7 @@ def link_inertias(bodies: RigidBodies, values: Array) -> Shares:
             rest -= share * moved(nominal, frame)
             if share < 1 and nominal.any():
                 links[link] = share * nominal if share else None
-        links[body.joint.child] = from_pseudo(to_pseudo(rest))
+        links[body.name] = from_pseudo(to_pseudo(moved(rest, np.linalg.inv(body.frames[0]))))
         notes += _shared_words(body, share, others)
     return Shares(links, tuple(notes))
 
@@ -207,11 +221,11 @@ def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> fl
 def _shared_words(body: ArmBody, share: float, others: Mapping[str, tuple[Array | None, Array]]) -> Iterator[str]:
     for link, (nominal, _) in others.items():
         if nominal is None:
-            yield f"link {link!r}: the file computes its inertia from shapes; now it is part of {body.joint.child!r}"
+            yield f"link {link!r}: its inertia follows from meshes; now it is part of {body.name!r}"
     weighty = [link for link, (nominal, _) in others.items() if nominal is not None and nominal.any()]
     if weighty and share < 1:
         kept = f"{100 * share:.3g} % of their inertias" if share else "no inertia"
         yield (
-            f"body {body.joint.child!r}: the inertias that the file gives {', '.join(map(repr, weighty))} do not fit "
-            f"into the identified body; they keep {kept}, and {body.joint.child!r} has the rest"
+            f"body {body.name!r}: the inertias that the file gives {', '.join(map(repr, weighty))} do not fit "
+            f"into the identified body; they keep {kept}, and {body.name!r} has the rest"
         )

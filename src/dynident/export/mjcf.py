@@ -16,6 +16,7 @@ from dynident.export.identified import Drives, Identified, Shares, drives, link_
 from dynident.export.urdf import numbers_text, standing
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
+from dynident.models.robot_file import UNNAMED
 
 __all__ = ["identified_mjcf"]
 
@@ -38,7 +39,7 @@ def identified_mjcf(identified: Identified) -> Written:
     found, shares = drives(identified, armature=True), link_inertias(bodies, values)
     text = Text(bodies.xml)
     if _in_radians(text):
-        for node in (one for one in _nodes(text) if one.tag == "body"):
+        for node in (one for one in _nodes(text) if one.tag in ("body", "frame")):
             text.write_exact_angles(node, "euler")
             text.write_exact_angles(node, "axisangle", 1)
     _set_found(text, bodies, found, shares)
@@ -62,19 +63,25 @@ def _nodes(text: Text) -> Iterator[Node]:
 
 def _set_found(text: Text, bodies: RigidBodies, found: Drives, shares: Shares) -> None:
     """Set the inertias of bodies, and what drives their joints."""
-    joints = {joint.name for joint in bodies.joints}
+    joints = {body.joint.name for body in bodies.arm.bodies}
+    links = {name: theta for name, theta in bodies.file.links.items() if theta is not None}
+    altered, count = bool(_altering(text)), 0
     for node in _nodes(text):
-        name = node.attributes.get("name", "")
+        count += node.tag == "body"
+        name = node.attributes.get("name") or (UNNAMED.format(count) if node.tag == "body" else "")
         if node.tag == "body" and name in shares.links:
-            _set_inertia(text, node, shares.links[name], bodies.file.origins[name])
+            _set_inertia(text, node, name, shares.links[name], bodies.file.origins[name])
+        elif node.tag == "body" and name in links and (altered or node.find("inertial") is None):
+            # of shapes, or as the compiler alters it; without its settings and without shapes it is the same
+            _set_inertia(text, node, name, links[name], bodies.file.origins[name])
         elif node.tag == "joint" and name in joints:
             _set_drive(text, node, found, name)
 
 
-def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> None:
+def _set_inertia(text: Text, body: Node, name: str, theta: Array | None, origin: Array) -> None:
     element = NOTHING
-    if theta is not None:
-        mass, centre, tensor = to_physical(theta, body.attributes["name"])
+    if theta is not None and theta.any():
+        mass, centre, tensor = to_physical(theta, name)
         full = numbers_text(tensor[place] for place in FULL)
         element = f'<inertial pos="{numbers_text(origin + centre)}" mass="{float(mass)!r}" fullinertia="{full}"/>'
     inertial = body.find("inertial")
@@ -86,7 +93,10 @@ def _set_inertia(text: Text, body: Node, theta: Array | None, origin: Array) -> 
 
 def _set_drive(text: Text, joint: Node, found: Drives, name: str) -> None:
     names = {"armature": found.armature, "damping": found.damping, "frictionloss": found.friction}
-    text.set(joint, {key: repr(float(values[name])) for key, values in names.items() if name in values})
+    given = {key: repr(float(values[name])) for key, values in names.items() if name in values}
+    if "damping" in given and any(" " in node.attributes.get("damping", "").strip() for node in text.root.walk()):
+        given["damping"] += " 0 0"  # a default class has powers, which would be added
+    text.set(joint, given)
 
 
 def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
@@ -99,12 +109,19 @@ def _set_gravity(text: Text, gravity: tuple[float, ...]) -> None:
         text.insert(text.root, f'<option gravity="{numbers_text(gravity)}"/>')
 
 
-def _freed(text: Text) -> tuple[str, ...]:
-    """Remove settings that would change the inertias when the file is compiled, and return a note on them."""
-    gone: list[str] = []
+def _altering(text: Text) -> list[tuple[Node, tuple[str, ...]]]:
+    """Return the compiler settings that change inertias, by their element."""
+    found = []
     for compiler in (child for child in text.root.children if child.tag == "compiler"):
         keys = [key for key in ALTERING if key in compiler.attributes]
         keys += ["inertiafromgeom"] if compiler.attributes.get("inertiafromgeom") == "true" else []
-        text.drop(compiler, tuple(keys))
-        gone += keys
+        found += [(compiler, tuple(keys))] if keys else []
+    return found
+
+
+def _freed(text: Text) -> tuple[str, ...]:
+    """Remove settings that would change the inertias when the file is compiled, and return a note on them."""
+    gone = [key for _, keys in _altering(text) for key in keys]
+    for compiler, keys in _altering(text):
+        text.drop(compiler, keys)
     return (f"<compiler> {', '.join(gone)} removed, so that the inertias are used as written",) if gone else ()

@@ -100,16 +100,20 @@ class _Motors:
 
 def _bodies(term: RigidBodies, values: Array, k: int) -> str:
     """Return the constants of the kinematics and the recursion over them."""
-    theta, arm = values.reshape(-1, 10), term.arm
+    arm = term.arm
+    theta = np.zeros((len(arm.bodies), 10))
+    theta[arm.listed] = values.reshape(-1, 10)
     rows = []
-    for body, column in zip(arm.bodies, arm.order.tolist(), strict=True):
+    for body, own, coefficients, rest in zip(arm.bodies, theta.tolist(), arm.drive, arm.rest.tolist(), strict=True):
+        column = int(np.abs(coefficients).argmax())
+        position = f"{column}, {float(coefficients[column])!r}, {rest!r}"
         parent = -1 if body.parent is None else body.parent
         slides = body.joint.kind == "prismatic"
-        m, x, y, z, xx, xy, yy, xz, yz, zz = theta[column].tolist()
+        m, x, y, z, xx, xy, yy, xz, yz, zz = own
         tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
         rows.append(
-            f"    # {body.joint.child!r}\n"
-            f"    ({column}, {parent}, {slides}, {_array(body.joint.axis)},\n"
+            f"    # {body.name!r}\n"
+            f"    ({position}, {parent}, {slides}, {_array(body.joint.axis)},\n"
             f"     {_array(body.placement[:3, :3])}, {_array(body.placement[:3, 3])},\n"
             f"     {m!r}, {_array([x, y, z])}, {_array(tensor)}),"
         )
@@ -183,8 +187,9 @@ MOTORS = """
 MOTORS = [@ROWS@]
 """
 
-BODIES = '''# Bodies, each after its parent: column in q, index of the parent (-1: the base), whether it slides,
-# axis, rotation and position of its joint frame in the parent's; mass, first moment and inertia about its joint frame.
+BODIES = '''# Bodies, each after its parent: column in q, factor and offset of its position from there (1 and 0 except
+# for a joint that mimics another), index of the parent (-1: the base), whether it slides, axis, rotation and position
+# of its joint frame in the parent's; mass, first moment and inertia about its joint frame.
 BODIES_@K@ = [
 @ROWS@
 ]
@@ -202,9 +207,10 @@ def _bodies_@K@(q, dq, ddq):
     """Return the torque of the rigid bodies, by the recursion of Newton and Euler."""
     still = np.zeros((len(q), 3))
     moves, wrenches = [], []
-    for column, parent, slides, axis, turn, place, mass, moment, inertia in BODIES_@K@:
+    for column, factor, rest, parent, slides, axis, turn, place, mass, moment, inertia in BODIES_@K@:
         w, dw, a = moves[parent][2:] if parent >= 0 else (still, still, still - GRAVITY_@K@)
-        s, ds, dds = (x[:, column, None] for x in (q, dq, ddq))
+        s, ds, dds = (factor * x[:, column, None] for x in (q, dq, ddq))
+        s = s + rest
         R = np.broadcast_to(turn, (len(q), 3, 3)) if slides else turn @ _turn(axis, s[:, 0])
         p = place + turn @ axis * s if slides else still + place
         a = np.einsum("nji,nj->ni", R, a + np.cross(dw, p) + np.cross(w, np.cross(w, p)))
@@ -220,9 +226,9 @@ def _bodies_@K@(q, dq, ddq):
         wrenches.append((force, torque))
     out = np.zeros(q.shape)
     for k in reversed(range(len(BODIES_@K@))):
-        column, parent, slides, axis = BODIES_@K@[k][:4]
+        column, factor, _, parent, slides, axis = BODIES_@K@[k][:6]
         force, torque = wrenches[k]
-        out[:, column] = (force if slides else torque) @ axis
+        out[:, column] += factor * ((force if slides else torque) @ axis)
         if parent >= 0:
             R, p = moves[k][:2]
             above, arm = wrenches[parent]

@@ -61,10 +61,11 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
 
     bodies, _ = identified.bodies
     model = pin.buildModelFromXML(_declared(text, bodies.file.root))
-    data, names = model.createData(), [joint.name for joint in bodies.joints]
+    arm, data = bodies.arm, model.createData()
+    names = [body.joint.name for body in arm.bodies]
     model.gravity = pin.Motion(np.array(bodies.gravity), np.zeros(3))
     columns = [model.joints[model.getJointId(name)].idx_v for name in names]
-    standing = {name: x for name, x in bodies.arm.standing.items() if model.existJointName(name)}
+    standing = {name: x for name, x in arm.standing.items() if model.existJointName(name)}
 
     def position(q: Array) -> Array:
         out: Array = pin.neutral(model)
@@ -74,13 +75,14 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
                 out[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
         return out
 
-    out = np.empty(states[0].shape)
-    for row, q, dq, ddq in zip(out, *states, strict=True):
+    out = np.empty((len(states[0]), len(names)))
+    for row, q, dq, ddq in zip(out, *arm.moved(*states), strict=True):
         full = np.zeros((2, model.nv))
         full[:, columns] = dq, ddq
         row[:] = pin.rnea(model, data, position(q), *full)[columns]
-    damping, friction = (np.asarray(x)[columns] for x in (model.damping, model.friction))
-    return np.asarray(out + damping * states[1] + friction * np.sign(states[1]))
+    own = [columns[k] for k in arm.driven]
+    damping, friction = (np.asarray(x)[own] for x in (model.damping, model.friction))
+    return np.asarray(out @ arm.drive + damping * states[1] + friction * np.sign(states[1]))
 
 
 def _declared(text: str, root: str) -> str:
@@ -101,18 +103,20 @@ def by_mujoco(text: str, identified: Identified, states: States) -> Array:
     model.opt.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION
     model.body_gravcomp[:] = 0.0
     model.opt.density = model.opt.viscosity = 0.0
-    data, joints = mujoco.MjData(model), [model.joint(joint.name) for joint in bodies.joints]
+    arm, data = bodies.arm, mujoco.MjData(model)
+    joints = [model.joint(body.joint.name) for body in arm.bodies]
     columns = [int(joint.dofadr[0]) for joint in joints]
     places = [int(joint.qposadr[0]) for joint in joints]
     data.qpos[:] = model.qpos0
-    for name, position in bodies.arm.standing.items():
+    for name, position in arm.standing.items():
         data.qpos[model.joint(name).qposadr[0]] = position
-    out = np.empty(states[0].shape)
-    for row, q, dq, ddq in zip(out, *states, strict=True):
+    out = np.empty((len(states[0]), len(joints)))
+    for row, q, dq, ddq in zip(out, *arm.moved(*states), strict=True):
         data.qpos[places], data.qvel[columns], data.qacc[columns] = q, dq, ddq
         mujoco.mj_inverse(model, data)
         row[:] = data.qfrc_inverse[columns]
-    return np.asarray(out + model.dof_frictionloss[columns] * np.sign(states[1]))
+    friction = model.dof_frictionloss[[columns[k] for k in arm.driven]]
+    return np.asarray(out @ arm.drive + friction * np.sign(states[1]))
 
 
 def _bare(text: str) -> str:

@@ -34,7 +34,7 @@ def identified_urdf(identified: Identified) -> Written:
         raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
     found, shares = drives(identified, armature=False), link_inertias(bodies, values)
     text = Text(bodies.xml)
-    joints = {joint.name for joint in bodies.joints}
+    joints = {body.joint.name for body in bodies.arm.bodies}
     for node in text.root.children:
         name = node.attributes.get("name", "")
         if node.tag == "link" and name in shares.links:

@@ -14,8 +14,9 @@ from typing import Any
 from dynident.errors import DynidentError, choices
 from dynident.io.opener import content, real
 
-__all__ = ["CODE", "from_file", "guarded", "located"]
+__all__ = ["CODE", "XACRO_CODE", "from_file", "guarded", "located"]
 
+XACRO_CODE = "is a xacro file, which a result does not run; if you trust it, give allow_code=True or --allow-code."
 CODE = "is of a Python file, which a result does not run; if you trust the file, give allow_code=True or --allow-code."
 
 

@@ -35,7 +35,7 @@ from dynident.io.result_format import (
     ResultFile,
     ValidationPart,
 )
-from dynident.io.robot import fingerprint
+from dynident.io.robot import changed, is_xacro
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
 from dynident.validation import Failure, FreeRun, LogValidation
@@ -96,12 +96,12 @@ def model_of(sources: Sources, source: str, *, allow_code: bool = False) -> Mode
     """
     given, robot = sources.configuration, sources.model
     gone = robot is not None and bool(robot.text) and not os.path.exists(robot.path)
-    if robot is not None and not gone and fingerprint(Path(robot.path)) != robot.sha256:
+    if robot is not None and not gone and changed(robot):
         raise ModelError(
             f"{robot.path}: has changed since {source} was identified with it, so that its parameters may mean "
             "something else. Put the old file back, or identify again."
         )
-    text = robot.text if robot is not None and gone else None
+    text = robot.text if robot is not None and (gone or is_xacro(Path(robot.path))) else None
     if given is not None:
         folder = Path(given.path).parent
         config = parse_config(given.text, folder, f"{source}, its configuration", allow_code=allow_code)

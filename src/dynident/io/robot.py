@@ -7,23 +7,43 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dynident.errors import ModelError
+from dynident.identification import SourceFile
 from dynident.io.families import TERMS
 from dynident.io.folder import settle
 from dynident.io.opener import opened, real, text
 from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
+from dynident.io.xacro import XACRO, expand
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 
-__all__ = ["SUFFIXES", "fingerprint", "load_robot", "model_file", "robot_text"]
+__all__ = ["SUFFIXES", "changed", "fingerprint", "is_xacro", "load_robot", "model_file", "robot_text"]
 
-SUFFIXES = (".urdf", ".xml", ".mjcf")
+SUFFIXES = (".urdf", ".xml", ".mjcf", XACRO)
 WEIGHT = 80  # memory of a tree of elements, per byte of its text
 
 
 def robot_text(path: Path) -> str:
-    """Return the text of a robot file; ModelError where it cannot be read or is not text."""
+    """Return the text of a robot file, with what it includes; a xacro file is expanded by that program.
+
+    Raises ModelError where it cannot be read or is not text.
+    """
+    from dynident.io.include import with_includes
+
     settle(path.parent)  # it may be an export
-    return text(path, ModelError, SUFFIXES, WEIGHT)
+    return expand(path) if is_xacro(path) else with_includes(text(path, ModelError, SUFFIXES, WEIGHT), path)
+
+
+def is_xacro(path: Path) -> bool:
+    """Whether a file is expanded by a program, so that reading it runs what it says."""
+    return path.suffix.lower() == XACRO
+
+
+def changed(file: SourceFile) -> bool:
+    """Whether a robot file, or one that it includes, is not as it was; ModelError where one cannot be read."""
+    path = Path(file.path)
+    if fingerprint(path) != file.sha256:
+        return True
+    return bool(file.text) and not is_xacro(path) and robot_text(path) != file.text
 
 
 def model_file(spec: str | RobotSettings, folder: Path) -> Path | None:

@@ -286,6 +286,10 @@ def _same_names(section: str, given: Mapping[str, object], joints: Sequence[Join
     _known_names(section, given, joints)
     for name in (joint.name for joint in joints):
         if name not in given:
+            still = (
+                " A joint of a robot file that the logs lack can stand still: give its position in `lock` of `model`."
+            )
             raise ConfigError(
                 f"{section}: joint {name!r} of the model is missing; add a line `{name}: ...` like that of the others."
+                + (still if section in ("position", "torque") else "")
             )

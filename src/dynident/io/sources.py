@@ -50,7 +50,7 @@ def read_joints(robot: str) -> list[JointFacts]:
     joints = [
         JointFacts(joint.name, joint.kind, joint.limits, bound.get(joint.name, ""))
         for joint in file.joints
-        if joint.kind != "fixed"
+        if joint.kind != "fixed" and not joint.follows  # a mimic joint moves, or stands, with its master
     ]
     if all(joint.follows for joint in joints):
         raise ModelError(f"{robot}: has no revolute or prismatic joint, so there is nothing to identify.")
@@ -59,7 +59,7 @@ def read_joints(robot: str) -> list[JointFacts]:
 
 def _bound(file: RobotFile) -> dict[str, str]:
     """Return the joint that each coupled joint follows, by name."""
-    bound = {joint.name: joint.follows[0] for joint in file.joints if joint.follows}
+    bound: dict[str, str] = {}
     for constraint in file.constraints:
         if isinstance(constraint, Coupled):
             bound |= {name: _other(name, constraint.joints) for name in constraint.joints if name not in bound}

@@ -15,8 +15,7 @@ from dynident.io.fields import is_deep
 __all__ = ["load_yaml"]
 
 MOST_CHARACTERS, MOST_NODES = 1_000_000, 50_000
-MOST_DIGITS = 300  # a float has no more before its point
-WHOLE = "tag:yaml.org,2002:int"
+DIGITS, _WHOLE = 300, "tag:yaml.org,2002:int"  # a float has no more digits before its point
 
 
 class _Loader(yaml.SafeLoader):
@@ -44,7 +43,6 @@ def load_yaml(text: str, source: str) -> Any:
         tree = loader.get_single_node()
         _count(tree, {})
         doubled = next(_doubled_keys(tree, set()), None)
-        _check_digits(tree, source, set())
         data = None if tree is None else loader.construct_document(tree)
         if is_deep(data):
             raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.")
@@ -69,6 +67,9 @@ def load_yaml(text: str, source: str) -> Any:
 def _count(node: yaml.Node | None, known: dict[int, int]) -> int:
     """Return the number of nodes with aliases written out; ``known`` holds those of the nodes visited."""
     if not isinstance(node, yaml.MappingNode | yaml.SequenceNode):
+        if node is not None and node.tag == _WHOLE and len(node.value) > DIGITS:
+            words = f"{node.value[:20]}... is a number of {len(node.value)} digits; no setting is so large"
+            raise yaml.MarkedYAMLError(problem=words, problem_mark=node.start_mark)
         return 1
     if id(node) not in known:
         known[id(node)] = MOST_NODES  # where an alias is inside its own anchor
@@ -77,22 +78,6 @@ def _count(node: yaml.Node | None, known: dict[int, int]) -> int:
         if known[id(node)] > MOST_NODES:
             raise _TooManyError
     return known[id(node)]
-
-
-def _check_digits(node: yaml.Node | None, source: str, seen: set[int]) -> None:
-    """Raise ConfigError for a whole number that no setting can hold, and that Python could not even print."""
-    if node is None or id(node) in seen:
-        return
-    seen.add(id(node))
-    if isinstance(node, yaml.ScalarNode):
-        if node.tag == WHOLE and len(node.value) > MOST_DIGITS:
-            raise ConfigError(
-                f"{source}: line {node.start_mark.line + 1}: {node.value[:20]}... is a number of {len(node.value)} "
-                "digits; no setting is so large."
-            )
-        return
-    for child in chain.from_iterable(node.value) if isinstance(node, yaml.MappingNode) else node.value:
-        _check_digits(child, source, seen)
 
 
 def _doubled_keys(node: yaml.Node | None, seen: set[int]) -> Iterator[yaml.Node]:

@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
-from dynident.models.robot_file import Arm, ArmBody, Limits, RobotFile, assemble, parse, read_mjcf, read_urdf
+from dynident.models.robot_file import (
+    Arm,
+    ArmBody,
+    Limits,
+    RobotFile,
+    RobotJoint,
+    assemble,
+    parse,
+    read_mjcf,
+    read_urdf,
+)
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
 
 __all__ = ["RigidBodies", "read_robot_file"]
@@ -28,6 +38,7 @@ ADVICE = (
     "Install it with `pip install pin` on Linux and macOS; on Windows, where there is no wheel, with "
     "`conda install -c conda-forge pinocchio`."
 )
+SDF = " SDF is not read: export the robot as a URDF, from which most SDF files are made, or as an MJCF."
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 MEANINGS = (
     "mass",
@@ -104,8 +115,7 @@ class RigidBodies:
     def joints(self) -> tuple[Joint, ...]:
         """The n moving joints, in the chosen order."""
         return tuple(
-            Joint(body.joint.name, "prismatic" if body.joint.kind == "prismatic" else "revolute")
-            for body in self._arm.chosen
+            Joint(joint.name, "prismatic" if joint.kind == "prismatic" else "revolute") for joint in self._driven
         )
 
     @cached_property
@@ -115,9 +125,7 @@ class RigidBodies:
         The value is None for a body with a link whose inertia the file leaves to be computed from shapes.
         """
         return tuple(
-            Parameter(
-                f"{body.joint.child}.{role}", unit, f"{meaning} of {body.joint.child}", value, role, body.joint.child
-            )
+            Parameter(f"{body.name}.{role}", unit, f"{meaning} of {body.name}", value, role, body.name)
             for body in self._arm.chosen
             for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
         )
@@ -125,7 +133,7 @@ class RigidBodies:
     @property
     def limits(self) -> dict[str, Limits]:
         """Limits of each moving joint, where the file gives them."""
-        return {body.joint.name: body.joint.limits for body in self._arm.chosen}
+        return {joint.name: joint.limits for joint in self._driven}
 
     @property
     def damping(self) -> dict[str, float]:
@@ -145,7 +153,7 @@ class RigidBodies:
     @property
     def merged(self) -> dict[str, tuple[str, ...]]:
         """Body -> other links fixed to it, if any; the root link has those that do not move."""
-        owners = {body.joint.child: body.links for body in self._arm.chosen}
+        owners = {body.name: body.links for body in self._arm.chosen}
         still = {self._file.root: self._arm.still}
         return {name: links[1:] for name, links in (still | owners).items() if len(links) > 1}
 
@@ -153,29 +161,35 @@ class RigidBodies:
     def notes(self) -> tuple[str, ...]:
         """Sentences on what of the file is ignored, and on its inertias that are not physically consistent."""
         notes = list(self._file.notes)
+        if self._file.floating:
+            names = ", ".join(map(repr, self._file.floating))
+            notes.append(f"the robot floats by {names}, but only a fixed base is supported: it is taken as fixed")
+        elif limbs := self._file.limbs({body.joint.name for body in self._arm.bodies}):
+            notes.append(f"{len(limbs[1])} limbs move from the base {limbs[0]!r}, which is taken as fixed")
         if self._file.gravity not in (None, self.gravity):
             notes.append(f"the file's gravity {self._file.gravity} is ignored; {self.gravity} m/s^2 is used")
         for body in self._arm.chosen:
             if np.isnan(body.theta).any():
-                notes.append(f"body {body.joint.child!r}: the file gives no inertia, only shapes to compute it from")
+                notes.append(f"body {body.name!r}: its inertia follows from meshes, which are not read")
             elif not body.theta.any():
-                notes.append(f"body {body.joint.child!r}: the file gives no inertia")
+                notes.append(f"body {body.name!r}: the file gives no inertia")
             else:
-                notes += [f"body {body.joint.child!r}: {violation}" for violation in consistency_violations(body.theta)]
+                notes += [f"body {body.name!r}: {violation}" for violation in consistency_violations(body.theta)]
         return tuple(f"{self.source}: {note}." for note in notes)
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m, per s and s^2."""
-        pin, model = _pinocchio(), self._model
+        pin, model, arm = _pinocchio(), self._model, self._arm
         data, compute = model.createData(), pin.computeJointTorqueRegressor
-        rows, n = q.shape
-        out = np.empty((rows, n, 10 * n))
-        for position, rate, acceleration, row in zip(*self._ordered(q, dq, ddq), out, strict=True):
+        rows, bodies = len(q), len(arm.bodies)
+        full = np.empty((rows, bodies, 10 * bodies))
+        for position, rate, acceleration, row in zip(*self._moved(q, dq, ddq), full, strict=True):
             row[:] = compute(model, data, position, rate, acceleration)
-        if self._sorted:
-            return out
-        back = np.argsort(self._arm.order)
-        return out.reshape(rows, n, n, 10)[:, back[:, None], back].reshape(rows, n, 10 * n)
+        if self._plain:
+            return full
+        # the torque of a mimic joint acts on its master
+        joints = (arm.drive.T @ full).reshape(rows, len(arm.driven), bodies, 10)
+        return joints[:, :, arm.listed].reshape(rows, len(arm.driven), 10 * len(arm.listed))
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not.
@@ -187,8 +201,7 @@ class RigidBodies:
         slopes = self._slopes(q, dq, ddq, stand_in)
         if surplus.any():
             slopes -= self._slopes(q, dq, ddq, surplus)
-        back = np.argsort(self._arm.order)
-        return Partials(*slopes[:, :, back[:, None], back])
+        return Partials(*(self._arm.drive.T @ slopes @ self._arm.drive))
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), by the recursion, for any theta (10 n), physical or not."""
@@ -196,7 +209,7 @@ class RigidBodies:
         tau = self._recursion(q, dq, ddq, stand_in)
         if surplus.any():
             tau -= self._recursion(q, dq, ddq, surplus)
-        return tau[:, np.argsort(self._arm.order)]
+        return np.asarray(tau @ self._arm.drive)
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
@@ -204,8 +217,9 @@ class RigidBodies:
         return replace(self, gravity=(x, y, z))
 
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
-        """Return bodies (n, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
-        values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
+        """Return bodies (B, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
+        values = np.zeros((len(self._arm.bodies), 10))
+        values[self._arm.listed] = np.asarray(theta, dtype=float).reshape(-1, 10)
         stand_in, surplus = values.copy(), np.zeros_like(values)
         # a centre of mass more than 1 m from the joint along an axis loses digits
         stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
@@ -215,20 +229,21 @@ class RigidBodies:
         return stand_in, surplus
 
     def _slopes(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
-        """Return the derivatives (3, N, n, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        """Return the derivatives (3, N, B, B) in Pinocchio's order, for bodies (B, 10) without negative masses."""
         pin, model = _pinocchio(), self._filled(values)
         data = model.createData()
-        out = np.empty((3, *q.shape, q.shape[1]))
-        for i, state in enumerate(zip(*self._ordered(q, dq, ddq), strict=True)):
+        count = len(values)
+        out = np.empty((3, len(q), count, count))
+        for i, state in enumerate(zip(*self._moved(q, dq, ddq), strict=True)):
             out[:, i] = pin.computeRNEADerivatives(model, data, *state)
         return out
 
     def _recursion(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
-        """Return the torque (N, n) in Pinocchio's order, for bodies (n, 10) without negative masses."""
+        """Return the torque (N, B) in Pinocchio's order, for bodies (B, 10) without negative masses."""
         model = self._filled(values)
         data, compute = model.createData(), _pinocchio().rnea
-        out = np.empty(q.shape)
-        for position, rate, acceleration, row in zip(*self._ordered(q, dq, ddq), out, strict=True):
+        out = np.empty((len(q), len(values)))
+        for position, rate, acceleration, row in zip(*self._moved(q, dq, ddq), out, strict=True):
             row[:] = compute(model, data, position, rate, acceleration)
         return out
 
@@ -240,13 +255,13 @@ class RigidBodies:
             model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(body) if body[0] else pin.Inertia.Zero()
         return model
 
-    def _ordered(self, *states: Array) -> list[Array]:
-        return [
-            np.ascontiguousarray(state if self._sorted else state[:, self._arm.order], dtype=float) for state in states
-        ]
+    def _moved(self, *states: Array) -> list[Array]:
+        """Return the states (N, B) of the bodies, in Pinocchio's order."""
+        states = states if self._plain else self._arm.moved(*states)
+        return [np.ascontiguousarray(state, dtype=float) for state in states]
 
     def _nominal(self, key: str) -> dict[str, float]:
-        return {body.joint.name: body.joint.nominal[key] for body in self._arm.chosen if key in body.joint.nominal}
+        return {joint.name: joint.nominal[key] for joint in self._driven if key in joint.nominal}
 
     @cached_property
     def _file(self) -> RobotFile:
@@ -257,9 +272,15 @@ class RigidBodies:
         return assemble(self._file, self.joints_used, dict(self.locked))
 
     @cached_property
-    def _sorted(self) -> bool:
-        """Whether the joints were chosen in the order of the bodies."""
-        return bool((np.diff(self._arm.order) > 0).all())
+    def _plain(self) -> bool:
+        """Whether each body has its parameters and a joint of its own, in the order of the bodies."""
+        arm = self._arm
+        return arm.listed == list(arm.driven) == list(range(len(arm.bodies)))
+
+    @property
+    def _driven(self) -> list[RobotJoint]:
+        """The joints, in the chosen order."""
+        return [self._arm.bodies[k].joint for k in self._arm.driven]
 
     @cached_property
     def _model(self) -> Any:
@@ -283,6 +304,7 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
     if root.tag not in READERS:
         raise ModelError(
             f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
+            f"{SDF if root.tag == 'sdf' else ''}"
         )
     return READERS[root.tag](root, source)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynident.checks import notes, reading_words
+from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report.wording import words
 
@@ -84,10 +85,26 @@ def _(note: notes.NoMass) -> str:
 
 
 @words.register
+def _(note: notes.FloatingBase) -> str:  # noqa: ARG001
+    return (
+        "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. Record with "
+        "the base clamped, as what it feels of a moving one is not modelled."
+    )
+
+
+@words.register
+def _(note: notes.SeveralLimbs) -> str:
+    return (
+        f"{len(note.joints)} limbs move from the base {note.base!r}, which is taken as fixed "
+        f"({listed(note.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
+    )
+
+
+@words.register
 def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
     return (
-        "the file gives no inertia, only shapes to compute it from, which dynident does not do; save the compiled "
-        "model from MuJoCo, which writes the inertia out."
+        "its inertia follows from meshes or height fields, which are not read; save the compiled model from MuJoCo "
+        "with <compiler saveinertial='true'/>, which writes the inertia out."
     )
 
 

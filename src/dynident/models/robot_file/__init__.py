@@ -1,7 +1,7 @@
 """Robot files: from the text of a URDF or MJCF to links and joints, and from these to moving bodies."""
 
 from dynident.models.robot_file.arm import Arm, ArmBody, assemble
-from dynident.models.robot_file.mjcf import read_mjcf
+from dynident.models.robot_file.mjcf import UNNAMED, read_mjcf
 from dynident.models.robot_file.urdf import read_urdf
 from dynident.models.robot_file.xml import (
     HUGE,
@@ -25,6 +25,7 @@ from dynident.models.robot_file.xml import (
 
 __all__ = [
     "HUGE",
+    "UNNAMED",
     "Arm",
     "ArmBody",
     "Coupled",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.models.robot_file.xml import angles, numbers, rotation, unit
 
-__all__ = ["ANGULAR", "ORIENTATIONS", "orientation"]
+__all__ = ["ANGULAR", "ORIENTATIONS", "orientation", "upward"]
 
 Array = NDArray[np.float64]
 ORIENTATIONS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}  # with the count of their numbers
@@ -33,7 +33,7 @@ def orientation(key: str, attributes: Mapping[str, str], where: str, degrees: bo
         x = unit(values[:3], where)
         y = unit(values[3:] - (values[3:] @ x) * x, where)
         return np.column_stack([x, y, np.cross(x, y)])
-    return _zaxis(unit(values, where))
+    return upward(unit(values, where))
 
 
 def _quat(values: Array, where: str) -> Array:
@@ -43,8 +43,8 @@ def _quat(values: Array, where: str) -> Array:
     return rotation(values[1:] / half if half else UP, 2 * float(np.arctan2(half, values[0])))
 
 
-def _zaxis(z: Array) -> Array:
-    """Return the shortest rotation that takes the z axis to ``z``."""
+def upward(z: Array) -> Array:
+    """Return the shortest rotation (3, 3) that takes the z axis to the unit vector ``z`` (3)."""
     sine = np.cross(UP, z)
     size = float(np.linalg.norm(sine))
     return rotation(sine / size if size else np.array([1.0, 0.0, 0.0]), float(np.arctan2(size, z[2])))

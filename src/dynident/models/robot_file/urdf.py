@@ -7,6 +7,7 @@ mass, in a frame that may be rotated against the link's.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 from xml.etree.ElementTree import Element
 
@@ -42,6 +43,7 @@ KINDS: dict[str, Kind] = {
     "floating": "fixed",
     "planar": "fixed",
 }
+FREE = ("floating", "planar")
 TENSOR = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
 
 
@@ -59,11 +61,22 @@ def read_urdf(root: Element, source: str) -> RobotFile:
     if any(parent.get("link") == WORLD for parent in root.findall("joint/parent")):
         inertias.setdefault(WORLD, np.zeros(10))
     found = tuple(_joint(joint, inertias, source) for joint in joints)
-    names = {joint.name for joint in found}
-    for joint in found:
-        if joint.follows:
-            known(joint.follows[0], names, f"{source}, <mimic> of joint {joint.name!r}")
+    found = _checked_mimics(found)
     return RobotFile("urdf", source, _root(found, list(inertias), source), inertias, found, notes=_corrected(joints))
+
+
+def _checked_mimics(joints: tuple[RobotJoint, ...]) -> tuple[RobotJoint, ...]:
+    """Refuse the use of a joint that mimics one that the file does not have; fixed joints follow nothing."""
+    names, out = {joint.name: None for joint in joints}, []
+    for joint in joints:
+        master = joint.follows[0] if joint.follows else ""
+        if joint.kind == "fixed":
+            joint = replace(joint, follows=None)
+        elif joint.follows and master not in names:
+            reason = f"it mimics {master!r}, and the file has no joint {master!r}: {choices(master, names)}"
+            joint = replace(joint, follows=None, refusal=reason.rstrip("."))
+        out.append(joint)
+    return tuple(out)
 
 
 def _corrected(joints: Sequence[Element]) -> tuple[str, ...]:
@@ -151,7 +164,8 @@ def _joint(element: Element, links: Collection[str], source: str) -> RobotJoint:
         limits=_limits(element.find("limit"), type_, where),
         nominal=_nominal(element.find("dynamics"), where),
         follows=_follows(element.find("mimic"), where),
-        refusal=f"it is a {type_} joint, which has several coordinates" if type_ in ("floating", "planar") else "",
+        refusal=f"it is a {type_} joint, which has several coordinates" if type_ in FREE else "",
+        free=type_ in FREE,
     )
 
 

@@ -56,8 +56,9 @@ class RobotJoint:
     """A joint between two links: at position q the child's frame in the parent's is ``placement`` @ motion(q).
 
     ``placement`` (4, 4) in m; ``axis`` (3) is a unit vector in the child's frame. ``refusal`` is the reason why the
-    joint cannot be a moving one. ``follows`` is (joint, multiplier, offset) of a mimic joint. ``nominal`` holds the
-    file's damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or kg).
+    joint cannot be a moving one; ``free``: it has several coordinates. ``follows`` is (joint, multiplier, offset) of a
+    mimic joint. ``nominal`` holds the file's damping (N m s/rad or N s/m), friction (N m or N) and armature (kg m^2 or
+    kg).
     """
 
     name: str
@@ -70,6 +71,7 @@ class RobotJoint:
     nominal: Mapping[str, float] = field(default_factory=dict)
     follows: tuple[str, float, float] | None = None
     refusal: str = ""
+    free: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ class RobotFile:
     """A tree of links from ``root``: ``links`` maps names to inertial parameters (10) in the link's frame, or None
     where the file leaves them to be computed from shapes. ``joints`` are in the order of the file. ``gravity`` (3) in
     m/s^2 is None where the file gives none; ``notes`` say what is ignored. ``origins`` (3), in m, are the origins of
-    the link frames used here in those of the file, where they differ (MJCF: at the joint's anchor).
+    the link frames used here in those of the file, where they differ (MJCF: at the joint's anchor). ``massless`` are
+    links that the file does not have: between the joints of one body.
     """
 
     format: Literal["urdf", "mjcf"]
@@ -105,8 +108,26 @@ class RobotFile:
     gravity: tuple[float, ...] | None = None
     notes: tuple[str, ...] = ()
     origins: Mapping[str, Array] = field(default_factory=dict)
+    massless: tuple[str, ...] = ()
 
     __repr__ = brief
+
+    @property
+    def floating(self) -> tuple[str, ...]:
+        """The joints with several coordinates that carry the whole robot, such as a free joint of the trunk."""
+        return tuple(joint.name for joint in self.joints if joint.free and joint.parent == self.root)
+
+    def limbs(self, moving: Collection[str]) -> tuple[str, tuple[str, ...]] | None:
+        """Return the link that several of the ``moving`` joints have as their base, with these, where it has a mass."""
+        base = [self.root]
+        below: dict[str, list[RobotJoint]] = {}
+        for joint in self.joints:
+            below.setdefault(joint.parent, []).append(joint)
+        for link in base:
+            base += [joint.child for joint in below.get(link, []) if joint.kind == "fixed"]
+        found = [joint for link in base for joint in below.get(link, []) if joint.name in moving]
+        heavy = [link for link in base if (theta := self.links[link]) is not None and theta[0] > 0]
+        return (heavy[0], tuple(joint.name for joint in found)) if heavy and len(found) > 1 else None
 
 
 def parse(xml: str, source: str) -> Element:
@@ -131,8 +152,8 @@ def parse(xml: str, source: str) -> Element:
             )
         if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):
             raise ModelError(
-                f"{source}, line {parser.CurrentLineNumber}: <{tag}> needs xacro; expand the file first with "
-                "`xacro robot.urdf.xacro > robot.urdf`."
+                f"{source}, line {parser.CurrentLineNumber}: <{tag}> needs xacro; let the file's name end in "
+                ".xacro, or expand it first with `xacro robot.urdf.xacro > robot.urdf`."
             )
         builder.start(tag, attributes)
 

@@ -1,0 +1,50 @@
+"""Messages name keys that exist."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import dynident
+from dynident.io.families import EXPORTERS
+from dynident.io.schema import config_schema, result_schema
+
+SOURCE = Path(__file__).parents[2] / "src" / "dynident"
+OTHER = {"S", "numpy_source"}  # a keyword of the spline, a method of a term
+
+
+def quoted() -> Iterator[tuple[str, str]]:
+    """The identifiers in backticks of all errors raised, with their file: `key`, or `key: value`."""
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and node.exc is not None:
+                texts = [
+                    x.value for x in ast.walk(node.exc) if isinstance(x, ast.Constant) and isinstance(x.value, str)
+                ]
+                for word in re.findall(r"`([a-zA-Z_]\w*)(?:: \w+)?`", " ".join(texts)):
+                    yield path.name, word
+
+
+def keys(schema: Any) -> Iterator[str]:
+    if isinstance(schema, dict):
+        yield from schema.get("properties", {})
+        for value in schema.values():
+            yield from keys(value)
+    elif isinstance(schema, list):
+        for value in schema:
+            yield from keys(value)
+
+
+def test_every_key_that_an_error_names_exists() -> None:
+    known = {*keys(config_schema()), *keys(result_schema()), *dynident.__all__, *EXPORTERS.table, *OTHER}
+    for name in dynident.__all__:
+        if callable(public := getattr(dynident, name)) and not inspect.isclass(public):
+            known |= set(inspect.signature(public).parameters)
+    found = list(quoted())
+    assert len(found) > 20
+    assert {(file, word) for file, word in found if word not in known} == set()
+    assert "joints_used" not in known

@@ -296,7 +296,7 @@ WRONG = {
     "value": ({"kind": "sg.py:SavitzkyGolay", "order": 2.5}, ("smoother: order: a whole number is expected; got 2.5",)),
     "fails": ({"kind": "bad.py:A"}, ("bad.py failed at", "bad.py:2: ZeroDivisionError")),
     "long": ({"kind": "x" * 5000 + ".py:A"}, ("File name too long",)),
-    "NUL": ({"kind": "a\0.py:A"}, ("File name too long",)),
+    "NUL": ({"kind": "a\0.py:A"}, ("is no name of a file",)),
     "reserved": ({"kind": "sg.py:Reserved"}, ("Reserved.kind: no setting can have this name",)),
     "private": ({"kind": "sg.py:Private"}, ("Private._width: no setting can have this name",)),
     "no name": ({"kind": "sg.py:"}, ("has no class ''",)),

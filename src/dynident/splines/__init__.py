@@ -2,6 +2,7 @@
 
 from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
+from dynident.splines.spikes import bridged, spikes
 from dynident.splines.spline import SmoothingSpline, smooth
 
 __all__ = [
@@ -13,9 +14,11 @@ __all__ = [
     "Interpolation",
     "Rule",
     "SmoothingSpline",
+    "bridged",
     "median_sigma",
     "noise_sigma",
     "rule_named",
     "smooth",
+    "spikes",
     "steady_noise",
 ]

@@ -59,6 +59,7 @@ class RecipePart(Part):
     time_offset: float
     base_tilt: tuple[float, float] | None
     restart: float | None
+    outliers: Literal["mask", "keep"] = "keep"
 
 
 class ParameterPart(Part):

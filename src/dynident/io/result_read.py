@@ -174,6 +174,7 @@ def _recipe(given: RecipePart, folder: Path | None, source: str) -> Recipe:
         given.time_offset,
         given.base_tilt,
         given.restart,
+        given.outliers,
     )
 
 

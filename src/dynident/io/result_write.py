@@ -89,6 +89,7 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
         "time_offset": recipe.time_offset,
         "base_tilt": recipe.base_tilt,
         "restart": recipe.restart,
+        "outliers": recipe.outliers,
     }
 
 

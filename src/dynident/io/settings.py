@@ -220,6 +220,7 @@ class Config(Section):
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
     delay: Number | Literal["estimate"] = "estimate"
+    outliers: Literal["mask", "keep"] = "mask"
     simulation: Simulation | None = None
 
 

@@ -60,6 +60,7 @@ class RecipeFields(TypedDict, total=False):
     time_offset: float | Literal["estimate"]
     base_tilt: tuple[float, float] | Literal["estimate"] | None
     restart: float | None
+    outliers: Literal["mask", "keep"]
 
 
 def default_recipe(model: Model) -> Recipe:

@@ -2,7 +2,7 @@
 
 from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
-from dynident.splines.spikes import bridged, spikes
+from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
 from dynident.splines.spline import SmoothingSpline, smooth
 
 __all__ = [
@@ -13,8 +13,10 @@ __all__ = [
     "Fixed",
     "Interpolation",
     "Rule",
+    "WIDEST",
     "SmoothingSpline",
     "bridged",
+    "frozen",
     "median_sigma",
     "noise_sigma",
     "rule_named",

@@ -1,19 +1,22 @@
-"""Spikes of a sampled signal: a few samples that neither what comes before nor what comes after leads up to."""
+"""Spikes and frozen stretches of a sampled signal: samples that nothing on one side, or on either, leads up to."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.splines.noise import median_sigma
 
-__all__ = ["WIDEST", "bridged", "spikes"]
+__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 WIDEST = 5  # samples of the longest spike
+LONG = 10  # samples of the shortest frozen stretch
 SIDE = 8  # samples on each side that say where the signal should be
 LIKELY = 3.5  # deviations of the second difference from which a sample is looked at
 CLEAR = 7.0  # deviations from what both sides together predict: of a normal distribution, one in 4e11
@@ -25,7 +28,6 @@ REPEATS = 0.001  # share of equal neighbours from which on values are rounded, o
 STEEP = 2 / 3  # share of the height of a spike by which it starts and ends at once
 HIGH = 2.0  # steps of such values that a spike is high
 FINE = 20  # percentile of the steps of such values that is about an increment
-RESOLVED = 1e-6  # of the range: smaller steps are no increments of an encoder
 EVEN = 1e-6  # of the step: stamps that vary less are even
 
 
@@ -43,6 +45,37 @@ def spikes(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     if len(times) < 4 * SIDE:
         return np.zeros(data.shape, dtype=bool)
     return np.stack([_all(times, column, clear) for column in columns.T], axis=1).reshape(data.shape)
+
+
+def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
+    """Return which values of x (N,) or (N, n), at increasing times t (N), belong to a frozen stretch.
+
+    That is one of at least 10 equal values, at one end of which the value jumps: it stands out from a parabola through
+    the samples beyond by ``clear`` times the usual deviation, and by twice the largest step there. What comes to rest
+    does not jump.
+    """
+    times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
+    columns = data.reshape(len(times), -1)
+    found = np.zeros(columns.shape, dtype=bool)
+    for j, column in enumerate(columns.T):
+        equal = np.concatenate(([False], np.diff(column) == 0, [False]))
+        edges = np.flatnonzero(np.diff(equal.astype(np.int8)))
+        runs = [(a, b + 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b + 1 - a >= LONG]
+        if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
+            usual = _usual(times, column)
+            for start, stop in runs:
+                ends = _ends(times, column, start, stop)
+                found[start:stop, j] = any(off > max(clear * usual, HIGH * pace) for off, pace in ends)
+    return found.reshape(data.shape)
+
+
+def _ends(t: Array, x: Array, start: int, stop: int) -> Iterator[tuple[float, float]]:
+    """Yield for each end of a stretch how far its value is from a parabola through the samples beyond, and their
+    largest step."""
+    for known, end in ((np.arange(start - SIDE, start), start), (np.arange(stop, stop + SIDE), stop - 1)):
+        if known[0] >= 0 and known[-1] < len(t):
+            off = _off(t, x, known[None], np.array([[end]]), 2)
+            yield float(np.abs(off[0, 0])), float(np.abs(np.diff(x[known])).max())
 
 
 def bridged(t: Array, x: Array, gone: Mask) -> Array:
@@ -120,10 +153,14 @@ def _standing_out(
 def _usual(t: Array, x: Array) -> float:
     """Return the usual deviation of a sample from a cubic through its neighbours, at least a third of an increment."""
     probes = np.unique(np.linspace(SIDE, len(t) - SIDE - 1, PROBES).astype(int))
-    steps = np.abs(np.diff(x))
-    least = float(steps[steps > RESOLVED * np.ptp(x)].min(initial=np.inf)) / 3
     usual = float(median_sigma(_inside(t, x, probes, 1)[0][:, 0]))
-    return max(usual, least if np.isfinite(least) else 0.0, 1e-12 * float(np.abs(x).max()))
+    return max(usual, _increment(x) / 3, 1e-12 * float(np.abs(x).max()))
+
+
+def _increment(x: Array) -> float:
+    """Return about the step of the grid on which values lie that repeat, zero where they do not."""
+    steps = np.abs(np.diff(x))
+    return float(np.percentile(steps[steps > 0], FINE)) if steps.any() and np.mean(steps == 0) > REPEATS else 0.0
 
 
 def _paces(x: Array) -> tuple[Array, Array]:
@@ -133,11 +170,10 @@ def _paces(x: Array) -> tuple[Array, Array]:
     """
     from scipy.ndimage import maximum_filter1d
 
-    steps = np.abs(np.diff(x, prepend=x[0]))
-    if np.mean(steps[1:] == 0) < REPEATS:
+    increment = _increment(x)
+    if not increment:
         return np.zeros(len(x)), np.zeros(len(x))
-    increment = float(np.percentile(steps[steps > 0], FINE)) if steps.any() else 0.0
-    most = np.maximum(maximum_filter1d(steps, SIDE, origin=(SIDE - 1) // 2), increment)
+    most = np.maximum(maximum_filter1d(np.abs(np.diff(x, prepend=x[0])), SIDE, origin=(SIDE - 1) // 2), increment)
     return most, np.append(most[SIDE:], most[-SIDE:])
 
 

@@ -19,7 +19,7 @@ from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Us
 from dynident.log import Motion, subsample
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, relative_error
+from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, repeat_of
 
 __all__ = ["judge"]
 
@@ -30,7 +30,7 @@ UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter m
 JOINT = 25.0  # %, the same of one joint
 SMALL = 1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
 GAP = 2.0  # held-out error over training error
-REPEAT = 10.0  # %, torques of two logs that differ by less are of the same motion
+REPEAT, SAME = 10.0, 3.0  # %, torques and positions of two logs that differ by less are of the same motion
 MISSING = 0.25  # share of the base parameters that the data may leave out
 LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the controller; from the measured torque
 UNSURE = 0.3  # standard error over value from which a parameter wants better data
@@ -69,7 +69,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield why.NoHoldOut()
-    again = {a.name: b.name for a in held for b in train if _repeat(a.motion, b.motion)}
+    again = {a.name: b.name for a in held for b in train if _repeats(a.motion, b.motion)}
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]
@@ -256,11 +256,7 @@ def _unexcited(found: Identification) -> tuple[int, int]:
     return max(found.base.structural.rank - found.base.on_data.rank, 0), found.base.structural.rank
 
 
-def _repeat(one: Motion, other: Motion) -> bool:
-    """Return whether the torques of two motions are the same, compared from their starts."""
-    t = one.t - one.t[0]
-    use = one.mask & (t <= other.t[-1] - other.t[0])
-    if use.sum() < max(0.5 * one.mask.sum(), 10):
-        return False
-    twin = np.column_stack([np.interp(t[use], other.t - other.t[0], column) for column in other.tau.T])
-    return relative_error(one.tau[use], twin) < REPEAT
+def _repeats(one: Motion, other: Motion) -> bool:
+    """Return whether two motions are the same, at any lag."""
+    found = repeat_of(one, other)
+    return found.torque < REPEAT and found.position < SAME

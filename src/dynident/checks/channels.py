@@ -84,7 +84,8 @@ def check_log(
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     clock = list(units.time_unit(log))
-    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock, *jumps(log)]
+    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock]
+    findings += [found for found in jumps(log) if found.topic is Topic.WRAPPED]
     wrapped = [found.joint for found in findings if found.topic is Topic.WRAPPED]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
@@ -108,6 +109,7 @@ def check_log_fully(
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
         found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
+        found += [one for one in jumps(log) if one.topic is Topic.JUMP]
         found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
     return tuple(replace(finding, source=log.source) for finding in found)
 

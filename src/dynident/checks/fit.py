@@ -68,7 +68,9 @@ def _under(model: Model, share: float) -> Model:
 
 
 def slow_findings(
-    model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None  # noqa: ARG001
+    model: Model,
+    motions: Sequence[Motion],
+    min_speed: tuple[float, ...] | None = None,  # noqa: ARG001
 ) -> Iterator[Finding]:
     """Yield where accelerations explain less of every joint's torque than a third of what the fit leaves."""
     small = thin(model, motions)
@@ -76,9 +78,7 @@ def slow_findings(
     tau = np.concatenate([one.tau[mask] for one, mask in zip(small, use, strict=True)])
     size = np.sqrt(np.mean(tau**2, axis=0))
     weight = 1 / np.where(size > 0, size, np.inf)
-    whole, still = (
-        _left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0)
-    )
+    whole, still = (_left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0))
     share = np.sqrt(np.maximum(still**2 - whole**2, 0.0))
     told = size > 0
     if told.any() and (share[told] < WEAK * whole[told]).all():

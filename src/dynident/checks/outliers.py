@@ -32,12 +32,12 @@ MANY = 0.3  # share of straight samples that no measurement has
 
 def jumps(log: Log) -> Iterator[Finding]:
     """Yield where a position jumps and stays: an error where it wraps, else a warning."""
-    seen = suspects(log)
-    bad = seen.position_spikes | seen.position_frozen
     for j, name in enumerate(log.joints):
         q = log.q[:, j]
         at = _jumps(q)
-        at = at[~bad[at, j] & ~bad[at + 1, j]]
+        if len(at):
+            bad = suspects(log).position_spikes[:, j] | suspects(log).position_frozen[:, j]
+            at = at[~bad[at] & ~bad[at + 1]]
         if not len(at):
             continue
         size, row = np.abs(np.diff(q))[at], int(at[0])
@@ -129,5 +129,7 @@ def _of_log(log: Log, found: TorqueOutliers, masked: bool, held_out: bool) -> It
             yield Finding(Severity.WARNING, name, notes.FrozenTorque(*span, masked, held_out), Topic.FROZEN_TORQUE)
         for value in np.unique(tau[found.clipped[:, j]]):
             rows = np.flatnonzero(found.clipped[:, j] & (tau == value))
-            clipped = notes.ClippedTorque(len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out)
+            clipped = notes.ClippedTorque(
+                len(rows), float(value), int(rows[0]), float(log.t[rows[0]]), masked, held_out
+            )
             yield Finding(Severity.WARNING, name, clipped, Topic.CLIPPED)

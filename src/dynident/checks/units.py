@@ -27,7 +27,7 @@ SPEEDS = (0.01, 40.0)  # rad/s, m/s, of motions that show dynamics
 LAG = 0.02  # s, over which a speed is taken, if that is over four samples
 FAR, FAST = 20.0, 20.0  # m, m/s: beyond, a length is in millimetres
 NARROW = 0.3  # rad: where all joints move less, their angles may be radians declared as degrees
-BETTER = 0.7  # of the error: a smaller one tells the unit
+BETTER = 0.95  # of the error: a smaller one tells the unit
 SAMPLES = 3000  # of all motions, for a fit that only compares
 
 

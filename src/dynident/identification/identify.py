@@ -137,9 +137,7 @@ def _masked(
 ) -> dict[str, Motion]:
     """Return the motions of the training with what is wrong of their torques left out of the fit."""
     found = torque_outliers(model, tuple(motions.values()), tuple(logs.values()), min_speed)
-    return {
-        name: without(motion, one, logs[name]) for (name, motion), one in zip(motions.items(), found, strict=True)
-    }
+    return {name: without(motion, one, logs[name]) for (name, motion), one in zip(motions.items(), found, strict=True)}
 
 
 def _mounted(

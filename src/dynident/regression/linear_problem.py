@@ -217,7 +217,9 @@ class Regression:
 
     def _rows(self, motion: Motion, rows: slice) -> RegressorBlock:
         q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        return RegressorBlock(self.model.regressor(q, dq, ddq), motion.tau[rows], fitted_rows(motion, self.min_speed, rows))
+        return RegressorBlock(
+            self.model.regressor(q, dq, ddq), motion.tau[rows], fitted_rows(motion, self.min_speed, rows)
+        )
 
 
 def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:

@@ -21,7 +21,9 @@ def _at(rows: Sequence[int], times: Sequence[float], count: int) -> str:
 
 def _what(masked: bool, held_out: bool) -> str:
     if held_out:
-        return "The error on this log counts them as measured; correct them in the file, or leave them out with a window."
+        return (
+            "The error on this log counts them as measured; correct them in the file, or leave them out with a window."
+        )
     return "They are left out of the fit." if masked else "They are in the fit: `outliers: mask` leaves them out."
 
 

@@ -7,4 +7,15 @@ from dynident.smoothers.smoother import BY_JOINT, Smoother, ends_mask
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import TimeShifted, unshifted
 
-__all__ = ["BY_JOINT", "Butterworth", "Difference", "Smoother", "Spline", "TimeShifted", "ends_mask", "motion_of", "repaired", "unshifted"]
+__all__ = [
+    "BY_JOINT",
+    "Butterworth",
+    "Difference",
+    "Smoother",
+    "Spline",
+    "TimeShifted",
+    "ends_mask",
+    "motion_of",
+    "repaired",
+    "unshifted",
+]

@@ -22,7 +22,7 @@ FEW = 0.01  # share of a joint's samples: if more are spikes, they belong to the
 SOME = 0.25  # the same of frozen positions
 MANY = 0.5  # the same of frozen and clipped torques, which the others tell to be wrong
 CLIPPED = 10  # least number of values at exactly the largest or smallest
-AT_ONCE = 3  # of which so many follow each other
+AT_ONCE, OFTEN = 3, 2  # of which so many follow each other, so often
 MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the bridge
 
 
@@ -79,8 +79,8 @@ def _clipped(tau: NDArray[np.float64]) -> Mask:
     for j, column in enumerate(tau.T):
         for extreme in {float(column.min()), float(column.max())} - {0.0}:
             at = column == extreme
-            runs = np.lib.stride_tricks.sliding_window_view(at, AT_ONCE) if len(at) >= AT_ONCE else at[:0, None]
-            if at.sum() >= CLIPPED and not at.all() and runs.all(axis=1).any():
+            lengths = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0])))))[::2]
+            if at.sum() >= CLIPPED and not at.all() and (lengths >= AT_ONCE).sum() >= OFTEN:
                 found[:, j] |= at
     return found
 

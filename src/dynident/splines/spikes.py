@@ -21,8 +21,9 @@ SIDE = 8  # samples on each side that say where the signal should be
 LIKELY = 3.5  # deviations of the second difference from which a sample is looked at
 CLEAR = 7.0  # deviations from what both sides together predict: of a normal distribution, one in 4e11
 EDGE = 4.0  # the same from what one side alone predicts, which is less certain
-BLOCK = 100  # samples over which the noise is taken as constant
+BLOCK = 50  # samples over which the noise is taken as constant
 PROBES = 2000  # samples that show the usual deviation
+NEARBY = 0.65  # noise over that of the second difference, sqrt(2/3), less as the largest of three blocks is taken
 ROUNDS = 3  # a large spike hides a small one nearby
 REPEATS = 0.001  # share of equal neighbours from which on values are rounded, or read less often than logged
 STEEP = 2 / 3  # share of the height of a spike by which it starts and ends at once
@@ -101,8 +102,8 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
 def _line(t: Array, x: Array, at: float) -> tuple[float, float]:
     """Return value and slope at a time of the parabola through samples."""
     scale = float(np.ptp(t))
-    a, b, c = np.polyfit((t - at) / scale, x, 2) if len(t) > 3 else (0.0, *np.polyfit((t - at) / scale, x, 1))
-    return float(c), float(b) / scale
+    slope, value = np.polyfit((t - at) / scale, x, 2 if len(t) > 3 else 1)[-2:]
+    return float(value), float(slope) / scale
 
 
 def _all(t: Array, x: Array, clear: float) -> Mask:
@@ -120,14 +121,14 @@ def _all(t: Array, x: Array, clear: float) -> Mask:
 def _once(t: Array, x: Array, clear: float) -> Mask:
     """Return the spikes that can be told with the others still there."""
     found = np.zeros(len(t), dtype=bool)
-    starts, paces = _candidates(t, x), _paces(x)
+    paces, (starts, nearby) = _paces(x), _candidates(t, x)
     even, steps = np.arange(len(t), dtype=float), np.diff(t)
     axes = [even] if np.ptp(steps) < EVEN * float(steps.mean()) else [even, t]
     usual = [_usual(axis, x) for axis in axes]
     for width in range(1, WIDEST + 1):
         first = starts[(starts >= SIDE) & (starts + width + SIDE <= len(t))]
         for axis, deviation in zip(axes, usual, strict=True):
-            first = _standing_out(axis, x, first, width, deviation, clear, paces)
+            first = _standing_out(axis, x, first, width, np.maximum(deviation, nearby[first]), clear, paces)
         for k in first:
             if not found[k : k + width].any():  # a narrower one is a better account of it
                 found[k : k + width] = True
@@ -135,15 +136,15 @@ def _once(t: Array, x: Array, clear: float) -> Mask:
 
 
 def _standing_out(
-    t: Array, x: Array, first: Rows, width: int, usual: float, clear: float, paces: tuple[Array, Array]
+    t: Array, x: Array, first: Rows, width: int, usual: Array, clear: float, paces: tuple[Array, Array]
 ) -> Rows:
-    """Return the starts of spikes of that width, of those given, where the deviation is usually that large."""
+    """Return the starts of spikes of that width, of those given, where the deviation (K) is usually that large."""
     left, right = _aside(t, x, first, width)
     jump = np.minimum(np.abs(left), np.abs(right))
     sure = (jump > EDGE * usual) & (left * right > 0)
-    first, left, jump = first[sure], left[sure], jump[sure]
+    first, left, jump, usual = first[sure], left[sure], jump[sure], usual[sure]
     off, rough = _inside(t, x, first, width)
-    same = (off * np.sign(left)[:, None] > EDGE * usual).all(axis=1)
+    same = (off * np.sign(left)[:, None] > EDGE * usual[:, None]).all(axis=1)
     high = np.abs(off).max(axis=1, initial=0.0)
     pace = np.maximum(paces[0][first - 1], paces[1][first + width])
     clearly = high > np.maximum(clear * np.maximum(usual, rough), HIGH * pace)
@@ -177,16 +178,19 @@ def _paces(x: Array) -> tuple[Array, Array]:
     return most, np.append(most[SIDE:], most[-SIDE:])
 
 
-def _candidates(t: Array, x: Array) -> Rows:
-    """Return where a spike may start: at or after samples that are far from the line through their neighbours."""
+def _candidates(t: Array, x: Array) -> tuple[Rows, Array]:
+    """Return where a spike may start: at or after samples that are far from the line through their neighbours; and the
+    standard deviation (N) that white noise nearby has, by this distance."""
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     bend = np.concatenate(([0.0], x[1:-1] - (1 - share) * x[:-2] - share * x[2:], [0.0]))
-    count = max(len(t) // BLOCK, 1)
-    parts = np.array_split(bend, count)
-    middle = np.repeat([np.median(part) for part in parts], [len(part) for part in parts])
-    spread = np.repeat([median_sigma(part - np.median(part)) for part in parts], [len(part) for part in parts])
-    rows = np.flatnonzero(np.abs(bend - middle) > LIKELY * np.maximum(spread, 0.1 * np.median(spread)))
-    return np.unique(np.concatenate((rows, rows + 1)))
+    parts = np.array_split(bend, max(len(t) // BLOCK, 1))
+    sizes = [len(part) for part in parts]
+    middle = np.array([np.median(part) for part in parts])
+    spread = np.array([median_sigma(part - np.median(part)) for part in parts])
+    least = np.maximum(spread, 0.1 * np.median(spread))
+    rows = np.flatnonzero(np.abs(bend - np.repeat(middle, sizes)) > LIKELY * np.repeat(least, sizes))
+    around = np.max([np.roll(spread, shift) for shift in (-1, 0, 1)], axis=0)
+    return np.unique(np.concatenate((rows, rows + 1))), np.repeat(NEARBY * around, sizes)
 
 
 def _aside(t: Array, x: Array, first: Rows, width: int) -> tuple[Array, Array]:

@@ -88,7 +88,12 @@ def slow_findings(
 
 
 def _left(
-    model: Model, motions: Sequence[Motion], use: Sequence[Array], tau: Array, weight: Array, acceleration: float
+    model: Model,
+    motions: Sequence[Motion],
+    use: Sequence[NDArray[np.bool_]],
+    tau: Array,
+    weight: Array,
+    acceleration: float,
 ) -> Array:
     """Return what least squares leaves of each torque (n), in % of its rms, with accelerations times a factor."""
     pairs = zip(motions, use, strict=True)

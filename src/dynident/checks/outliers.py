@@ -1,4 +1,4 @@
-"""Findings on outliers: spikes, jumps, frozen, wrapped and interpolated positions; spikes, frozen and clipped torques."""
+"""Findings on outliers: spikes, jumps, frozen or wrapped positions; spikes, frozen and clipped torques."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _jumps(q: Array) -> NDArray[np.intp]:
     inside = np.arange(NEAR, len(steps) - NEAR)
     nearby = np.maximum(before[inside - 1], after[inside + 1])
     least = max(float(np.percentile(steps[steps > 0], 90)), 1e-9 * float(np.ptp(q)))
-    return inside[steps[inside] > JUMP * np.maximum(nearby, least)]
+    return np.asarray(inside[steps[inside] > JUMP * np.maximum(nearby, least)])
 
 
 def position_outliers(log: Log, *, replaced: bool = True) -> Iterator[Finding]:
@@ -115,7 +115,7 @@ def torque_findings(
 def _of_log(log: Log, found: TorqueOutliers, masked: bool, held_out: bool) -> Iterator[Finding]:
     left_out, masked = found.masked, masked and not held_out
     for j, name in enumerate(log.joints):
-        tau, wrong = log.tau[:, j], found.spikes[:, j] | found.frozen[:, j] | found.clipped[:, j]
+        tau, wrong = log.tau[:, j], found.wrong[:, j]
         if (wrong & ~left_out[:, j]).any() and not held_out:
             row = int(np.argmax(wrong))
             many = notes.ManyTorqueOutliers(float(wrong.mean()), row, float(log.t[row]))

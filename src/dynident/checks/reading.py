@@ -103,7 +103,8 @@ def _(note: log_notes.WrongTimeUnit) -> str:
         unit = units[1 / note.factor]
         cure = f"are the stamps in s and declared as {unit}? Set `unit: s`"
     return (
-        f"a rate of {note.rate:.3g} Hz with speeds up to {note.speed:.3g} rad/s or m/s is not that of a robot; with times "
+        f"a rate of {note.rate:.3g} Hz with speeds up to {note.speed:.3g} rad/s or m/s is not that of a "
+        "robot; with times "
         f"{note.factor:g} as long both would be usual: {cure}."
     )
 

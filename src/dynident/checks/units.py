@@ -34,7 +34,7 @@ SAMPLES = 3000  # of all motions, for a fit that only compares
 def time_unit(log: Log) -> Iterator[Finding]:
     """Yield an error where rate and speeds are implausible, and another unit of time makes both usual."""
     step = float(np.median(np.diff(log.t)))
-    speed = max(_speed(log.t, q) for q in log.q.T)
+    speed = float(np.max([_speed(log.t, q) for q in log.q.T]))
     for factor in FACTORS if 1 / step < SLOWEST or 1 / step > FASTEST else ():
         usual = RATES[0] <= 1 / (step * factor) <= RATES[1]
         if usual and SPEEDS[0] <= speed / factor <= SPEEDS[1] and not SPEEDS[0] * 5 <= speed <= SPEEDS[1]:
@@ -58,13 +58,13 @@ def length_unit(t: Array, q: Array) -> Iterator[Finding]:
 def radian_findings(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Iterator[Finding]:
     """Yield where all angles are small, and as degrees that should have been radians explain the torque far better."""
     angles = np.array([joint.kind == "revolute" for joint in model.joints])
-    spans = np.max([np.ptp(one.q, axis=0) for one in motions], axis=0)
+    spans: Array = np.max([np.ptp(one.q, axis=0) for one in motions], axis=0)
     if not angles.any() or spans[angles].max() > NARROW:
         return
     small = thin(model, motions)
     factor = np.where(angles, 180 / np.pi, 1.0)
     large = [replace(one, q=one.q * factor, dq=one.dq * factor, ddq=one.ddq * factor) for one in small]
-    before, after = (least_error(model, one, min_speed) for one in (small, large))
+    before, after = least_error(model, small, min_speed), least_error(model, large, min_speed)
     if after < BETTER * before:
         note = notes.PerhapsRadians(float(spans[angles].max()), before, after)
         yield Finding(Severity.WARNING, None, note, Topic.RADIANS)
@@ -82,4 +82,4 @@ def least_error(model: Model, motions: Sequence[Motion], min_speed: tuple[float,
     size = np.square(factors.factors[:, :, -1]).sum(axis=1)
     weights = 1 / np.sqrt(np.where(size > 0, size, np.inf))
     fit = solve(factors.stacked(weights))
-    return 100.0 * float(np.sqrt(fit.rss / max(np.count_nonzero(size), 1)))
+    return 100.0 * float(np.sqrt(fit.rss / max(int(np.count_nonzero(size)), 1)))

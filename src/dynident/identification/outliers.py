@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ Mask = NDArray[np.bool_]
 ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only tells outliers
 UNEXPLAINED = 0.5  # share of a spike that the model must leave
 FAR = 4.0  # usual residuals by which a frozen torque is wrong, rms over the stretch
+LEAST = 0.01  # of a torque's rms, the least usual residual
 OUTWARD = 2.0  # usual residuals by which the model exceeds a clipped torque, on average
 
 
@@ -53,9 +55,14 @@ class TorqueOutliers:
     __repr__ = brief
 
     @property
+    def wrong(self) -> Mask:
+        """All of them (N, n)."""
+        return np.asarray(self.spikes | self.frozen | self.clipped)
+
+    @property
     def masked(self) -> Mask:
         """The torques (N, n) that a fit leaves out: of joints in which they are few enough to be outliers."""
-        return few(self.spikes, FEW) | few(self.frozen | self.clipped, MANY)
+        return few(self.spikes, FEW) | few(np.asarray(self.frozen | self.clipped), MANY)
 
 
 def torque_outliers(
@@ -69,7 +76,8 @@ def torque_outliers(
 
     Least squares on all other torques predicts the suspects. A spike is wrong where the prediction leaves most of it,
     a frozen stretch where it is off by four times the usual residual, clipped torques where the prediction is beyond
-    them. ``min_speed`` (n) is that of the fit, to the first ``trained`` motions (None: to all). Raises the errors of ``Regression``.
+    them. ``min_speed`` (n) is that of the fit, to the first ``trained`` motions (None: to all).
+    Raises the errors of ``Regression``.
     """
     seen = [suspects(log) for log in logs]
     if not any(one.torques.any() for one in seen):
@@ -99,11 +107,11 @@ def held_out_outliers(judged: Sequence[LogValidation]) -> Iterator[HeldOutOutlie
             continue
         usual = median_sigma((one.motion.tau - one.predicted)[one.motion.mask])
         found = _told(one.motion, seen, one.predicted, usual)
-        wrong = (found.spikes | found.frozen | found.clipped) & one.motion.mask[:, None]
+        wrong: Mask = found.wrong & one.motion.mask[:, None]
         if wrong.any():
             right = one.motion.mask[:, None] & ~wrong
             error = relative_error(one.motion.tau[right], one.predicted[right])
-            joints = tuple(name for name, bad in zip(one.motion.joints, wrong.any(axis=0), strict=True) if bad)
+            joints = tuple(one.motion.joints[j] for j in np.flatnonzero(wrong.any(axis=0)))
             yield HeldOutOutliers(one.name, joints, int(wrong.sum()), one.errors.relative_error, error)
 
 
@@ -114,7 +122,7 @@ def without(motion: Motion, found: TorqueOutliers | None, log: Log) -> Motion:
     """
     if found is None:
         return motion
-    wrong = found.masked
+    wrong: Mask = np.asarray(found.masked)
     left = log.tau - found.torque
     rows = np.arange(len(log))
     filled = [np.interp(rows, rows[~bad], e[~bad]) if bad.any() else e for e, bad in zip(left.T, wrong.T, strict=True)]
@@ -144,6 +152,7 @@ def _torque(model: Model, motion: Motion, theta: Array) -> Array:
 def _told(motion: Motion, seen: Suspects, torque: Array, usual: Array) -> TorqueOutliers:
     """Return the suspects that are wrong."""
     left = motion.tau - torque
+    usual = np.maximum(usual, LEAST * np.sqrt(np.mean(motion.tau**2, axis=0)))
     wrong = [np.zeros(left.shape, dtype=bool) for _ in range(3)]
     for j in range(left.shape[1]):
         spike = seen.torque_spikes[:, j]
@@ -158,11 +167,10 @@ def _told(motion: Motion, seen: Suspects, torque: Array, usual: Array) -> Torque
             at = clipped & (motion.tau[:, j] == extreme)
             if -np.sign(extreme) * np.mean(left[at, j]) > OUTWARD * usual[j]:
                 wrong[2][at, j] = True
-    return TorqueOutliers(seen.torques, *wrong, torque)
+    return TorqueOutliers(seen.torques, wrong[0], wrong[1], wrong[2], torque)
 
 
 def runs(found: Mask, x: Array) -> list[tuple[int, int]]:
     """Return start and stop of each run of what was found (N) with one value of x (N)."""
     change = np.flatnonzero((np.diff(found.astype(np.int8)) != 0) | (np.diff(x) != 0)) + 1
-    edges = [0, *change.tolist(), len(found)]
-    return [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if found[a]]
+    return [(a, b) for a, b in pairwise([0, *change.tolist(), len(found)]) if found[a]]

@@ -44,7 +44,8 @@ class Suspects:
     @cached_property
     def positions(self) -> Mask:
         """The positions (N, n) that are to be replaced: of joints in which they are few enough to be outliers."""
-        return few(self.position_spikes, FEW) | few(self.position_frozen, SOME)
+        found: Mask = np.logical_or(few(self.position_spikes, FEW), few(self.position_frozen, SOME))
+        return found
 
     @cached_property
     def torques(self) -> Mask:
@@ -57,7 +58,7 @@ _SEEN: WeakKeyDictionary[Log, Suspects] = WeakKeyDictionary()
 
 def few(found: Mask, most: float) -> Mask:
     """Return what was found (N, n) in the joints in which its share is at most ``most``."""
-    return found & (found.mean(axis=0) <= most)
+    return np.asarray(found & (found.mean(axis=0) <= most))
 
 
 def suspects(log: Log) -> Suspects:
@@ -96,9 +97,11 @@ def repaired(log: Log, *, torque: bool) -> Log:
     if wrong.any():
         columns = (bridged(log.t, x, gone) for x, gone in zip(log.q.T, wrong.T, strict=True))
         q = np.stack(list(columns), axis=1)
-    lost = _widened(seen.position_frozen & wrong).any(axis=1) | wrong.any(axis=1)
-    out = np.broadcast_to(lost[:, None], wrong.shape) | (seen.torques if torque else False)
-    return replace(log, q=q, keep=~out & (True if log.keep is None else log.keep)) if out.any() else log
+    stuck: Mask = np.asarray(seen.position_frozen & wrong)
+    lost = (_widened(stuck) | wrong).any(axis=1)
+    out = np.broadcast_to(lost[:, None], wrong.shape) | (seen.torques & torque)
+    keep = ~out if log.keep is None else ~out & log.keep
+    return replace(log, q=q, keep=keep) if out.any() else log
 
 
 def _widened(found: Mask) -> Mask:

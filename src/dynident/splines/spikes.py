@@ -148,7 +148,7 @@ def _standing_out(
     high = np.abs(off).max(axis=1, initial=0.0)
     pace = np.maximum(paces[0][first - 1], paces[1][first + width])
     clearly = high > np.maximum(clear * np.maximum(usual, rough), HIGH * pace)
-    return first[same & clearly & (jump > STEEP * high)]
+    return np.asarray(first[same & clearly & (jump > STEEP * high)])
 
 
 def _usual(t: Array, x: Array) -> float:

@@ -26,12 +26,17 @@ def log(scale: float = 1.0, t: np.ndarray = T) -> Log:
     return Log(t, x[:, None], scale * force[:, None], (NAME,))
 
 
+def other() -> Log:
+    x = 0.3 * np.sin(2 * T) * np.cos(T) + 1e-6 * np.random.default_rng(8).standard_normal(len(T))
+    return Log(T, x[:, None], (20 * np.sin(T) * x)[:, None], (NAME,))
+
+
 def topics(found) -> list[str]:
     return [finding.topic for finding in found.findings]
 
 
 def test_a_sound_log_gives_facts_and_no_findings() -> None:
-    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": log()}})
+    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}})
     assert topics(found) == []
     assert not found.failed
     assert found.timings.keys() == found.channels.keys() == {"one", "two"}
@@ -126,7 +131,7 @@ class Counted:
 
 def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     smoother = Counted()
-    logs = {"train": {"one": log(-1.0)}, "validation": {"two": log(-1.0)}}
+    logs = {"train": {"one": log(-1.0)}, "validation": {"two": other()}}
     recipe = Recipe(smoother)
     found = identify(slider(), logs["train"], logs["validation"], recipe)
     before = smoother.count

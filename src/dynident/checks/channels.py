@@ -90,9 +90,7 @@ def check_log(
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
-        slides = kinds[name] == "prismatic" and not clock
         found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
-        found += units.length_unit(log.t, q) if slides else ()
         findings += [replace(finding, joint=name) for finding in found]
     return tuple(findings)
 
@@ -110,6 +108,8 @@ def check_log_fully(
         facts = time.timing(log)
         found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
         found += [one for one in jumps(log) if one.topic is Topic.JUMP]
+        found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
+                  for one in units.length_unit(name, log.t, log.q[:, j])]  # fmt: skip
         found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
     return tuple(replace(finding, source=log.source) for finding in found)
 

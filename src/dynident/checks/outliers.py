@@ -34,7 +34,7 @@ def jumps(log: Log) -> Iterator[Finding]:
     """Yield where a position jumps and stays: an error where it wraps, else a warning."""
     for j, name in enumerate(log.joints):
         q = log.q[:, j]
-        at = _jumps(q)
+        at = _jumps(log.t, q)
         if len(at):
             bad = suspects(log).position_spikes[:, j] | suspects(log).position_frozen[:, j]
             at = at[~bad[at] & ~bad[at + 1]]
@@ -50,11 +50,12 @@ def jumps(log: Log) -> Iterator[Finding]:
             yield Finding(Severity.WARNING, name, jump, Topic.JUMP)
 
 
-def _jumps(q: Array) -> NDArray[np.intp]:
+def _jumps(t: Array, q: Array) -> NDArray[np.intp]:
     """Return the samples after which a position makes a step far larger than all steps near it."""
     from scipy.ndimage import maximum_filter1d
 
-    steps = np.abs(np.diff(q))
+    apart = np.diff(t)
+    steps = np.abs(np.diff(q)) * np.median(apart) / apart  # lost samples are no jump
     if len(steps) < 4 * NEAR or not steps.any():
         return np.empty(0, dtype=int)
     before = maximum_filter1d(steps, NEAR, origin=(NEAR - 1) // 2)

@@ -48,11 +48,11 @@ def _speed(t: Array, q: Array) -> float:
     return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
 
 
-def length_unit(t: Array, q: Array) -> Iterator[Finding]:
-    """Yield an error where a sliding joint moves as far, or as fast, as if it were in millimetres."""
+def length_unit(joint: str, t: Array, q: Array) -> Iterator[Finding]:
+    """Yield a warning where a sliding joint moves as far, or as fast, as if it were in millimetres."""
     span, speed = float(np.ptp(q)), _speed(t, q)
     if span > FAR or speed > FAST:
-        yield Finding(Severity.ERROR, None, notes.PerhapsMillimetres(span, speed), Topic.MILLIMETRES)
+        yield Finding(Severity.WARNING, joint, notes.PerhapsMillimetres(span, speed), Topic.MILLIMETRES)
 
 
 def radian_findings(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Iterator[Finding]:

@@ -71,7 +71,6 @@ def _identify(
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
     roles = _roles(train, validation, joints)
-    progress("looking for outliers")
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)

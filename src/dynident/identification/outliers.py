@@ -116,17 +116,15 @@ def held_out_outliers(judged: Sequence[LogValidation]) -> Iterator[HeldOutOutlie
 
 
 def without(motion: Motion, found: TorqueOutliers | None, log: Log) -> Motion:
-    """Return the motion of a log whose wrong torques are not fitted, and are replaced where a filter spreads them.
+    """Return the motion of a log whose wrong torques are not fitted, and are those of the model where a filter spreads
+    them.
 
     Suspects that are right are kept.
     """
     if found is None:
         return motion
-    wrong: Mask = np.asarray(found.masked)
-    left = log.tau - found.torque
-    rows = np.arange(len(log))
-    filled = [np.interp(rows, rows[~bad], e[~bad]) if bad.any() else e for e, bad in zip(left.T, wrong.T, strict=True)]
-    tau = np.where(wrong, found.torque + np.stack(filled, axis=1), log.tau)
+    wrong = found.masked
+    tau = np.where(wrong, found.torque, log.tau)
     return replace(motion, tau=tau, keep=(_kept(motion) | found.suspect) & ~wrong)
 
 

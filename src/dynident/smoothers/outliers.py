@@ -98,8 +98,8 @@ def repaired(log: Log, *, torque: bool) -> Log:
         columns = (bridged(log.t, x, gone) for x, gone in zip(log.q.T, wrong.T, strict=True))
         q = np.stack(list(columns), axis=1)
     stuck: Mask = np.asarray(seen.position_frozen & wrong)
-    lost = (_widened(stuck) | wrong).any(axis=1)
-    out = np.broadcast_to(lost[:, None], wrong.shape) | (seen.torques & torque)
+    lost = np.asarray(_widened(stuck) | wrong).any(axis=1, keepdims=True)
+    out = lost | (seen.torques & torque)
     keep = ~out if log.keep is None else ~out & log.keep
     return replace(log, q=q, keep=keep) if out.any() else log
 

@@ -21,8 +21,8 @@ T = np.arange(2000) * 0.005
 OURS = tuple(getattr(log_notes, name) for name in log_notes.__all__)
 
 
-def log(seed: int, rate: float = 5.0) -> Log:
-    motion = simulate(ARM, ARM.values, lambda t: [np.sin(rate * t) + 0.5 * np.sin(2.3 * t)], T)
+def log(seed: int, rate: float = 9.0) -> Log:
+    motion = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
     return record(motion, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
 
 
@@ -46,7 +46,7 @@ def found(one: Log, held: Log | None = None, **changes) -> list:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_clean_log_has_findings(seed: int) -> None:
-    assert found(log(seed), log(seed + 100, 4.0)) == []
+    assert found(log(seed), log(seed + 100, 8.0)) == []
 
 
 def test_a_torque_of_5000_is_said_with_its_row() -> None:
@@ -61,7 +61,7 @@ def test_a_torque_of_5000_is_said_with_its_row() -> None:
 
 
 def test_a_held_out_spike_is_said() -> None:
-    (one,) = found(log(3, 4.0), put("tau", [777], 50.0))
+    (one,) = found(log(3, 8.0), put("tau", [777], 50.0))
     assert (one.source, one.message.held_out, one.message.masked) == ("b", True, False)
 
 

@@ -21,12 +21,12 @@ ARM = pendulum()
 T = np.arange(2000) * 0.005
 
 
-def log(seed: int, rate: float = 5.0) -> Log:
-    motion = simulate(ARM, ARM.values, lambda t: [np.sin(rate * t) + 0.5 * np.sin(2.3 * t)], T)
+def log(seed: int, rate: float = 9.0) -> Log:
+    motion = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
     return record(motion, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
 
 
-TRAIN, HELD = log(1), log(2, 4.0)
+TRAIN, HELD = log(1), log(2, 8.0)
 
 
 def put(one: Log, rows: list[int] | slice, value: float) -> Log:

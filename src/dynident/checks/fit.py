@@ -26,6 +26,7 @@ STEP = 0.05  # of the share, for the curvature of the error
 SAME = 1e-4  # %, difference of logs that hold the same samples
 ALIKE = 10.0  # %, difference of positions and torques of logs of one motion
 WEAK = 1 / 3  # of the residual: less of the torque from accelerations does not show inertias
+POOR = 30.0  # %: what a fit leaves of a torque that another fault explains
 STRONG = 3.0  # times the residual: more shows them well
 
 
@@ -81,7 +82,7 @@ def slow_findings(
     whole, still = (_left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0))
     share = np.sqrt(np.maximum(still**2 - whole**2, 0.0))
     told = size > 0
-    if told.any() and (share[told] < WEAK * whole[told]).all():
+    if told.any() and (whole[told] < POOR).all() and (share[told] < WEAK * whole[told]).all():
         k = int(np.argmax(np.where(told, share / np.maximum(whole, 1e-12), -1.0)))
         faster = float(np.sqrt(STRONG * whole[k] / max(share[k], 1e-3 * whole[k])))
         yield Finding(Severity.WARNING, None, notes.SlowMotion(float(share[k]), float(whole[k]), faster), Topic.SLOW)

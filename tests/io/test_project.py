@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dynident.checks.log_notes import SameData
 from dynident.checks.notes import ReversedSign
 from dynident.errors import ConfigError, InputError, Remark, Severity
 from dynident.identification import SourceFile, Use, judge
@@ -75,6 +76,6 @@ def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> N
         found = one.identify()
         examined = [x for x in one.examine().findings if x.severity is not Severity.INFO and x.source != one.path.name]
         assert list(found.findings) == examined
-    assert [type(one.message) for one in found.findings] == [ReversedSign]
+    assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
     assert judge(found).reasons[0] == Noted(found.findings)
     assert judge(found).use is Use.DO_NOT_USE

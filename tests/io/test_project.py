@@ -77,5 +77,5 @@ def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> N
         examined = [x for x in one.examine().findings if x.severity is not Severity.INFO and x.source != one.path.name]
         assert list(found.findings) == examined
     assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
-    assert judge(found).reasons[0] == Noted(found.findings)
+    assert judge(found).reasons[:2] == (Noted(found.findings[:1]), Noted(found.findings[1:]))
     assert judge(found).use is Use.DO_NOT_USE

@@ -51,7 +51,7 @@ def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
     total = np.maximum(*parts)
     total[_overlap(len(a), len(b)) < LEAST * len(a)] = np.inf
     best = float(lags[int(np.argmin(total))])
-    found = [_at(one, other, (best + part) * step) for part in np.linspace(-1, 1, 21)]
+    found = [_at(one, other, float((best + part) * step)) for part in np.linspace(-1, 1, 21)]
     return min(found, key=lambda repeat: repeat.error)
 
 

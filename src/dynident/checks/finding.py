@@ -1,13 +1,12 @@
-"""A finding on a log, a robot file or both: severity, place, what is wrong and what to do."""
+"""What findings are about, and findings on reading a log as text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
 
 from dynident.checks.reading import reading_words
-from dynident.errors import InputError, Note, Severity
+from dynident.errors import Finding, InputError, Note, Severity
 
 __all__ = ["Finding", "Topic", "reading_line", "require"]
 
@@ -17,6 +16,8 @@ class Topic(StrEnum):
 
     ABOUT_ORIGIN = "about origin"
     BASE_TILT = "base tilt"
+    CLIPPED = "clipped"
+    COMPENSATED = "gravity compensated"
     CONDITION = "condition"
     COPIED = "copied"
     DEAD = "dead"
@@ -25,19 +26,28 @@ class Topic(StrEnum):
     FAR = "far"
     FLOATING = "floating"
     FOREIGN = "foreign"
+    FROZEN = "frozen position"
+    FROZEN_TORQUE = "frozen torque"
     GAP = "gap"
     GRAVITY = "gravity"
     IMPOSSIBLE = "impossible"
+    INTERPOLATED = "interpolated"
     JITTER = "jitter"
+    JUMP = "jump"
     LIMITS = "limits"
     LIMBS = "limbs"
     LOST = "lost"
+    MANY_OUTLIERS = "many outliers"
     MASSLESS = "massless"
+    MILLIMETRES = "millimetres"
     MOTION = "motion"
     NOT_EXCITED = "not excited"
     POINT = "point"
     POSITION_LIMIT = "position limit"
+    POSITION_SPIKES = "position spikes"
     QUANTISED = "quantised"
+    RADIANS = "radians"
+    REPEAT = "repeat"
     REST = "rest"
     REVERSALS = "reversals"
     SAMPLES = "samples"
@@ -45,33 +55,19 @@ class Topic(StrEnum):
     SCALE = "scale"
     SHAPES = "shapes"
     SIGN = "sign"
+    SLOW = "slow"
     SPREAD = "spread"
     STALE = "stale"
     STAMPS = "stamps"
     STILL = "still"
     TIME_OFFSET = "time offset"
+    TIME_UNIT = "time unit"
+    TORQUE_SPIKES = "torque spikes"
     TOTAL_MASS = "total mass"
     UNREAD = "unread"
     UNUSABLE = "unusable"
     VELOCITY_LIMIT = "velocity limit"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
-
-    ``message`` is a note with the figures, of ``checks/notes.py`` or of the stage that made it, which ``report`` puts
-    into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
-    ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
-    the link concerned, each empty where there is none.
-    """
-
-    severity: Severity
-    joint: str | None
-    message: str | Note
-    topic: Topic | None = None
-    source: str = ""
-    link: str = ""
+    WRAPPED = "wrapped"
 
 
 def reading_line(finding: Finding) -> str:

@@ -21,6 +21,7 @@ from dynident.validation.prediction import (
     relative_error,
     validate,
 )
+from dynident.validation.repeat import Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
     Cause,
@@ -49,6 +50,7 @@ __all__ = [
     "HighFrequency",
     "LogValidation",
     "LowFrequency",
+    "Repeat",
     "ResidualTest",
     "Reversals",
     "Ripple",
@@ -64,6 +66,7 @@ __all__ = [
     "free_run",
     "ljung_box",
     "relative_error",
+    "repeat_of",
     "residual_test",
     "robust_covariance",
     "validate",

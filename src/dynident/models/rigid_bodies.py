@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
-from dynident.models.robot_file import Arm, ArmBody, Limits, RobotFile, assemble, parse, read_mjcf, read_urdf
+from dynident.models.robot_file import Arm, ArmBody, Limits, RobotFile, assemble, displaced, parse, read_mjcf, read_urdf
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
 
 __all__ = ["RigidBodies", "read_robot_file"]
@@ -44,7 +44,8 @@ class RigidBodies:
     all that are not locked, from base to tip); all others are fixed at their value in ``locked`` (rad or m), else at
     zero, a mimic joint at the value it follows. ``gravity`` (3), in m/s^2, is given in the frame of the root link: for
     a rotated base, rotate gravity. Links that are fixed to each other are one body, named after the child link of its
-    joint. ``source`` names the file in messages.
+    joint. ``source`` names the file in messages. ``displacements`` move the frames of joints, as ``with_displacement``
+    does.
 
     Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
     is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
@@ -67,6 +68,7 @@ class RigidBodies:
     locked: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str = "robot"
+    displacements: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         pairs = self.locked.items() if isinstance(self.locked, Mapping) else self.locked
@@ -203,6 +205,12 @@ class RigidBodies:
         x, y, z = gravity
         return replace(self, gravity=(x, y, z))
 
+    def with_displacement(self, joint: str, by: tuple[float, ...]) -> RigidBodies:
+        """Return the bodies with the frame of a joint displaced by (6): x, y, z (m) of its origin along the axes of its
+        parent link's frame, then a rotation vector (rad) in its own frame.
+        """
+        return replace(self, displacements=((joint, tuple(map(float, by))),))
+
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
         """Return bodies (n, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
         values = np.asarray(theta, dtype=float).reshape(-1, 10)[self._arm.order]
@@ -254,7 +262,7 @@ class RigidBodies:
 
     @cached_property
     def _arm(self) -> Arm:
-        return assemble(self._file, self.joints_used, dict(self.locked))
+        return displaced(assemble(self._file, self.joints_used, dict(self.locked)), dict(self.displacements))
 
     @cached_property
     def _sorted(self) -> bool:

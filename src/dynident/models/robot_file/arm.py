@@ -12,7 +12,7 @@ from dynident.errors import ModelError, brief
 from dynident.models.inertia import moved
 from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion
 
-__all__ = ["Arm", "ArmBody", "assemble"]
+__all__ = ["Arm", "ArmBody", "assemble", "displaced"]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,29 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
         arm = replace(arm, order=order)
     _check_ties(file, arm)
     return arm
+
+
+def displaced(arm: Arm, displacements: Mapping[str, Sequence[float]]) -> Arm:
+    """Return the arm with the frames of some joints displaced: by name x, y, z (m) of the origin along the axes of the
+    parent link's frame, then a rotation vector (rad) in the joint's own frame.
+    """
+    bodies = [
+        replace(body, placement=_displaced(body, np.asarray(displacements[body.joint.name], dtype=float)))
+        if body.joint.name in displacements
+        else body
+        for body in arm.bodies
+    ]
+    return replace(arm, bodies=tuple(bodies))
+
+
+def _displaced(body: ArmBody, by: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    placement = body.placement.copy()
+    link = placement[:3, :3] @ body.joint.placement[:3, :3].T  # axes of the parent link's frame in its body's
+    placement[:3, 3] += link @ by[:3]
+    placement[:3, :3] = placement[:3, :3] @ Rotation.from_rotvec(by[3:]).as_matrix()
+    return placement
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:

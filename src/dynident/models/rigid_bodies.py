@@ -206,10 +206,12 @@ class RigidBodies:
         return replace(self, gravity=(x, y, z))
 
     def with_displacement(self, joint: str, by: tuple[float, ...]) -> RigidBodies:
-        """Return the bodies with the frame of a joint displaced by (6): x, y, z (m) of its origin along the axes of its
-        parent link's frame, then a rotation vector (rad) in its own frame.
+        """Return the bodies with the frame of a joint displaced further by (6): x, y, z (m) of its origin along the
+        axes of its parent link's frame, then a rotation vector (rad) in its own frame.
         """
-        return replace(self, displacements=((joint, tuple(map(float, by))),))
+        known = dict(self.displacements)
+        moved = np.add(known.get(joint, np.zeros(6)), by).tolist()
+        return replace(self, displacements=tuple((known | {joint: tuple(moved)}).items()))
 
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
         """Return bodies (n, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""

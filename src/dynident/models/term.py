@@ -16,6 +16,7 @@ from dynident.errors import brief
 
 __all__ = [
     "INERTIAL",
+    "HasGeometry",
     "HasGravity",
     "HasLimits",
     "HasNotes",
@@ -126,6 +127,20 @@ class HasGravity(Protocol):
 
     def with_gravity(self, gravity: tuple[float, ...], /) -> Term:
         """Return the term under another gravity."""
+
+
+@runtime_checkable
+class HasGeometry(Protocol):
+    """A term whose joints have frames that can be displaced."""
+
+    @property
+    def file(self) -> RobotFile:
+        """What the file says of the frames."""
+
+    def with_displacement(self, joint: str, by: tuple[float, ...], /) -> Term:
+        """Return the term with the frame of a joint displaced by (6): x, y, z (m) of its origin along the axes of its
+        parent link's frame, then a rotation vector (rad) in its own frame.
+        """
 
 
 @runtime_checkable

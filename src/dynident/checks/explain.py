@@ -1,0 +1,75 @@
+"""What of the robot or its model would explain the residual: the likeliest suspect, then the next with it set right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from dynident.checks.finding import Finding
+from dynident.checks.gains import gain_suspects
+from dynident.checks.geometry import geometry_suspects
+from dynident.checks.misfit import Case, Misfit, misfit
+from dynident.checks.missing import Missing, missing, with_missing
+from dynident.checks.suspect import Found, Suspect, refined, tested
+from dynident.errors import Severity
+
+__all__ = ["explained"]
+
+MOST = 6  # causes that are looked for one after the other
+TRIED = 4  # suspects whose value is sought, of those that one step explains best
+NEAR = 0.6  # times the largest share by one step: suspects below are not tried
+ALIKE = 0.9  # times the largest share: suspects from here on cannot be told apart
+
+
+def explained(case: Case) -> Iterator[Finding]:
+    """Yield what would explain much of the training residual, one cause after the other.
+
+    A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
+    those found before set right, so that none is named for what another one causes.
+    """
+    names = tuple(joint.name for joint in case.model.joints)
+    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model)]
+    for _ in range(MOST):
+        fit = misfit(case)
+        absent = missing(fit)
+        share = max((one.evidence.share for one in absent), default=0.0)
+        found, others = _likeliest(fit, suspects, share)
+        if found is not None and found.share > share:
+            yield _finding(found, others)
+            case = found.case
+        elif absent:
+            for one in _of_one_kind(absent):
+                yield one.finding(names)
+                case = with_missing(case, one)
+        else:
+            return
+
+
+def _of_one_kind(absent: Sequence[Missing]) -> list[Missing]:
+    """Return the effect that explains the most, and the same at other joints."""
+    first = absent[0]
+    alike = [one for one in absent if one.kind is first.kind and one.partner is None]
+    return [first] if first.partner is not None else alike
+
+
+def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[Found | None, list[Found]]:
+    """Return the suspect that explains the most, the simplest of those that explain as much, and these.
+
+    Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
+    as the first.
+    """
+    seen = sorted(tested(fit, suspects), key=lambda pair: -pair[1].share)[:TRIED]
+    most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
+    seen = [pair for pair in seen if pair[1].share > most]
+    found = [one for suspect, _ in seen if (one := refined(fit, suspect)) is not None]
+    most = max((one.share for one in found), default=0.0)
+    alike = sorted((one for one in found if one.share > ALIKE * most), key=lambda one: one.suspect.order)
+    return (alike[0], alike[1:]) if alike else (None, [])
+
+
+def _finding(found: Found, others: Sequence[Found]) -> Finding:
+    also = tuple((one.suspect.joint, _note(one)) for one in others)
+    return Finding(Severity.WARNING, found.suspect.joint, _note(found, also), found.suspect.topic)
+
+
+def _note(found: Found, others: tuple = ()):
+    return found.suspect.note(found.value, found.std, found.share, others)

@@ -1,0 +1,144 @@
+"""What the checks find wrong with the robot or its model, as data: each is the message of a ``Finding``.
+
+``share`` is the share of the squared training residual, each joint weighted by its own noise, that the correction
+removes; ``std`` are standard errors robust to correlated residuals. ``report/robot_words.py`` puts them into words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from dynident.errors import Note
+
+__all__ = ["AxisTilted", "Channel", "JointsSwapped", "LengthWrong", "MissingTerm", "OtherAxis", "OtherPayload",
+           "OtherTilt", "PositionReversed", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
+
+
+class Channel(StrEnum):
+    """Which columns of a log are concerned."""
+
+    POSITION = "position"
+    TORQUE = "torque"
+    BOTH = "position and torque"
+
+
+class TermKind(StrEnum):
+    """An effect that a model may lack."""
+
+    VISCOUS = "viscous"
+    COULOMB = "coulomb"
+    SMOOTH = "smooth sign of Coulomb friction"
+    OFFSET = "offset"
+    ROTOR = "rotor"
+    SPRING = "spring"
+    ASYMMETRIC = "asymmetric viscous friction"
+    QUADRATIC = "quadratic friction"
+    STRIBECK = "Stribeck friction"
+    LOAD = "load-dependent friction"
+    COUPLED = "coupled motor"
+
+
+@dataclass(frozen=True)
+class JointsSwapped(Note):
+    """The columns of two joints fit the other one; errors (%) of the torque, mean over the joints, before and after."""
+
+    joints: tuple[str, str]
+    channel: Channel
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class PositionReversed(Note):
+    """The position of a joint, or its position and torque, fit with the other sign; errors (%) as above."""
+
+    channel: Channel
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class OtherAxis(Note):
+    """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
+
+    given: tuple[float, ...]
+    fitted: tuple[float, ...]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class OtherTilt(Note):
+    """A direction of gravity (3), m/s^2, in the root link's frame, that the coupling of inertia and weight asks for,
+    whatever the nominal inertias are; errors (%) as above."""
+
+    fitted: tuple[float, ...]
+    assumed: tuple[float, ...]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class TorqueGain(Note):
+    """The torque of a joint is ``factor`` times what the others ask for; ``others`` explain the residual as well."""
+
+    factor: float
+    std: float
+    share: float
+    others: tuple[tuple[str | None, Note], ...] = ()
+
+
+@dataclass(frozen=True)
+class ZeroOff(Note):
+    """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
+
+    offset: float
+    std: float
+    share: float
+    others: tuple[tuple[str | None, Note], ...] = ()
+
+
+@dataclass(frozen=True)
+class LengthWrong(Note):
+    """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
+
+    component: str
+    given: float
+    fitted: float
+    std: float
+    share: float
+    others: tuple[tuple[str | None, Note], ...] = ()
+
+
+@dataclass(frozen=True)
+class AxisTilted(Note):
+    """A joint's axis is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
+
+    axis: tuple[float, ...]
+    angle: float
+    std: float
+    share: float
+    others: tuple[tuple[str | None, Note], ...] = ()
+
+
+@dataclass(frozen=True)
+class MissingTerm(Note):
+    """An effect that the model lacks at a joint: its value in SI units, and the share of that joint's own residual
+    (squared) that it removes; ``partner`` is the other joint of a coupled motor."""
+
+    kind: TermKind
+    value: float
+    std: float
+    share: float
+    partner: str = ""
+
+
+@dataclass(frozen=True)
+class OtherPayload(Note):
+    """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of that log's
+    residual (squared)."""
+
+    mass: float
+    std: float
+    share: float

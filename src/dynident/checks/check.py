@@ -15,12 +15,12 @@ from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.errors import DynidentError, Severity, called
 from dynident.estimators import LeastSquares
-from dynident.identification import Recipe, find_base_tilt, pair
+from dynident.identification import Identification, Recipe, find_base_tilt, pair
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 
-__all__ = ["CheckResult", "run_checks"]
+__all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
@@ -65,13 +65,15 @@ def run_checks(
     *,
     multi_turn: Set[str] = frozenset(),
     found: Sequence[Finding] = (),
+    motions: Mapping[str, Motion] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
     ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
     them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
-    add, from reading the files; ``progress`` is called with a few words before each step. Logs with an error are left
+    add, from reading the files; ``motions`` are the training logs by name where they have been smoothed before;
+    ``progress`` is called with a few words before each step. Logs with an error are left
     out of the checks of the motion. A stage that fails is a finding, so that none of its errors is raised; raises
     InputError where a log lacks a joint of the model.
 
@@ -92,11 +94,30 @@ def run_checks(
     if sound:
         try:
             with one_thread():
-                whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
+                whole = _moving(whole, model, sound, recipe or Recipe(), findings, motions, progress)
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
+
+
+def with_findings(
+    identification: Identification,
+    model: Model,
+    logs: Mapping[str, Mapping[str, Log]],
+    recipe: Recipe,
+    *,
+    multi_turn: Set[str] = frozenset(),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Return an identification with the errors and warnings of ``run_checks`` on what it was made from.
+
+    ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
+    """
+    motions = {one.name: one.motion for one in identification.validations if one.role == "train"}
+    found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
+    warned = tuple(one for one in found if one.severity is not Severity.INFO)
+    return replace(identification, warnings=(*identification.warnings, *warned))
 
 
 def _recorded(
@@ -144,16 +165,18 @@ def _moving(
     logs: Sequence[Log],
     recipe: Recipe,
     findings: list[Finding],
+    smoothed: Mapping[str, Motion] | None,
     progress: Callable[[str], None],
 ) -> CheckResult:
     """Return the result with the checks of the smoothed training logs; adds to the findings."""
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
-    candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
-    pairing = pair(model, logs, candidates, recipe.time_offset, PLAIN, min_speed, progress=progress)
+    if smoothed is None:
+        pairing = pair(model, logs, recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
+        smoothed = {log.source: called(pairing.smoother, log, Motion) for log in logs}
+        if pairing.time_offset is not None:
+            findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     progress("checking the motion")
-    motions = tuple(called(pairing.smoother, log, Motion) for log in logs)
-    if pairing.time_offset is not None:
-        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
+    motions = tuple(smoothed[log.source] for log in logs)
     findings += _tilt(model, motions, recipe, min_speed)
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)

@@ -1,13 +1,12 @@
-"""A finding on a log, a robot file or both: severity, place, what is wrong and what to do."""
+"""What findings are about, and findings on reading a log as text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
 
 from dynident.checks.reading import reading_words
-from dynident.errors import InputError, Note, Severity
+from dynident.errors import Finding, InputError, Note, Severity
 
 __all__ = ["Finding", "Topic", "reading_line", "require"]
 
@@ -59,24 +58,6 @@ class Topic(StrEnum):
     UNUSABLE = "unusable"
     VELOCITY_LIMIT = "velocity limit"
     ZERO = "zero"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
-
-    ``message`` is a note with the figures, of ``checks/notes.py`` or of the stage that made it, which ``report`` puts
-    into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
-    ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
-    the link concerned, each empty where there is none.
-    """
-
-    severity: Severity
-    joint: str | None
-    message: str | Note
-    topic: Topic | None = None
-    source: str = ""
-    link: str = ""
 
 
 def reading_line(finding: Finding) -> str:

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from dynident.errors import Note
+from dynident.errors import Note, Use
 
 __all__ = [
     "ArmAtRest",
@@ -28,6 +29,7 @@ __all__ = [
     "NeverMoves",
     "NoLimit",
     "NoMass",
+    "NoUse",
     "OddScale",
     "OddTotalMass",
     "OnlyShapes",
@@ -51,6 +53,12 @@ __all__ = [
 
 class ReadingNote(Note):
     """Base of what reading a log raises or warns of, below ``report``; its words are in ``checks/reading.py``."""
+
+
+class NoUse(Note):
+    """Base of what leaves a model without any use, however small the torque error."""
+
+    forbids: ClassVar[Use | None] = Use.CONTROL
 
 
 @dataclass(frozen=True)
@@ -267,7 +275,7 @@ class GravityIgnored(Note):
 
 
 @dataclass(frozen=True)
-class OtherGravity(Note):
+class OtherGravity(NoUse):
     """The gravity that the torques fit and the one assumed (m/s^2, in the root link's frame)."""
 
     fitted: tuple[float, ...]
@@ -275,14 +283,14 @@ class OtherGravity(Note):
 
 
 @dataclass(frozen=True)
-class ReversedSign(Note):
+class ReversedSign(NoUse):
     """A torque that opposes the nominal one, by its correlation; None: friction and inertia come out negative."""
 
     correlation: float | None
 
 
 @dataclass(frozen=True)
-class OddScale(Note):
+class OddScale(NoUse):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
     scale: float
@@ -290,7 +298,7 @@ class OddScale(Note):
 
 
 @dataclass(frozen=True)
-class UnrelatedTorque(Note):
+class UnrelatedTorque(NoUse):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""
 
     ratio: float

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from dynident.errors import InputError, ModelError, Note
+from dynident.checks import Topic
+from dynident.errors import Finding, InputError, ModelError, Note
 from dynident.estimators import Consistency, Determined, Estimate, Residual
 from dynident.identification import (
     Calibration,
@@ -29,6 +30,7 @@ from dynident.io.result_format import (
     BasePart,
     ChoicePart,
     ConsistencyPart,
+    FindingPart,
     Kind,
     RecipePart,
     ResultFile,
@@ -83,7 +85,7 @@ def identification_of(
             file.calibration.base_tilt,
         ),
         file.provenance,
-        tuple(_noun(Note, one, source) for one in file.warnings),
+        (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),
     )
 
 
@@ -224,6 +226,12 @@ def _validation(given: ValidationPart, source: str) -> LogValidation:
         )
     )
     return LogValidation(given.name, given.role, given.errors, given.residuals, made)
+
+
+def _finding(given: FindingPart, source: str) -> Finding:
+    message = given.message if isinstance(given.message, str) else _noun(Note, given.message, source)
+    topic = Topic(given.topic) if given.topic in list(Topic) else None  # of a later version
+    return Finding(given.severity, given.joint, message, topic, given.source, given.link)
 
 
 def _noun(base: type[Noun], given: Kind, source: str) -> Noun:

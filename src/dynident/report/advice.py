@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from dynident.identification import Remedy, Use
 from dynident.identification.verdict import reasons, steps
+from dynident.report.check import finding_row
 from dynident.report.wording import words
 from dynident.validation import Driver
 
@@ -122,6 +123,11 @@ def _(step: steps.CheckRipple) -> str:
 @words.register
 def _(reason: reasons.NoHoldOut) -> str:  # noqa: ARG001
     return "no log was held out, so the error on unseen motion is not known"
+
+
+@words.register
+def _(reason: reasons.Noted) -> str:
+    return ": ".join(filter(None, finding_row(reason.findings))).removesuffix(".")
 
 
 @words.register

@@ -17,7 +17,7 @@ from dynident.report.wording import words
 if TYPE_CHECKING:
     from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
 
-__all__ = ["check_dict", "check_summary", "check_tables"]
+__all__ = ["check_dict", "check_summary", "check_tables", "finding_row"]
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
@@ -37,7 +37,7 @@ def check_tables(examination: CheckResult) -> list[PageTable]:
     tables = [
         PageTable((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
         for severity, title in TITLES.items()
-        if (rows := [_row(group) for group in groups if group[0].severity == severity])
+        if (rows := [finding_row(group) for group in groups if group[0].severity == severity])
     ]
     if examination.timings:
         tables.append(_time_table(examination.timings))
@@ -95,7 +95,7 @@ def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     return list(groups.values())
 
 
-def _row(group: Sequence[Finding]) -> tuple[str, str]:
+def finding_row(group: Sequence[Finding]) -> tuple[str, str]:
     """Return where the first finding of a group is and what it says, with the places of the others named."""
     first, *others = group
     part = first.link or first.joint or ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dynident.errors import Finding
 from dynident.identification.verdict.steps import Remedy
 from dynident.validation import Driver, Failure
 
@@ -19,6 +20,7 @@ __all__ = [
     "NoFreeRun",
     "NoHoldOut",
     "NotCarriedOver",
+    "Noted",
     "PartlyUnexcited",
     "Reason",
     "Repeats",
@@ -45,6 +47,13 @@ class NoHoldOut(Reason):
     """No log was held out."""
 
     usual_remedy = Remedy.HOLD_OUT
+
+
+@dataclass(frozen=True)
+class Noted(Reason):
+    """What the checks found, or the estimate notes, that forbids a use: ``findings`` of one kind."""
+
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
@@ -39,7 +40,8 @@ MOST = 5  # next steps on single parameters
 
 def judge(found: Identification) -> Verdict:
     """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
-    against_use, against_simulation = tuple(_against_use(found)), tuple(_against_simulation(found))
+    against_use = (*_noted(found, Use.CONTROL), *_against_use(found))
+    against_simulation = (*_noted(found, Use.SIMULATION), *_against_simulation(found))
     reasons = (*against_use, *against_simulation)
     remedies = [reason.remedy for reason in reasons if reason.remedy]
     return Verdict(
@@ -50,6 +52,16 @@ def judge(found: Identification) -> Verdict:
         run=_worst_run(found),
         residual=_largest_residual(found),
     )
+
+
+def _noted(found: Identification, use: Use) -> Iterator[Reason]:
+    """Yield what the checks and the estimate have found that forbids a use, each kind once."""
+    notes = (Finding(note.severity, None, note) for note in found.estimate.notes)
+    kinds: dict[object, list[Finding]] = {}
+    for one in (*found.findings, *notes):
+        if one.forbids is use:
+            kinds.setdefault(one.message if isinstance(one.message, str) else type(one.message), []).append(one)
+    yield from (why.Noted(tuple(group)) for group in kinds.values())
 
 
 def _against_use(found: Identification) -> Iterator[Reason]:

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from dynident.errors import Use
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.steps import Remedy, Step
 from dynident.regression import UnexcitedParameters
 from dynident.validation import Cause
 
 __all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun"]
-
-
-class Use(StrEnum):
-    """What a model is good for; simulation includes control."""
-
-    SIMULATION = "good for simulation"
-    CONTROL = "good for control"
-    DO_NOT_USE = "do not use"
 
 
 @dataclass(frozen=True)

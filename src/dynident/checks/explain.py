@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+from dynident.checks.alternatives import better_alternative
 from dynident.checks.finding import Finding
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
-from dynident.checks.misfit import Case, Misfit, misfit
+from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
-from dynident.checks.suspect import Found, Suspect, refined, tested
-from dynident.errors import Severity
+from dynident.checks.payload import payload_findings
+from dynident.checks.suspect import Found, Others, Suspect, refined, tested
+from dynident.errors import Note, Severity
+from dynident.log import Motion
+from dynident.models import Model
+from dynident.regression import ParallelFilter
 
-__all__ = ["explained"]
+__all__ = ["explained", "robot_findings"]
 
+TRIAL = 400  # samples with which other columns, signs and axes are tried
 MOST = 6  # causes that are looked for one after the other
 TRIED = 4  # suspects whose value is sought, of those that one step explains best
 NEAR = 0.6  # times the largest share by one step: suspects below are not tried
 ALIKE = 0.9  # times the largest share: suspects from here on cannot be told apart
+
+
+def robot_findings(
+    model: Model,
+    motions: Sequence[Motion],
+    held_out: Mapping[str, Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+) -> Iterator[Finding]:
+    """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
+
+    A large fault is named alone: with it, small ones cannot be told.
+    """
+    large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
+    yield from large or explained(case_of(model, motions, parallel_filter, min_speed))
+    if not large:
+        yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
 
 
 def explained(case: Case) -> Iterator[Finding]:
@@ -71,5 +94,5 @@ def _finding(found: Found, others: Sequence[Found]) -> Finding:
     return Finding(Severity.WARNING, found.suspect.joint, _note(found, also), found.suspect.topic)
 
 
-def _note(found: Found, others: tuple = ()):
+def _note(found: Found, others: Others = ()) -> Note:
     return found.suspect.note(found.value, found.std, found.share, others)

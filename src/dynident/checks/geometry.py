@@ -33,7 +33,8 @@ def geometry_suspects(model: Model) -> list[Suspect]:
             for joint in model.joints:
                 if joint.name in frames:
                     found += [_origin(frames[joint.name], k) for k in range(3)]
-                    found += [_axis(frames[joint.name], across) for across in _across(frames[joint.name].axis)]
+                    across = _across(frames[joint.name].axis)
+                    found += [_axis(frames[joint.name], one, alone) for one in across for alone in (False, True)]
     return found
 
 
@@ -55,7 +56,7 @@ def _zero(j: int, joint: Joint) -> Suspect:
 
 
 def _origin(joint: RobotJoint, k: int) -> Suspect:
-    by, given = np.eye(6)[k], float(joint.placement[k, 3])
+    by, given = np.eye(9)[k], float(joint.placement[k, 3])
 
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
@@ -67,14 +68,14 @@ def _origin(joint: RobotJoint, k: int) -> Suspect:
     return Suspect(joint.name, Topic.LENGTH, _slope(corrected), corrected, note, LENGTH, order)
 
 
-def _axis(joint: RobotJoint, across: Array) -> Suspect:
-    by = np.concatenate([np.zeros(3), across])
+def _axis(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
+    by = np.concatenate([np.zeros(6), across]) if alone else np.concatenate([np.zeros(3), across, np.zeros(3)])
 
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
 
     def note(value: float, std: float, share: float, others: Others) -> Note:
-        return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, std, share, others)
+        return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, others)
 
     return Suspect(joint.name, Topic.AXIS, _slope(corrected), corrected, note, ANGLE, AXIS)
 

@@ -12,7 +12,7 @@ from enum import StrEnum
 from dynident.errors import Note
 
 __all__ = ["AxisTilted", "Channel", "JointsSwapped", "LengthWrong", "MissingTerm", "OtherAxis", "OtherPayload",
-           "OtherTilt", "PositionReversed", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
+           "ColumnReversed", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
 
 
 class Channel(StrEnum):
@@ -50,8 +50,8 @@ class JointsSwapped(Note):
 
 
 @dataclass(frozen=True)
-class PositionReversed(Note):
-    """The position of a joint, or its position and torque, fit with the other sign; errors (%) as above."""
+class ColumnReversed(Note):
+    """The columns of a joint fit with the other sign; errors (%) as above."""
 
     channel: Channel
     before: float
@@ -64,17 +64,6 @@ class OtherAxis(Note):
 
     given: tuple[float, ...]
     fitted: tuple[float, ...]
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
-class OtherTilt(Note):
-    """A direction of gravity (3), m/s^2, in the root link's frame, that the coupling of inertia and weight asks for,
-    whatever the nominal inertias are; errors (%) as above."""
-
-    fitted: tuple[float, ...]
-    assumed: tuple[float, ...]
     before: float
     after: float
 
@@ -113,10 +102,11 @@ class LengthWrong(Note):
 
 @dataclass(frozen=True)
 class AxisTilted(Note):
-    """A joint's axis is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
+    """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
 
     axis: tuple[float, ...]
     angle: float
+    alone: bool
     std: float
     share: float
     others: tuple[tuple[str | None, Note], ...] = ()

@@ -206,11 +206,12 @@ class RigidBodies:
         return replace(self, gravity=(x, y, z))
 
     def with_displacement(self, joint: str, by: tuple[float, ...]) -> RigidBodies:
-        """Return the bodies with the frame of a joint displaced further by (6): x, y, z (m) of its origin along the
-        axes of its parent link's frame, then a rotation vector (rad) in its own frame.
+        """Return the bodies with a joint displaced further by (9): x, y, z (m) of its origin along the axes of its
+        parent link's frame, then rotation vectors (rad) in its own frame, of the frame with all that it carries and of
+        the axis alone.
         """
         known = dict(self.displacements)
-        moved = np.add(known.get(joint, np.zeros(6)), by).tolist()
+        moved = np.add(known.get(joint, np.zeros(9)), by).tolist()
         return replace(self, displacements=tuple((known | {joint: tuple(moved)}).items()))
 
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:

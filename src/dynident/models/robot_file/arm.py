@@ -69,11 +69,12 @@ def assemble(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, f
 
 
 def displaced(arm: Arm, displacements: Mapping[str, Sequence[float]]) -> Arm:
-    """Return the arm with the frames of some joints displaced: by name x, y, z (m) of the origin along the axes of the
-    parent link's frame, then a rotation vector (rad) in the joint's own frame.
+    """Return the arm with some joints displaced: by name (9) x, y, z (m) of the origin along the axes of the parent
+    link's frame, a rotation vector (rad) of the joint's frame with all that it carries, and one of its axis alone, both
+    in the joint's own frame.
     """
     bodies = [
-        replace(body, placement=_displaced(body, np.asarray(displacements[body.joint.name], dtype=float)))
+        _displaced(body, np.asarray(displacements[body.joint.name], dtype=float))
         if body.joint.name in displacements
         else body
         for body in arm.bodies
@@ -81,14 +82,15 @@ def displaced(arm: Arm, displacements: Mapping[str, Sequence[float]]) -> Arm:
     return replace(arm, bodies=tuple(bodies))
 
 
-def _displaced(body: ArmBody, by: Array) -> Array:
+def _displaced(body: ArmBody, by: Array) -> ArmBody:
     from scipy.spatial.transform import Rotation
 
     placement = body.placement.copy()
     link = placement[:3, :3] @ body.joint.placement[:3, :3].T  # axes of the parent link's frame in its body's
     placement[:3, 3] += link @ by[:3]
-    placement[:3, :3] = placement[:3, :3] @ Rotation.from_rotvec(by[3:]).as_matrix()
-    return placement
+    placement[:3, :3] = placement[:3, :3] @ Rotation.from_rotvec(by[3:6]).as_matrix()
+    axis = Rotation.from_rotvec(by[6:]).apply(body.joint.axis)
+    return replace(body, placement=placement, joint=replace(body.joint, axis=axis))
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:

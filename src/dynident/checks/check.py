@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
+from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
@@ -15,7 +16,7 @@ from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.errors import DynidentError, Severity, called
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, Recipe, find_base_tilt, pair
+from dynident.identification import Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
@@ -72,7 +73,7 @@ def run_checks(
 
     ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
     them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
-    add, from reading the files; ``motions`` are the training logs by name where they have been smoothed before;
+    add, from reading the files; ``motions`` are the logs by name where they have been smoothed before;
     ``progress`` is called with a few words before each step. Logs with an error are left
     out of the checks of the motion. A stage that fails is a finding, so that none of its errors is raised; raises
     InputError where a log lacks a joint of the model.
@@ -91,7 +92,7 @@ def run_checks(
     joints = tuple(joint.name for joint in model.joints)
     findings = [*found, *_of_file(model, joints)]
     whole, sound = _recorded(model, logs, multi_turn, findings, progress)
-    if sound:
+    if sound["train"]:
         try:
             with one_thread():
                 whole = _moving(whole, model, sound, recipe or Recipe(), findings, motions, progress)
@@ -114,7 +115,7 @@ def with_findings(
 
     ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
     """
-    motions = {one.name: one.motion for one in identification.validations if one.role == "train"}
+    motions = {one.name: one.motion for one in identification.validations}
     found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
     warned = tuple(one for one in found if one.severity is not Severity.INFO)
     return replace(identification, warnings=(*identification.warnings, *warned))
@@ -126,10 +127,11 @@ def _recorded(
     multi_turn: Set[str],
     findings: list[Finding],
     progress: Callable[[str], None],
-) -> tuple[CheckResult, list[Log]]:
-    """Return the result of checking each log, and the training logs without an error; adds to the findings."""
+) -> tuple[CheckResult, dict[str, list[Log]]]:
+    """Return the result of checking each log, and by role the logs without an error; adds to the findings."""
     kinds = {joint.name: joint.kind for joint in model.joints}
-    timings, facts, sound = {}, {}, []
+    timings, facts = {}, {}
+    sound: dict[str, list[Log]] = {role: [] for role in ("train", "validation")}
     for role, named in logs.items():
         for name, log in named.items():
             progress(f"checking {name}")
@@ -139,8 +141,8 @@ def _recorded(
             timings[name] = timing(log)
             if len(log) >= MINIMUM_SAMPLES:
                 facts[name] = channels(log)
-            if role == "train" and not any(one.severity == "error" for one in found):
-                sound.append(log)
+            if not any(one.severity == "error" for one in found):
+                sound.setdefault(role, []).append(log)
     return CheckResult((), timings, facts, links=_links(model)), sound
 
 
@@ -162,7 +164,7 @@ def _links(model: Model) -> tuple[LinkFacts, ...]:
 def _moving(
     whole: CheckResult,
     model: Model,
-    logs: Sequence[Log],
+    logs: Mapping[str, Sequence[Log]],
     recipe: Recipe,
     findings: list[Finding],
     smoothed: Mapping[str, Motion] | None,
@@ -171,18 +173,23 @@ def _moving(
     """Return the result with the checks of the smoothed training logs; adds to the findings."""
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
     if smoothed is None:
-        pairing = pair(model, logs, recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
-        smoothed = {log.source: called(pairing.smoother, log, Motion) for log in logs}
+        pairing = pair(model, logs["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
+        smoothed = {log.source: called(pairing.smoother, log, Motion) for named in logs.values() for log in named}
         if pairing.time_offset is not None:
             findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     progress("checking the motion")
-    motions = tuple(smoothed[log.source] for log in logs)
-    findings += _tilt(model, motions, recipe, min_speed)
+    motions = tuple(smoothed[log.source] for log in logs["train"])
+    level = _level(model, motions, recipe, min_speed, findings)
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
     seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
+    progress("looking for what explains the residual")
+    held_out = {log.source: smoothed[log.source] for log in logs["validation"]}
+    known = {(one.topic, one.joint) for one in findings}
+    faults = robot_findings(level, motions, held_out, recipe.filter, min_speed)
+    findings += (one for one in faults if (one.topic, one.joint) not in known)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -198,15 +205,23 @@ def _of_motion(
             yield from agreement_findings(torque, joint.effort)
 
 
-def _tilt(
-    model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
-) -> Iterator[Finding]:
-    """Yield a note where a tilt of the base would explain much of the error."""
-    if recipe.base_tilt or not any(isinstance(term, HasGravity) for term in model.terms):
-        return
+def _level(
+    model: Model,
+    motions: tuple[Motion, ...],
+    recipe: Recipe,
+    min_speed: tuple[float, ...] | None,
+    findings: list[Finding],
+) -> Model:
+    """Return the model on its base as it is tilted; adds a finding where that was not asked for and explains much."""
+    if isinstance(recipe.base_tilt, tuple):
+        return mounted(model, *recipe.base_tilt)
+    if not any(isinstance(term, HasGravity) for term in model.terms):
+        return model
     try:
         found = find_base_tilt(model, motions, PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
-        return
-    if found.after < (1.0 - WORTH) * found.before:
-        yield Finding(Severity.INFO, None, found, Topic.BASE_TILT)
+        return model
+    worth = found.after < (1.0 - WORTH) * found.before
+    if worth and recipe.base_tilt is None:
+        findings.append(Finding(Severity.INFO, None, found, Topic.BASE_TILT))
+    return mounted(model, found.x, found.y) if worth or recipe.base_tilt else model

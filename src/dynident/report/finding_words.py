@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from dynident.checks import notes, reading_words
 from dynident.identification import BaseTilt, TimeOffset
+from dynident.report import robot_words  # noqa: F401  # registers its words
 from dynident.report.wording import words
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from dynident.models import HasGeometry, HasGravity
 __all__ = ["better_alternative"]
 
 Array = NDArray[np.float64]
-POOR = 0.1  # relative error of the torque from which something else is tried
+POOR = 0.03  # relative error of the torque from which something else is tried
 MUCH = 0.5  # times the error as given: a better alternative is below
 ALIKE = 1.1  # times the least error: alternatives up to here fit as well
 ACROSS = 0.1  # sine of the angle between axes that count as different
@@ -88,7 +88,7 @@ def _reversed(case: Case) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
         for channel in Channel:
-            turned = _with(case, channel, lambda x, sign=sign: sign * x)
+            turned = _with(case, channel, lambda x, sign=sign: x if x.dtype == bool else sign * x)
             yield Alternative(
                 turned, joint.name, Topic.SIGN, lambda a, b, c=channel: robot_notes.ColumnReversed(c, a, b)
             )
@@ -96,7 +96,8 @@ def _reversed(case: Case) -> Iterator[Alternative]:
 
 def _with(case: Case, channel: Channel, change: Callable[[Array], Array]) -> Case:
     """Return the case with the columns of a channel changed."""
-    moved = {} if channel is Channel.TORQUE else {name: change(getattr(case, name)) for name in ("q", "dq", "ddq")}
+    motion = ("q", "dq", "ddq", "keep")
+    moved = {} if channel is Channel.TORQUE else {name: change(getattr(case, name)) for name in motion}
     return replace(case, **moved) if channel is Channel.POSITION else replace(case, tau=change(case.tau), **moved)
 
 

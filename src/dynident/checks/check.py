@@ -16,7 +16,7 @@ from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.errors import DynidentError, Severity, called
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, Recipe, find_base_tilt, mounted, pair
+from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
@@ -24,6 +24,7 @@ from dynident.regression import Regression, one_thread
 __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
+LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
@@ -179,7 +180,6 @@ def _moving(
             findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     progress("checking the motion")
     motions = tuple(smoothed[log.source] for log in logs["train"])
-    level = _level(model, motions, recipe, min_speed, findings)
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
@@ -187,9 +187,7 @@ def _moving(
     findings += rank_findings(seen)
     progress("looking for what explains the residual")
     held_out = {log.source: smoothed[log.source] for log in logs["validation"]}
-    known = {(one.topic, one.joint) for one in findings}
-    faults = robot_findings(level, motions, held_out, recipe.filter, min_speed)
-    findings += (one for one in faults if (one.topic, one.joint) not in known)
+    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -205,23 +203,35 @@ def _of_motion(
             yield from agreement_findings(torque, joint.effort)
 
 
-def _level(
-    model: Model,
-    motions: tuple[Motion, ...],
-    recipe: Recipe,
-    min_speed: tuple[float, ...] | None,
-    findings: list[Finding],
-) -> Model:
-    """Return the model on its base as it is tilted; adds a finding where that was not asked for and explains much."""
-    if isinstance(recipe.base_tilt, tuple):
-        return mounted(model, *recipe.base_tilt)
-    if not any(isinstance(term, HasGravity) for term in model.terms):
-        return model
+def _tilt(
+    model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
+) -> BaseTilt | None:
+    """Return the tilt of the base where it is not given and explains much of the error."""
+    if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
+        return None
     try:
         found = find_base_tilt(model, motions, PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
-        return model
-    worth = found.after < (1.0 - WORTH) * found.before
-    if worth and recipe.base_tilt is None:
-        findings.append(Finding(Severity.INFO, None, found, Topic.BASE_TILT))
-    return mounted(model, found.x, found.y) if worth or recipe.base_tilt else model
+        return None
+    return found if found.after < (1.0 - WORTH) * found.before else None
+
+
+def _faults(
+    model: Model,
+    motions: tuple[Motion, ...],
+    held_out: Mapping[str, Motion],
+    recipe: Recipe,
+    min_speed: tuple[float, ...] | None,
+    findings: Sequence[Finding],
+) -> list[Finding]:
+    """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
+    if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
+        return list(findings)
+    tilt = _tilt(model, motions, recipe, min_speed)
+    if recipe.base_tilt is not None:
+        x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
+        model, tilt = mounted(model, x, y), None
+    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
+    if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
+        findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
+    return [*findings, *found]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from dynident.checks.alternatives import better_alternative
-from dynident.checks.finding import Finding
+from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
@@ -13,6 +14,7 @@ from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
 from dynident.checks.suspect import Found, Others, Suspect, refined, tested
 from dynident.errors import Note, Severity
+from dynident.identification import BaseTilt, mounted
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.regression import ParallelFilter
@@ -32,18 +34,19 @@ def robot_findings(
     held_out: Mapping[str, Motion],
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
+    tilt: BaseTilt | None = None,
 ) -> Iterator[Finding]:
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
-    A large fault is named alone: with it, small ones cannot be told.
+    A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best.
     """
     large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
-    yield from large or explained(case_of(model, motions, parallel_filter, min_speed))
+    yield from large or explained(case_of(model, motions, parallel_filter, min_speed), tilt)
     if not large:
         yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
 
 
-def explained(case: Case) -> Iterator[Finding]:
+def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     """Yield what would explain much of the training residual, one cause after the other.
 
     A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
@@ -55,10 +58,16 @@ def explained(case: Case) -> Iterator[Finding]:
         fit = misfit(case)
         absent = missing(fit)
         share = max((one.evidence.share for one in absent), default=0.0)
+        level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
+        leaning = 1.0 - misfit(level, fit.weight.max(axis=0)).size / fit.size if tilt else 0.0
+        share = max(share, leaning)
         found, others = _likeliest(fit, suspects, share)
         if found is not None and found.share > share:
             yield _finding(found, others)
             case = found.case
+        elif tilt and share == leaning:
+            yield Finding(Severity.INFO, None, tilt, Topic.BASE_TILT)
+            case, tilt = level, None
         elif absent:
             for one in _of_one_kind(absent):
                 yield one.finding(names)

@@ -25,6 +25,7 @@ __all__ = ["Case", "Evidence", "Misfit", "case_of", "misfit"]
 Array = NDArray[np.float64]
 SAMPLES = 1000  # of all motions, up to twice as many
 BAND = 20.0  # Hz: cut-off without a filter in the recipe; rigid bodies move more slowly
+RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
 ROUNDS = 3  # of the weights of the joints
 UNSEEN = 1e-5  # share of a derivative, beside the regressor, below which it is rounding error
@@ -132,14 +133,26 @@ def case_of(
 ) -> Case:
     """Return the case of a model and motions: low-passed as the recipe says, and thinned to ``samples``."""
     cutoff = BAND if parallel_filter is None else float(parallel_filter.cutoff or BAND)
-    slow = [_low_passed(motion, min(cutoff, BAND)) for motion in motions]
+    cutoff = min(cutoff, BAND)
+    slow = [_low_passed(motion, cutoff) for motion in motions]
     rows = subsample(slow, samples)
     q, dq, ddq, tau = (
-        np.concatenate([getattr(one, name)[keep] for one, keep in zip(slow, rows, strict=True)])
+        np.concatenate([getattr(one, name)[kept] for one, kept in zip(slow, rows, strict=True)])
         for name in ("q", "dq", "ddq", "tau")
     )
+    keep = np.concatenate([_steady(one, RESPONSE / cutoff)[kept] for one, kept in zip(slow, rows, strict=True)])
     fast = fast_enough(dq, min_speed)
-    return Case(model, q, dq, ddq, tau, np.ones(q.shape, bool) if fast is None else fast, tuple(map(len, rows)))
+    return Case(model, q, dq, ddq, tau, keep if fast is None else keep & fast, tuple(map(len, rows)))
+
+
+def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
+    """Return where each joint (N, n) does not reverse within ``margin`` (s)."""
+    found = np.ones(motion.q.shape, dtype=bool)
+    for j, dq in enumerate(motion.dq.T):
+        turns = motion.t[np.flatnonzero(np.diff(np.signbit(dq)))]
+        first, last = (np.searchsorted(turns, motion.t + side * margin) for side in (-1, 1))
+        found[:, j] = first == last
+    return found
 
 
 def _low_passed(motion: Motion, cutoff: float) -> Motion:

@@ -72,7 +72,9 @@ def with_missing(case: Case, found: Missing) -> Case:
 def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
     """Yield every kind of effect with its joint, the other joint of a coupled motor, and its column (M, n)."""
     case = fit.case
-    load, n = _load(fit), case.q.shape[1]
+    (load, friction), n = _parts(fit), case.q.shape[1]
+    age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
+    friction_jumps = _has_coulomb(case)
     speed = np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12)
     sign = np.tanh(case.dq / (SLOW * speed))
     shapes: dict[TermKind, Callable[[int], Array]] = {
@@ -85,12 +87,14 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
         TermKind.QUADRATIC: lambda j: np.abs(case.dq[:, j]) * case.dq[:, j],
         TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK * speed[j])),
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
+        TermKind.DRIFT: lambda j: age * friction[:, j],
     }
     for kind, shape in shapes.items():
         for j in range(n):
             column = np.zeros_like(case.q)
             column[:, j] = shape(j)
-            yield kind, j, None, column
+            known = kind is TermKind.COULOMB and friction_jumps[j]
+            yield TermKind.SMOOTH if known else kind, j, None, column
     for i in range(n):
         for j in range(i + 1, n):
             column = np.zeros_like(case.q)
@@ -98,10 +102,19 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
             yield TermKind.COUPLED, j, i, column
 
 
-def _load(fit: Misfit) -> Array:
-    """Return the torque (M, n) of the rigid bodies, or of a model without any all but friction and offset."""
+def _parts(fit: Misfit) -> tuple[Array, Array]:
+    """Return the torques (M, n) of the rigid bodies and of friction; without bodies, of all but friction."""
     parameters, case = fit.case.model.parameters, fit.case
     rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
-    if not rigid.any():
-        rigid = np.array([parameter.role not in ("viscous", "coulomb") for parameter in parameters])
-    return case.model.torque(case.q, case.dq, case.ddq, np.where(rigid, fit.theta, 0.0))
+    rubs = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
+    rigid = rigid if rigid.any() else ~rubs
+    load, friction = (
+        case.model.torque(case.q, case.dq, case.ddq, np.where(part, fit.theta, 0.0)) for part in (rigid, rubs)
+    )
+    return load, friction
+
+
+def _has_coulomb(case: Case) -> NDArray[np.bool_]:
+    """Return which joints (n) have Coulomb friction in the model."""
+    coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
+    return np.asarray(case.model.torque(case.q, case.dq, case.ddq, coulomb.astype(float)).any(axis=0))

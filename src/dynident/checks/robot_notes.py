@@ -36,6 +36,7 @@ class TermKind(StrEnum):
     QUADRATIC = "quadratic friction"
     STRIBECK = "Stribeck friction"
     LOAD = "load-dependent friction"
+    DRIFT = "friction that drifts"
     COUPLED = "coupled motor"
 
 

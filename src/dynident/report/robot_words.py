@@ -24,6 +24,10 @@ EFFECTS = {
     TermKind.QUADRATIC: ("friction that is not proportional to the velocity", OWN),
     TermKind.STRIBECK: ("friction that is different at low speed", OWN),
     TermKind.LOAD: ("friction that grows with the load", OWN),
+    TermKind.DRIFT: (
+        "friction that changes over the recording",
+        "Let the robot warm up, and record training and validation in the same state.",
+    ),
     TermKind.COUPLED: ("a motor that turns with both joints", "Add it to `couplings` of the model."),
 }
 

@@ -62,10 +62,10 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
         leaning = 1.0 - misfit(level, fit.weight.max(axis=0)).size / fit.size if tilt else 0.0
         share = max(share, leaning)
         found, others = _likeliest(fit, suspects, share)
-        if found is not None and found.share > share:
+        if found is not None and ALIKE * found.share > share:
             yield _finding(found, others)
             case = found.case
-        elif tilt and share == leaning:
+        elif tilt and share == leaning > fit.worth:
             yield Finding(Severity.INFO, None, tilt, Topic.BASE_TILT)
             case, tilt = level, None
         elif absent:

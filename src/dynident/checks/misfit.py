@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 SAMPLES = 1000  # of all motions, up to twice as many
 BAND = 20.0  # Hz: cut-off without a filter in the recipe; rigid bodies move more slowly
 RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
+WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % of the error
+PART, LEAST = 0.3, 0.1  # or this part of what is not white noise, counted as at least that share
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
 ROUNDS = 3  # of the weights of the joints
 UNSEEN = 1e-5  # share of a derivative, beside the regressor, below which it is rounding error
@@ -36,7 +38,8 @@ FLOOR = 1e-7  # share of a joint's torque below which its residual is rounding e
 class Case:
     """A model with the samples to explain: q, dq, ddq, tau (M, n), which of them count, and the lengths of the logs.
 
-    ``extra`` are columns (M, n) beside those of the model.
+    ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
+    model.
     """
 
     model: Model
@@ -46,6 +49,7 @@ class Case:
     tau: Array
     keep: NDArray[np.bool_]
     lengths: tuple[int, ...]
+    noise: Array
     extra: tuple[Array, ...] = ()
 
     __repr__ = brief
@@ -86,6 +90,13 @@ class Misfit:
     def size(self) -> float:
         """Sum of squared weighted residuals."""
         return float(np.square(self.residual).sum())
+
+    @property
+    def worth(self) -> float:
+        """Share of the squared residual that is worth a word: less where most of it is white noise."""
+        all_of_it = (np.square(self.weight) * self.case.noise).sum(axis=0)
+        noise = float(np.minimum(all_of_it, np.square(self.residual).sum(axis=0)).sum())
+        return min(WORTH, PART * max(1.0 - noise / self.size, LEAST)) if self.size > 0 else WORTH
 
     @property
     def error(self) -> Array:
@@ -140,9 +151,15 @@ def case_of(
         np.concatenate([getattr(one, name)[kept] for one, kept in zip(slow, rows, strict=True)])
         for name in ("q", "dq", "ddq", "tau")
     )
-    keep = np.concatenate([_steady(one, RESPONSE / cutoff)[kept] for one, kept in zip(slow, rows, strict=True)])
+    steady = [_steady(one, RESPONSE / cutoff) for one in slow]
+    keep = np.concatenate([one[kept] for one, kept in zip(steady, rows, strict=True)])
     fast = fast_enough(dq, min_speed)
-    return Case(model, q, dq, ddq, tau, keep if fast is None else keep & fast, tuple(map(len, rows)))
+    above = [_low_passed(motion, 2.0 * cutoff).tau - one.tau for motion, one in zip(motions, slow, strict=True)]
+    noise = [np.where(one, np.square(x), 0.0).sum(axis=0) for x, one in zip(above, steady, strict=True)]
+    count = np.maximum(np.sum([one.sum(axis=0) for one in steady], axis=0), 1)
+    return Case(
+        model, q, dq, ddq, tau, keep if fast is None else keep & fast, tuple(map(len, rows)), np.sum(noise, axis=0) / count
+    )
 
 
 def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:

@@ -17,7 +17,6 @@ __all__ = ["Found", "Others", "Suspect", "convincing", "refined", "tested"]
 Array = NDArray[np.float64]
 Others = tuple[tuple[str | None, Note], ...]
 
-WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % of the error
 CERTAIN = 6.0  # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
 STEPS = 8
 SETTLED = 0.1  # of a standard error: a smaller step ends the search
@@ -56,7 +55,7 @@ class Found:
     __repr__ = brief
 
 
-def convincing(evidence: Evidence, worth: float = WORTH) -> bool:
+def convincing(evidence: Evidence, worth: float) -> bool:
     """Tell whether an unknown explains enough, in the whole data and in each part, to be no chance."""
     return min(evidence.share, evidence.held_out) > worth and abs(evidence.value) > CERTAIN * evidence.std
 
@@ -65,7 +64,7 @@ def tested(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, 
     """Yield the suspects whose one step is convincing, with what it explains."""
     for one in suspects:
         evidence = fit.evidence(one.derivative(fit))
-        if evidence is not None and convincing(evidence, WORTH / 2):
+        if evidence is not None and convincing(evidence, fit.worth / 2):
             yield one, evidence
 
 
@@ -85,4 +84,4 @@ def refined(fit: Misfit, suspect: Suspect) -> Found | None:
         if abs(step) < SETTLED * std:
             break
     share = 1.0 - misfit(case, weight).size / fit.size
-    return Found(suspect, value, std, share, case) if share > WORTH and abs(value) > CERTAIN * std else None
+    return Found(suspect, value, std, share, case) if share > fit.worth and abs(value) > CERTAIN * std else None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from dynident.errors import Finding, Note, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
 from dynident.identification.verdict import reasons as why
@@ -66,6 +67,30 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     assert verdict.reasons[0] == why.NoHoldOut()
     assert verdict.next[0] is Remedy.HOLD_OUT
     assert verdict.held_out is None
+
+
+@dataclass(frozen=True)
+class NoSimulation(Note):
+    """A note whose bearing is its type's."""
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+
+
+def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification) -> None:
+    wrong = Finding(Severity.ERROR, "slider", "the torque is in another unit")
+    odd = Finding(Severity.WARNING, None, "the file has no limits")
+    mild = [Finding(Severity.WARNING, joint, NoSimulation()) for joint in ("slider", "other")]
+    for findings, use in (((odd,), Use.SIMULATION), ((odd, *mild), Use.CONTROL), ((*mild, wrong), Use.DO_NOT_USE)):
+        assert judge(replace(good, warnings=findings)).use is use
+    verdict = judge(replace(good, warnings=(*mild, wrong), validations=good.validations[:1]))
+    assert verdict.reasons[:2] == (why.Noted((wrong,)), why.NoHoldOut())
+    assert why.Noted(tuple(mild)) in verdict.reasons  # one reason for all joints
+
+
+def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
+    verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
+    assert verdict.use is Use.CONTROL
+    assert verdict.reasons == (why.Noted((Finding(Severity.WARNING, None, NoSimulation()),)),)
 
 
 def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:

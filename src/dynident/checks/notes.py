@@ -29,7 +29,6 @@ __all__ = [
     "NeverMoves",
     "NoLimit",
     "NoMass",
-    "NoUse",
     "OddScale",
     "OddTotalMass",
     "OnlyShapes",
@@ -53,12 +52,6 @@ __all__ = [
 
 class ReadingNote(Note):
     """Base of what reading a log raises or warns of, below ``report``; its words are in ``checks/reading.py``."""
-
-
-class NoUse(Note):
-    """Base of what leaves a model without any use, however small the torque error."""
-
-    forbids: ClassVar[Use | None] = Use.CONTROL
 
 
 @dataclass(frozen=True)
@@ -275,32 +268,36 @@ class GravityIgnored(Note):
 
 
 @dataclass(frozen=True)
-class OtherGravity(NoUse):
+class OtherGravity(Note):
     """The gravity that the torques fit and the one assumed (m/s^2, in the root link's frame)."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     fitted: tuple[float, ...]
     assumed: tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class ReversedSign(NoUse):
+class ReversedSign(Note):
     """A torque that opposes the nominal one, by its correlation; None: friction and inertia come out negative."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     correlation: float | None
 
 
 @dataclass(frozen=True)
-class OddScale(NoUse):
+class OddScale(Note):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     scale: float
     unit: str
 
 
 @dataclass(frozen=True)
-class UnrelatedTorque(NoUse):
+class UnrelatedTorque(Note):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     ratio: float
     correlation: float
 

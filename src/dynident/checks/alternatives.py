@@ -96,7 +96,7 @@ def _reversed(case: Case) -> Iterator[Alternative]:
 
 def _with(case: Case, channel: Channel, change: Callable[[Array], Array]) -> Case:
     """Return the case with the columns of a channel changed."""
-    motion = ("q", "dq", "ddq", "keep")
+    motion = ("q", "dq", "ddq", "dddq", "keep")
     moved = {} if channel is Channel.TORQUE else {name: change(getattr(case, name)) for name in motion}
     return replace(case, **moved) if channel is Channel.POSITION else replace(case, tau=change(case.tau), **moved)
 

@@ -11,6 +11,7 @@ from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
+from dynident.checks.robot_notes import TermKind
 from dynident.checks.payload import payload_findings
 from dynident.checks.suspect import Found, Others, Suspect, refined, tested
 from dynident.errors import Note, Severity
@@ -54,9 +55,10 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     """
     names = tuple(joint.name for joint in case.model.joints)
     suspects = [*geometry_suspects(case.model), *gain_suspects(case.model)]
+    said: set[tuple[TermKind, int]] = set()
     for _ in range(MOST):
         fit = misfit(case)
-        absent = missing(fit)
+        absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
         share = max((one.evidence.share for one in absent), default=0.0)
         level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
         leaning = 1.0 - misfit(level, fit.weight.max(axis=0)).size / fit.size if tilt else 0.0
@@ -71,6 +73,7 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
         elif absent:
             for one in _of_one_kind(absent):
                 yield one.finding(names)
+                said.add((one.kind, one.j))
                 case = with_missing(case, one)
         else:
             return

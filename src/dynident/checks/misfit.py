@@ -27,6 +27,7 @@ SAMPLES = 1000  # of all motions, up to twice as many
 BAND = 20.0  # Hz: cut-off without a filter in the recipe; rigid bodies move more slowly
 RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
 WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % of the error
+WHITE = 1.38  # energy of white noise that the low-pass leaves, over that in the octave above it
 PART, LEAST = 0.3, 0.1  # or this part of what is not white noise, counted as at least that share
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
 ROUNDS = 3  # of the weights of the joints
@@ -36,7 +37,8 @@ FLOOR = 1e-7  # share of a joint's torque below which its residual is rounding e
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A model with the samples to explain: q, dq, ddq, tau (M, n), which of them count, and the lengths of the logs.
+    """A model with the samples to explain: q, dq, ddq, dddq, tau (M, n), which of them count, and the lengths of the
+    logs.
 
     ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
     model.
@@ -46,6 +48,7 @@ class Case:
     q: Array
     dq: Array
     ddq: Array
+    dddq: Array
     tau: Array
     keep: NDArray[np.bool_]
     lengths: tuple[int, ...]
@@ -151,6 +154,7 @@ def case_of(
         np.concatenate([getattr(one, name)[kept] for one, kept in zip(slow, rows, strict=True)])
         for name in ("q", "dq", "ddq", "tau")
     )
+    jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in zip(slow, rows, strict=True)]
     steady = [_steady(one, RESPONSE / cutoff) for one in slow]
     keep = np.concatenate([one[kept] for one, kept in zip(steady, rows, strict=True)])
     fast = fast_enough(dq, min_speed)
@@ -158,7 +162,15 @@ def case_of(
     noise = [np.where(one, np.square(x), 0.0).sum(axis=0) for x, one in zip(above, steady, strict=True)]
     count = np.maximum(np.sum([one.sum(axis=0) for one in steady], axis=0), 1)
     return Case(
-        model, q, dq, ddq, tau, keep if fast is None else keep & fast, tuple(map(len, rows)), np.sum(noise, axis=0) / count
+        model,
+        q,
+        dq,
+        ddq,
+        np.concatenate(jerks),
+        tau,
+        keep if fast is None else keep & fast,
+        tuple(map(len, rows)),
+        WHITE * np.sum(noise, axis=0) / count,
     )
 
 

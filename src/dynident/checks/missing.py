@@ -18,6 +18,7 @@ from dynident.models import INERTIAL
 __all__ = ["Missing", "missing", "with_missing"]
 
 Array = NDArray[np.float64]
+STEP = 1e-4  # s, of the differences in time
 SLOW = 0.05  # of the rms speed: width of the sign of a velocity
 STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
@@ -74,6 +75,7 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
     case = fit.case
     (load, friction), n = _parts(fit), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
+    rate = _rate(fit)
     friction_jumps = _has_coulomb(case)
     speed = np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12)
     sign = np.tanh(case.dq / (SLOW * speed))
@@ -88,6 +90,7 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
         TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK * speed[j])),
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
+        TermKind.DELAY: lambda j: -rate[:, j],
     }
     for kind, shape in shapes.items():
         for j in range(n):
@@ -118,3 +121,15 @@ def _has_coulomb(case: Case) -> NDArray[np.bool_]:
     """Return which joints (n) have Coulomb friction in the model."""
     coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
     return np.asarray(case.model.torque(case.q, case.dq, case.ddq, coulomb.astype(float)).any(axis=0))
+
+
+def _rate(fit: Misfit) -> Array:
+    """Return the rate of change (M, n) of the fitted torque, in N m/s or N/s."""
+    case = fit.case
+    ahead, behind = (
+        case.model.torque(
+            case.q + h * case.dq + h**2 / 2 * case.ddq, case.dq + h * case.ddq, case.ddq + h * case.dddq, fit.theta
+        )
+        for h in (STEP, -STEP)
+    )
+    return np.asarray((ahead - behind) / (2 * STEP))

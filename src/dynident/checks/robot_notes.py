@@ -37,6 +37,7 @@ class TermKind(StrEnum):
     STRIBECK = "Stribeck friction"
     LOAD = "load-dependent friction"
     DRIFT = "friction that drifts"
+    DELAY = "delay of the torque"
     COUPLED = "coupled motor"
 
 

@@ -28,6 +28,10 @@ EFFECTS = {
         "friction that changes over the recording",
         "Let the robot warm up, and record training and validation in the same state.",
     ),
+    TermKind.DELAY: (
+        "a torque that is stamped late, by these seconds,",
+        "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
+    ),
     TermKind.COUPLED: ("a motor that turns with both joints", "Add it to `couplings` of the model."),
 }
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ from dynident.checks.geometry import displaced
 from dynident.checks.misfit import Case, misfit
 from dynident.checks.robot_notes import Channel
 from dynident.errors import Note, Severity, brief
-from dynident.models import HasGeometry, HasGravity
+from dynident.models import HasGeometry, HasGravity, Model, Term
 
 __all__ = ["better_alternative"]
 
@@ -59,9 +61,9 @@ def better_alternative(case: Case) -> Iterator[Finding]:
 
 def _error(case: Case) -> float:
     """Return the root mean square over the joints of the relative error of the torque, all joints of equal weight."""
-    size = np.linalg.norm(case.tau, axis=0)
+    size = np.asarray(np.linalg.norm(case.tau, axis=0), dtype=float)
     weight = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
-    return float(np.sqrt(misfit(case, weight).size / max(np.count_nonzero(size), 1)))
+    return float(np.sqrt(misfit(case, weight).size / max(int(np.count_nonzero(size)), 1)))
 
 
 def _alternatives(case: Case) -> Iterator[Alternative]:
@@ -77,28 +79,26 @@ def _swapped(case: Case) -> Iterator[Alternative]:
         order = np.arange(len(names))
         order[[i, j]] = j, i
         for channel in Channel:
-            pair = (names[i], names[j])
-            swapped = _with(case, channel, lambda x, order=order: x[:, order])
-            yield Alternative(
-                swapped, None, Topic.SWAPPED, lambda a, b, p=pair, c=channel: robot_notes.JointsSwapped(p, c, a, b)
-            )
+            note = partial(robot_notes.JointsSwapped, (names[i], names[j]), channel)
+            yield Alternative(_with(case, channel, order=order), None, Topic.SWAPPED, note)
 
 
 def _reversed(case: Case) -> Iterator[Alternative]:
     for j, joint in enumerate(case.model.joints):
         sign = np.where(np.arange(len(case.model.joints)) == j, -1.0, 1.0)
         for channel in Channel:
-            turned = _with(case, channel, lambda x, sign=sign: x if x.dtype == bool else sign * x)
-            yield Alternative(
-                turned, joint.name, Topic.SIGN, lambda a, b, c=channel: robot_notes.ColumnReversed(c, a, b)
-            )
+            note = partial(robot_notes.ColumnReversed, channel)
+            yield Alternative(_with(case, channel, sign=sign), joint.name, Topic.SIGN, note)
 
 
-def _with(case: Case, channel: Channel, change: Callable[[Array], Array]) -> Case:
-    """Return the case with the columns of a channel changed."""
-    motion = ("q", "dq", "ddq", "dddq", "keep")
-    moved = {} if channel is Channel.TORQUE else {name: change(getattr(case, name)) for name in motion}
-    return replace(case, **moved) if channel is Channel.POSITION else replace(case, tau=change(case.tau), **moved)
+def _with(case: Case, channel: Channel, order: Any = slice(None), sign: Array | float = 1.0) -> Case:
+    """Return the case with the columns of a channel in another order, and times a sign."""
+    if channel is not Channel.POSITION:
+        case = replace(case, tau=sign * case.tau[:, order], noise=case.noise[order])
+    if channel is not Channel.TORQUE:
+        q, dq, ddq, dddq = (sign * x[:, order] for x in (case.q, case.dq, case.ddq, case.dddq))
+        case = replace(case, q=q, dq=dq, ddq=ddq, dddq=dddq, keep=case.keep[:, order])
+    return case
 
 
 def _axes(case: Case) -> Iterator[Alternative]:
@@ -111,10 +111,8 @@ def _axes(case: Case) -> Iterator[Alternative]:
                 angle = np.arctan2(np.linalg.norm(turn), given @ axis)
                 by = np.concatenate([np.zeros(6), angle * turn / np.linalg.norm(turn)])
                 other = replace(case, model=displaced(case.model, joint.name, by))
-                pair = (tuple(given.tolist()), tuple(axis.tolist()))
-                yield Alternative(
-                    other, joint.name, Topic.AXIS, lambda a, b, p=pair: robot_notes.OtherAxis(*p, a, b)
-                )
+                note = partial(robot_notes.OtherAxis, tuple(given.tolist()), tuple(axis.tolist()))
+                yield Alternative(other, joint.name, Topic.AXIS, note)
 
 
 def _gravities(case: Case) -> Iterator[Alternative]:
@@ -123,8 +121,15 @@ def _gravities(case: Case) -> Iterator[Alternative]:
     size = float(np.linalg.norm(assumed))
     for down in (-assumed / (size or 1.0), *np.eye(3), *-np.eye(3)):
         if size and down @ assumed < (1.0 - ACROSS) * size:
-            gravity = (size * down[0], size * down[1], size * down[2])
-            turned = tuple(one.with_gravity(gravity) if isinstance(one, HasGravity) else one for one in case.model.terms)
-            note = notes.OtherGravity(tuple(np.round(gravity, 1).tolist()), tuple(assumed.tolist()))
-            other = replace(case, model=replace(case.model, terms=turned))
-            yield Alternative(other, None, Topic.GRAVITY, lambda a, b, note=note: note)  # noqa: ARG005
+            note = partial(_gravity, tuple(np.round(size * down, 1).tolist()), tuple(assumed.tolist()))
+            model = replace(case.model, terms=_under(case.model, size * down))
+            yield Alternative(replace(case, model=model), None, Topic.GRAVITY, note)
+
+
+def _under(model: Model, gravity: Array) -> tuple[Term, ...]:
+    x, y, z = gravity.tolist()
+    return tuple(term.with_gravity((x, y, z)) if isinstance(term, HasGravity) else term for term in model.terms)
+
+
+def _gravity(fitted: tuple[float, ...], assumed: tuple[float, ...], _before: float, _after: float) -> Note:
+    return notes.OtherGravity(fitted, assumed)

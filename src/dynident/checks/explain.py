@@ -11,8 +11,8 @@ from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
-from dynident.checks.robot_notes import TermKind
 from dynident.checks.payload import payload_findings
+from dynident.checks.robot_notes import TermKind
 from dynident.checks.suspect import Found, Others, Suspect, refined, tested
 from dynident.errors import Note, Severity
 from dynident.identification import BaseTilt, mounted

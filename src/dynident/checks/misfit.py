@@ -30,6 +30,7 @@ WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % o
 WHITE = 1.38  # energy of white noise that the low-pass leaves, over that in the octave above it
 PART, LEAST = 0.3, 0.1  # or this part of what is not white noise, counted as at least that share
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
+TELLING = 0.02  # share of an unknown's effect below which a part says nothing of its sign
 ROUNDS = 3  # of the weights of the joints
 UNSEEN = 1e-5  # share of a derivative, beside the regressor, below which it is rounding error
 FLOOR = 1e-7  # share of a joint's torque below which its residual is rounding error
@@ -61,7 +62,8 @@ class Case:
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What one unknown explains: its ``value`` and ``std``; the ``share`` of the squared residual in all, by joint (n),
-    and in parts of the data with the value from the other parts (``held_out``).
+    and in parts of the data with the value from the other parts (``held_out``). ``agreed`` says that the value has the
+    same sign in all parts.
     """
 
     value: float
@@ -69,6 +71,7 @@ class Evidence:
     share: float
     by_joint: Array
     held_out: float
+    agreed: bool
 
     __repr__ = brief
 
@@ -129,13 +132,15 @@ class Misfit:
         std = float(np.sqrt(long_run_covariance(scores)[0, 0])) / norm
         before = np.square(r).sum(axis=0)
         by_joint = 1.0 - np.square(left).sum(axis=0) / np.where(before > 0, before, 1.0)
-        return Evidence(value, std, inner**2 / norm / self.size, by_joint, self._held_out(z))
+        return Evidence(value, std, inner**2 / norm / self.size, by_joint, *self._in_parts(z))
 
-    def _held_out(self, z: Array) -> float:
+    def _in_parts(self, z: Array) -> tuple[float, bool]:
+        """Return the share explained in each part with the value from the others, and whether all agree in sign."""
         inner, norm = (np.array([part.sum() for part in np.array_split(x, FOLDS)]) for x in (z * self.residual, z * z))
         others = norm.sum() - norm
         value = (inner.sum() - inner) / np.where(others > 0, others, 1.0)
-        return float((2 * value * inner - value**2 * norm).sum()) / self.size
+        telling = inner[norm > TELLING * norm.sum()]
+        return float((2 * value * inner - value**2 * norm).sum()) / self.size, bool(np.ptp(np.sign(telling)) == 0)
 
 
 def case_of(

@@ -59,8 +59,9 @@ def missing(fit: Misfit) -> list[Missing]:
         if evidence is not None and abs(evidence.value) > CERTAIN * evidence.std:
             one = Missing(kind, j, partner, column, evidence)
             sensible = kind not in POSITIVE or evidence.value > 0
-            kept = sensible and evidence.held_out > 0.5 * evidence.share and (partner is None or evidence.by_joint[partner] > WORTH)
-            if one.share > WORTH and kept:
+            lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
+            mutual = partner is None or evidence.by_joint[partner] > WORTH
+            if one.share > WORTH and sensible and lasting and mutual:
                 found.append(one)
     return sorted(found, key=lambda one: -one.evidence.share)
 
@@ -82,7 +83,7 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
     shapes: dict[TermKind, Callable[[int], Array]] = {
         TermKind.VISCOUS: lambda j: case.dq[:, j],
         TermKind.COULOMB: lambda j: sign[:, j],
-        TermKind.OFFSET: lambda j: np.ones(len(case.q)),
+        TermKind.OFFSET: lambda _: np.ones(len(case.q)),
         TermKind.ROTOR: lambda j: case.ddq[:, j],
         TermKind.SPRING: lambda j: case.q[:, j],
         TermKind.ASYMMETRIC: lambda j: np.abs(case.dq[:, j]),

@@ -8,11 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
-from dynident.errors import Note
+from dynident.errors import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "JointsSwapped", "LengthWrong", "MissingTerm", "OtherAxis", "OtherPayload",
-           "ColumnReversed", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
+__all__ = [
+    "AxisTilted",
+    "Channel",
+    "ColumnReversed",
+    "JointsSwapped",
+    "LengthWrong",
+    "MissingTerm",
+    "OtherAxis",
+    "OtherPayload",
+    "TermKind",
+    "TorqueGain",
+    "ZeroOff",
+]  # fmt: skip
 
 
 class Channel(StrEnum):
@@ -45,6 +57,7 @@ class TermKind(StrEnum):
 class JointsSwapped(Note):
     """The columns of two joints fit the other one; errors (%) of the torque, mean over the joints, before and after."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     joints: tuple[str, str]
     channel: Channel
     before: float
@@ -55,6 +68,7 @@ class JointsSwapped(Note):
 class ColumnReversed(Note):
     """The columns of a joint fit with the other sign; errors (%) as above."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     channel: Channel
     before: float
     after: float
@@ -64,6 +78,7 @@ class ColumnReversed(Note):
 class OtherAxis(Note):
     """Another axis (3) of a joint, in its own frame, fits better than that of the file; errors (%) as above."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     given: tuple[float, ...]
     fitted: tuple[float, ...]
     before: float
@@ -74,6 +89,7 @@ class OtherAxis(Note):
 class TorqueGain(Note):
     """The torque of a joint is ``factor`` times what the others ask for; ``others`` explain the residual as well."""
 
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     factor: float
     std: float
     share: float
@@ -84,6 +100,7 @@ class TorqueGain(Note):
 class ZeroOff(Note):
     """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
 
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     offset: float
     std: float
     share: float
@@ -94,6 +111,7 @@ class ZeroOff(Note):
 class LengthWrong(Note):
     """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
 
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     component: str
     given: float
     fitted: float
@@ -106,6 +124,7 @@ class LengthWrong(Note):
 class AxisTilted(Note):
     """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
 
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     axis: tuple[float, ...]
     angle: float
     alone: bool

@@ -57,7 +57,8 @@ class Found:
 
 def convincing(evidence: Evidence, worth: float) -> bool:
     """Tell whether an unknown explains enough, in the whole data and in each part, to be no chance."""
-    return min(evidence.share, evidence.held_out) > worth and abs(evidence.value) > CERTAIN * evidence.std
+    clear = min(evidence.share, evidence.held_out) > worth and evidence.agreed
+    return clear and abs(evidence.value) > CERTAIN * evidence.std
 
 
 def tested(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, Evidence]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -261,7 +261,7 @@ class RigidBodies:
 
     @cached_property
     def _file(self) -> RobotFile:
-        return read_robot_file(self.xml, self.source)
+        return _parsed(self.xml, self.source)
 
     @cached_property
     def _arm(self) -> Arm:
@@ -296,6 +296,12 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
             f"{source}: the root element is <{root.tag}>; a URDF begins with <robot>, an MJCF with <mujoco>."
         )
     return READERS[root.tag](root, source)
+
+
+@lru_cache(maxsize=8)
+def _parsed(xml: str, source: str) -> RobotFile:
+    """Return the file as parsed; kept, because bodies that are displaced or turned have the same text."""
+    return read_robot_file(xml, source)
 
 
 def _values(body: ArmBody) -> list[float | None]:

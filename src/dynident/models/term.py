@@ -138,9 +138,10 @@ class HasGeometry(Protocol):
         """What the file says of the frames."""
 
     def with_displacement(self, joint: str, by: tuple[float, ...], /) -> Term:
-        """Return the term with a joint displaced further by (9): x, y, z (m) of its origin along the axes of its parent
-        link's frame, then rotation vectors (rad) in its own frame, of the frame with all that it carries and of the axis
-        alone.
+        """Return the term with a joint displaced further by (9).
+
+        These are x, y, z (m) of its origin along the axes of its parent link's frame, then rotation vectors (rad) in
+        its own frame, of the frame with all that it carries and of the axis alone.
         """
 
 

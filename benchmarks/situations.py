@@ -29,6 +29,7 @@ from situation_list import SITUATIONS, Situation
 from dynident.checks import CheckResult
 from dynident.errors import DynidentError, Severity
 from dynident.identification import Identification, judge
+from dynident.identification.verdict.reasons import Noted
 from dynident.io.project import Project, read_project
 
 ESTIMATORS = ("least_squares", "consistent", "maximum_likelihood")
@@ -63,11 +64,13 @@ def _identified(project: Project, built: Built) -> Row:
     found = project.identify()
     verdict = judge(found)
     held = None if verdict.held_out is None else verdict.held_out.error
-    noted = [one for one in found.warnings if one.severity is not Severity.INFO]
-    moved = [one for one in found.warnings if one.severity is Severity.INFO]
+    noted = [one for one in found.notes if one.severity is not Severity.INFO]
+    moved = [one for one in found.notes if one.severity is Severity.INFO]
     return {
         "verdict": verdict.use.value,
-        "reasons": sorted({_kind(getattr(one, "note", one)) for one in verdict.reasons}),
+        "reasons": sorted(
+            {_kind(one.findings[0].message if isinstance(one, Noted) else one) for one in verdict.reasons}
+        ),
         "warnings": sorted({_kind(one) for one in noted}),
         "notes": sorted({_kind(one) for one in moved}),
         "training": _rounded(max(one.errors.relative_error for one in found.validations if one.role == "train")),
@@ -131,7 +134,7 @@ def own(row: Row, done: dict[tuple[str, str], Row]) -> tuple[list[str], list[str
         return check, ["refused"]
     said = {*row["reasons"], *row["warnings"]} - {*base.get("reasons", []), *base.get("warnings", [])}
     usual = {"NoFreeRun", "InertiasFree", "Undetermined"}
-    return check, sorted(said - usual - set(check))
+    return check, sorted(said - usual)
 
 
 def _cell(x: float | None) -> str:

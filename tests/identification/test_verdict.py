@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 
 from dynident.errors import Finding, Note, Severity
-from dynident.estimators import LeastSquares
+from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
+from dynident.identification.verdict.unconstrained import held_back
+from dynident.identification.verdict.unknown import CommonGain, Zeros, unknowns
 from dynident.log import Log
+from dynident.models import Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
 from dynident.validation import Driver, LogValidation, RunsAway, Signals
+from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
 
@@ -109,6 +113,16 @@ def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification)
     assert verdict.next[0] is Remedy.ANOTHER_MOTION
     both = judge(replace(again, validations=(*again.validations, good.validations[1])))
     assert both.use is Use.SIMULATION
+
+
+def test_a_slow_motion_holds_little_out(good: Identification) -> None:
+    held = good.validations[1]
+    slow = replace(held.motion, dq=0.3 * held.motion.dq)
+    reasons = with_part(good, 1, signals=Signals(slow, held.predicted)).reasons
+    assert [type(one) for one in reasons] == [why.SlowHoldOut]
+    assert isinstance(reasons[0], why.SlowHoldOut)
+    assert reasons[0].share == pytest.approx(0.3 * 4 / 3, rel=0.02)
+    assert with_part(good, 1, signals=Signals(slow, held.predicted)).use is Use.CONTROL
 
 
 @pytest.mark.parametrize(
@@ -231,3 +245,48 @@ def test_figures_behind_the_verdict(good: Identification) -> None:
     )
     assert held.errors.effort_share == {}
     assert slider().limits == {}
+
+
+def pulled(found: Identification, mass: float) -> Verdict:
+    """Hold the mass elsewhere than the data have it, as constraints may."""
+    value = found.estimate.value.copy()
+    value[0] *= mass
+    estimate = replace(found.estimate, value=value, consistency=Consistency())
+    return judge(replace(found, estimate=estimate))
+
+
+def test_what_physics_holds_far_from_the_data_counts(good: Identification) -> None:
+    assert held_back(good).growth == pytest.approx(0.0, abs=0.5)  # a part of the samples
+    assert pulled(good, 1.0).use is Use.SIMULATION
+    little, much = pulled(good, 1.02), pulled(good, 1.3)
+    for verdict, use in ((little, Use.CONTROL), (much, Use.DO_NOT_USE)):
+        assert verdict.use is use
+        (reason,) = (one for one in verdict.reasons if isinstance(one, why.HeldBack))
+        assert reason.growth > 5
+        assert Remedy.CHECK in verdict.next
+    (apart,) = (one.apart for one in much.reasons if isinstance(one, why.HeldBack))
+    t = np.arange(3000) * 0.002
+    x, v = np.sin(3 * t), np.cos(3 * t)
+    wrong = 0.3 * M * 4 * 2.7 * x
+    torque = 1.3 * M * 4 * -2.7 * x + FV * 2 * 0.9 * v + FC * np.sign(v) + OFFSET
+    assert apart == pytest.approx(100 * np.linalg.norm(wrong) / np.linalg.norm(torque), rel=0.03)
+
+
+def test_what_no_data_can_show_is_said_of_a_good_model(good: Identification) -> None:
+    assert judge(good).unknown == (CommonGain(),)
+    assert judge(replace(good, validations=good.validations[:1])).unknown == ()
+    weighed = replace(good.recipe, estimator=PhysicallyConsistent(total_mass=5.0))
+    assert judge(replace(good, recipe=weighed)).unknown == ()
+
+
+def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None:
+    """Of a vertical axis, which gravity does not show, and of the last, which turns the last body."""
+    bodies = [
+        joint("turn", "revolute", "base", "column", axis=(0, 0, 1)),
+        joint("lift", "revolute", "column", "upper", (0.1, 0.0, 0.2), (0.0, 0.0, 0.1), axis=(0, 1, 0)),
+        joint("wrist", "revolute", "upper", "hand", (0.4, 0.05, 0.0), axis=(0, 1, 0)),
+    ]
+    links = [link("base", 1.0), *(link(name, 2.0, (0.1, 0.02, 0.05)) for name in ("column", "upper", "hand"))]
+    model = Model((RigidBodies(urdf(*links, *bodies)),))
+    found = replace(good, model=model, estimate=replace(good.estimate, value=np.asarray(model.values)))
+    assert tuple(unknowns(found)) == (CommonGain(), Zeros(("turn", "wrist")))

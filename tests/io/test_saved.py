@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.errors import ConfigError, InputError, ModelError
+from dynident.checks import Topic
+from dynident.checks.notes import OddScale
+from dynident.errors import ConfigError, Finding, InputError, ModelError, Severity
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.estimators.notes import NotIdentifiable
 from dynident.identification import Identification, OldResult, Recipe, identify, judge
@@ -129,10 +131,14 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
     assert first.free_run is not None
     errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
     run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
+    findings = (
+        Finding(Severity.ERROR, None, "the torque of 'train' is in another unit", source="train"),
+        Finding(Severity.WARNING, "joint2", OddScale(np.nextafter(5, 6), "N m"), Topic.SCALE),
+    )
     odd = replace(
         found,
         validations=(replace(first, errors=errors, free_run=run), *rest),
-        warnings=(NotIdentifiable(3), *found.warnings),
+        warnings=(NotIdentifiable(3), *found.warnings, *findings),
         mass=None,
     )
     text = save(odd, tmp_path / "r.json", {"verdict": "of no use"}).read_text()
@@ -144,7 +150,9 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
 
 def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
     write_log(tmp_path)
-    found = run(configure(tmp_path, simulation={"kind": "measured_torque"}))
+    write_log(tmp_path, "other.csv", rate=4.0)
+    held_out = [{"file": "other.csv", "window": [0, 3]}]
+    found = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
     path = found.save(tmp_path / "result.json")
     again = load(path)
     assert_same(found, again)

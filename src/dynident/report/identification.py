@@ -9,6 +9,7 @@ from dynident.errors import Severity
 from dynident.identification import judge
 from dynident.identification.verdict.reasons import Noted
 from dynident.report.advice import IN_SENTENCES
+from dynident.report.check import finding_groups
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, render, terminal
@@ -89,7 +90,7 @@ def _more(identification: Identification) -> Iterator[str]:
     known = identification.notes
     more = [one for one in identification.findings if one.forbids is None and one.message not in known]
     if more:
-        yield f"`dynident check` has {count(len(more), 'more warning')}."
+        yield f"`dynident check` has {count(len(finding_groups(more)), 'more warning')}."
 
 
 def result_words(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from dynident.validation import Driver, Failure
 __all__ = [
     "FreeRunAstray",
     "FreeRunFails",
+    "HeldBack",
     "InertiasFree",
     "JointErrorsTooLarge",
     "MassMatrixNotPositive",
@@ -25,6 +26,7 @@ __all__ = [
     "Reason",
     "Repeats",
     "SilentTorque",
+    "SlowHoldOut",
     "TorqueErrorTooLarge",
     "UnfilteredErrorTooLarge",
 ]
@@ -62,6 +64,14 @@ class Repeats(Reason):
 
     usual_remedy = Remedy.ANOTHER_MOTION
     pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class SlowHoldOut(Reason):
+    """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
+
+    usual_remedy = Remedy.ANOTHER_MOTION
+    share: float
 
 
 @dataclass(frozen=True)
@@ -128,6 +138,19 @@ class PartlyUnexcited(Reason):
 
     unexcited: int
     total: int
+
+
+@dataclass(frozen=True)
+class HeldBack(Reason):
+    """Physical constraints hold the parameters far from what the data say.
+
+    Without them the residual would be smaller: it is ``growth`` % larger. On the training motion at twice its speed the
+    torque would differ by ``apart`` %.
+    """
+
+    usual_remedy = Remedy.CHECK
+    growth: float
+    apart: float
 
 
 @dataclass(frozen=True)

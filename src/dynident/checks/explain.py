@@ -13,7 +13,7 @@ from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import TermKind
-from dynident.checks.suspect import Found, Others, Suspect, refined, tested
+from dynident.checks.suspect import Found, Others, Suspect, promising, refined
 from dynident.errors import Note, Severity
 from dynident.identification import BaseTilt, mounted
 from dynident.log import Motion
@@ -92,7 +92,7 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
     as the first.
     """
-    seen = sorted(tested(fit, suspects), key=lambda pair: -pair[1].share)[:TRIED]
+    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)[:TRIED]
     most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
     seen = [pair for pair in seen if pair[1].share > most]
     found = [one for suspect, _ in seen if (one := refined(fit, suspect)) is not None]

@@ -22,6 +22,7 @@ STEP = 1e-4  # s, of the differences in time
 SLOW = 0.05  # of the rms speed: width of the sign of a velocity
 STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
+LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
 GRAVE = 0.4  # ... and to be warned of
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 
@@ -60,8 +61,9 @@ def missing(fit: Misfit) -> list[Missing]:
             one = Missing(kind, j, partner, column, evidence)
             sensible = kind not in POSITIVE or evidence.value > 0
             lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
+            felt = max(one.share, 0.0) ** 0.5 * fit.error[j] > LEAST
             mutual = partner is None or evidence.by_joint[partner] > WORTH
-            if one.share > WORTH and sensible and lasting and mutual:
+            if one.share > WORTH and felt and sensible and lasting and mutual:
                 found.append(one)
     return sorted(found, key=lambda one: -one.evidence.share)
 

@@ -12,7 +12,7 @@ from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Evidence, Misfit, misfit
 from dynident.errors import Note, brief
 
-__all__ = ["Found", "Others", "Suspect", "convincing", "refined", "tested"]
+__all__ = ["Found", "Others", "Suspect", "convincing", "promising", "refined"]
 
 Array = NDArray[np.float64]
 Others = tuple[tuple[str | None, Note], ...]
@@ -61,7 +61,7 @@ def convincing(evidence: Evidence, worth: float) -> bool:
     return clear and abs(evidence.value) > CERTAIN * evidence.std
 
 
-def tested(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, Evidence]]:
+def promising(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, Evidence]]:
     """Yield the suspects whose one step is convincing, with what it explains."""
     for one in suspects:
         evidence = fit.evidence(one.derivative(fit))

@@ -9,7 +9,7 @@ from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
 from tests.robots import joint, link, urdf
 
-T = np.arange(0, 20, 0.005)
+T = np.arange(0, 10, 0.01)
 
 
 def text(length: float = 0.4, axis=(0, 1, 0), turn=(0, 0, 0)) -> str:
@@ -52,5 +52,5 @@ def motion(seed: int = 0, noise: float = 0.02, model: Model | None = None, theta
     return Motion(T, q, dq, ddq, tau, tuple(x.name for x in model.joints), np.ones(len(T), bool))
 
 
-def case(moved: Motion | None = None, model: Model | None = None, samples: int = 1000) -> Case:
+def case(moved: Motion | None = None, model: Model | None = None, samples: int = 500) -> Case:
     return case_of(model or arm(), [moved or motion()], samples=samples)

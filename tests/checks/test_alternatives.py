@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -58,11 +59,11 @@ def test_an_axis_that_is_another() -> None:
     assert np.abs(one.message.fitted).tolist() == [0, 1, 0]
 
 
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, 9.81), (9.81, 0.0, 0.0)])
-def test_gravity_that_is_another_whatever_the_inertias_of_the_file(gravity) -> None:
+def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
+    gravity = (9.81, 0.0, 0.0)
     bodies = RigidBodies(text(), gravity=gravity)
     hung = Model((bodies, *arm().terms[1:]))
-    light = arm(text().replace('mass value="', 'mass value="0.000'))
+    light = arm(re.sub(r'mass value="[^"]*"', 'mass value="0.001"', text()))
     (one,) = found(motion(model=hung, theta=truth(hung)), light)
     assert one.topic is Topic.GRAVITY
     assert isinstance(one.message, notes.OtherGravity)

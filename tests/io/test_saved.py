@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dynident.checks import Topic
-from dynident.checks.notes import OddScale
-from dynident.errors import ConfigError, Finding, InputError, ModelError, Severity
+from dynident.errors import ConfigError, InputError, ModelError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.estimators.notes import NotIdentifiable
 from dynident.identification import Identification, OldResult, Recipe, identify, judge
@@ -131,14 +129,10 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
     assert first.free_run is not None
     errors = replace(first.errors, relative_error=np.nan, rmse={"joint1": np.inf, "joint2": -np.inf})
     run = replace(first.free_run, failure=RunsAway(np.nextafter(0.1, 1)))
-    findings = (
-        Finding(Severity.ERROR, None, "the torque of 'train' is in another unit", source="train"),
-        Finding(Severity.WARNING, "joint2", OddScale(np.nextafter(5, 6), "N m"), Topic.SCALE),
-    )
     odd = replace(
         found,
         validations=(replace(first, errors=errors, free_run=run), *rest),
-        warnings=(NotIdentifiable(3), *found.warnings, *findings),
+        warnings=(NotIdentifiable(3), *found.warnings),
         mass=None,
     )
     text = save(odd, tmp_path / "r.json", {"verdict": "of no use"}).read_text()

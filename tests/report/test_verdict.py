@@ -6,10 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from dynident.checks import Topic
-from dynident.checks.notes import FewReversals, OddScale
-from dynident.errors import Finding, Severity
-from dynident.report import identification_notes, identification_page
+from dynident.report import identification_page
 from dynident.report.verdict import verdict_text
 from dynident.validation import Broken, Driver
 from tests.report.conftest import identification_of
@@ -75,18 +72,3 @@ def test_names_cannot_break_out_of_the_verdict():
     found = identification_of(joints=(EVIL, "elbow"), logs=(EVIL, "other"))
     found.runs = (run(EVIL, (EVIL, "elbow"), failure=Broken(EVIL)),)
     assert "<script>alert" not in identification_page(found)
-
-
-def test_a_finding_that_forbids_use_is_said_once_and_others_are_counted():
-    wrong = [Finding(Severity.WARNING, name, OddScale(99.9, "N m"), Topic.SCALE) for name in ("shoulder", "elbow")]
-    wrong += [Finding(Severity.ERROR, None, "the train is late"), Finding(Severity.ERROR, None, "the train is long")]
-    found = identification_of()
-    found.findings = (*wrong, Finding(Severity.WARNING, "elbow", FewReversals(1), Topic.REVERSALS))
-    text = verdict_text(found)[0]
-    lines = [line.text for line in identification_notes(found)]
-    assert text.count("99.9 times") == text.count("Likewise elbow") == text.count("the train is late") == 1
-    assert sum("the train is long" in line for line in lines) == 1
-    assert not any("99.9" in line or "late" in line for line in lines)
-    assert "Note: `dynident check` has 1 more warning." in lines
-    assert "reverses" not in " ".join((text, *lines))
-    assert identification_page(found).count("has 1 more warning.") == 1

@@ -14,14 +14,15 @@ from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
+from dynident.identification.verdict.repeats import least_difference
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals, Step
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import unknowns
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
-from dynident.log import Motion, subsample
+from dynident.log import subsample
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, relative_error
+from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple
 
 __all__ = ["judge"]
 
@@ -88,7 +89,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield why.NoHoldOut()
-    again = {a.name: b.name for a in held for b in train if _repeat(a.motion, b.motion)}
+    again = {a.name: b.name for a in held for b in train if least_difference(a.motion, b.motion) < REPEAT}
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]
@@ -288,13 +289,3 @@ def _unexcited(found: Identification) -> tuple[int, int]:
     if found.base.on_data is None or found.base.structural is None:
         return max(len(found.estimate.names) - found.estimate.determined.rank, 0), len(found.estimate.names)
     return max(found.base.structural.rank - found.base.on_data.rank, 0), found.base.structural.rank
-
-
-def _repeat(one: Motion, other: Motion) -> bool:
-    """Return whether the torques of two motions are the same, compared from their starts."""
-    t = one.t - one.t[0]
-    use = one.mask & (t <= other.t[-1] - other.t[0])
-    if use.sum() < max(0.5 * one.mask.sum(), 10):
-        return False
-    twin = np.column_stack([np.interp(t[use], other.t - other.t[0], column) for column in other.tau.T])
-    return relative_error(one.tau[use], twin) < REPEAT

@@ -24,19 +24,18 @@ ORDER = 1
 def gain_suspects(model: Model) -> list[Suspect]:
     """Return the gain of each joint, as its logarithm, the others being right; none for one joint."""
     names = [joint.name for joint in model.joints]
-    return [_gain(j, name) for j, name in enumerate(names) if len(names) > 1]
+    return [_gain(model, j, name) for j, name in enumerate(names) if len(names) > 1]
 
 
-def _gain(j: int, name: str) -> Suspect:
+def _gain(model: Model, j: int, name: str) -> Suspect:
     def derivative(fit: Misfit) -> Array:
         column = np.zeros_like(fit.predicted)
-        column[:, j] = fit.predicted[:, j]
+        column[:, j] = fit.case.torque(fit.theta)[:, j]
         return column
 
     def corrected(case: Case, value: float) -> Case:
-        tau = case.tau.copy()
-        tau[:, j] /= np.exp(value)
-        return replace(case, tau=tau)
+        factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
+        return replace(case, gain=case.gain * factor)
 
     def note(value: float, std: float, share: float, others: Others) -> Note:
         factor = float(np.exp(value))

@@ -93,7 +93,7 @@ def _slope(corrected: Callable[[Case, float], Case]) -> Callable[[Misfit], Array
 
     def derivative(fit: Misfit) -> Array:
         ahead, behind = (corrected(fit.case, sign * STEP) for sign in (1.0, -1.0))
-        torques = [one.model.torque(one.q, one.dq, one.ddq, fit.theta) for one in (ahead, behind)]
+        torques = [one.torque(fit.theta) for one in (ahead, behind)]
         return np.asarray((torques[0] - torques[1]) / (2 * STEP))
 
     return derivative

@@ -41,7 +41,7 @@ class Case:
     logs.
 
     ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
-    model.
+    model, ``gain`` (n) are what the torques of the model are multiplied with.
     """
 
     model: Model
@@ -54,8 +54,13 @@ class Case:
     lengths: tuple[int, ...]
     noise: Array
     extra: tuple[Array, ...] = ()
+    gain: Array | float = 1.0
 
     __repr__ = brief
+
+    def torque(self, theta: Array) -> Array:
+        """Return the torque (M, n) of the model with parameters theta (p)."""
+        return self.model.torque(self.q, self.dq, self.ddq, theta) * self.gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +195,26 @@ def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
 
 def _white(motion: Motion, cutoff: float) -> float:
     """Return the energy of white noise that the low-pass leaves, over that in the octave above it."""
-    half = 0.5 / float(np.diff(motion.t).mean())
-    f = np.linspace(0.0, half, 1000)
-    low, high = (1.0 / (1.0 + (f / one) ** 8) if one <= 0.8 * half else np.ones_like(f) for one in (cutoff, 2 * cutoff))
+    low, high = _response(motion, cutoff), _response(motion, 2.0 * cutoff)
     above = float(np.square(high - low).sum())
     return float(np.square(low).sum()) / above if above > 0 else 0.0
 
 
+def _response(motion: Motion, cutoff: float) -> Array:
+    """Return the frequency response of ``_low_passed``, which has no phase, from zero to half the sampling rate."""
+    from scipy.signal import sosfreqz
+
+    if not _lowers(motion, cutoff):
+        return np.ones(512)
+    return np.asarray(np.abs(sosfreqz(ParallelFilter(cutoff=cutoff).sections(motion))[1]) ** 2)
+
+
+def _lowers(motion: Motion, cutoff: float) -> bool:
+    return cutoff <= 0.4 / float(np.diff(motion.t).mean())
+
+
 def _low_passed(motion: Motion, cutoff: float) -> Motion:
-    rate = 1.0 / float(np.diff(motion.t).mean())
-    if cutoff > 0.4 * rate:
+    if not _lowers(motion, cutoff):
         return motion
     low = ParallelFilter(cutoff=cutoff)
     sections = low.sections(motion)
@@ -217,7 +232,7 @@ def misfit(case: Case, weight: Array | None = None) -> Misfit:
     Each joint counts by one over the standard deviation of its residual, or by ``weight`` (n).
     """
     model, (rows, n) = case.model, case.q.shape
-    Y = model.regressor(case.q, case.dq, case.ddq)
+    Y = model.regressor(case.q, case.dq, case.ddq) * np.broadcast_to(case.gain, n)[:, None]
     Y = np.concatenate([Y, *(one[:, :, None] for one in case.extra)], axis=2)
     size = np.sqrt(np.square(case.tau).mean(axis=0))
     floor = FLOOR * np.where(size > 0, size, size.max(initial=0.0) or 1.0)

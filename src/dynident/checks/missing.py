@@ -114,25 +114,21 @@ def _parts(fit: Misfit) -> tuple[Array, Array]:
     rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
     rubs = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
     rigid = rigid if rigid.any() else ~rubs
-    load, friction = (
-        case.model.torque(case.q, case.dq, case.ddq, np.where(part, fit.theta, 0.0)) for part in (rigid, rubs)
-    )
+    load, friction = (case.torque(np.where(part, fit.theta, 0.0)) for part in (rigid, rubs))
     return load, friction
 
 
 def _has_coulomb(case: Case) -> NDArray[np.bool_]:
     """Return which joints (n) have Coulomb friction in the model."""
     coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
-    return np.asarray(case.model.torque(case.q, case.dq, case.ddq, coulomb.astype(float)).any(axis=0))
+    return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
 
 
 def _rate(fit: Misfit) -> Array:
     """Return the rate of change (M, n) of the fitted torque, in N m/s or N/s."""
     case = fit.case
     ahead, behind = (
-        case.model.torque(
-            case.q + h * case.dq + h**2 / 2 * case.ddq, case.dq + h * case.ddq, case.ddq + h * case.dddq, fit.theta
-        )
+        replace(case, q=case.q + h * case.dq, dq=case.dq + h * case.ddq, ddq=case.ddq + h * case.dddq)
         for h in (STEP, -STEP)
     )
-    return np.asarray((ahead - behind) / (2 * STEP))
+    return np.asarray((ahead.torque(fit.theta) - behind.torque(fit.theta)) / (2 * STEP))

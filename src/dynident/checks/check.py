@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
+from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
@@ -18,7 +19,7 @@ from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.checks.units import radian_findings
 from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
-from dynident.identification import Identification, Recipe, find_base_tilt, pair
+from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, HasRobotFile, Model
@@ -28,6 +29,7 @@ from dynident.smoothers import motion_of
 __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
+LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
@@ -195,9 +197,9 @@ def _moving(
     recorded = [smoothed[role][log.source] for role in ("train", "validation") for log in sound[role]]
     outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
     findings += torque_findings(every, outliers, len(logs), masked=masked)
-    trained = zip(recorded, outliers, logs, strict=False)  # those of the training come first
-    motions = tuple(without(*one) if masked else one[0] for one in trained)
-    findings += _tilt(model, motions, recipe, min_speed)
+    if masked:
+        recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
+    motions = tuple(recorded[: len(logs)])
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
@@ -205,6 +207,9 @@ def _moving(
         findings += look(model, motions, min_speed)
     seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
+    progress("looking for what explains the residual")
+    held_out = {motion.source: motion for motion in recorded[len(logs) :]}
+    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -222,13 +227,33 @@ def _of_motion(
 
 def _tilt(
     model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
-) -> Iterator[Finding]:
-    """Yield a note where a tilt of the base would explain much of the error."""
-    if recipe.base_tilt or not any(isinstance(term, HasGravity) for term in model.terms):
-        return
+) -> BaseTilt | None:
+    """Return the tilt of the base where it is not given and explains much of the error."""
+    if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
+        return None
     try:
         found = find_base_tilt(model, motions, PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
-        return
-    if found.after < (1.0 - WORTH) * found.before:
-        yield Finding(Severity.INFO, None, found, Topic.BASE_TILT)
+        return None
+    return found if found.after < (1.0 - WORTH) * found.before else None
+
+
+def _faults(
+    model: Model,
+    motions: tuple[Motion, ...],
+    held_out: Mapping[str, Motion],
+    recipe: Recipe,
+    min_speed: tuple[float, ...] | None,
+    findings: Sequence[Finding],
+) -> list[Finding]:
+    """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
+    if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
+        return list(findings)
+    tilt = _tilt(model, motions, recipe, min_speed)
+    if recipe.base_tilt is not None:
+        x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
+        model, tilt = mounted(model, x, y), None
+    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
+    if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
+        findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
+    return [*findings, *found]

@@ -11,7 +11,7 @@ from dynident.validation.free_run import (
     Singular,
     free_run,
 )
-from dynident.validation.hac import bandwidth, robust_covariance
+from dynident.validation.hac import bandwidth, long_run_covariance, robust_covariance
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
@@ -65,6 +65,7 @@ __all__ = [
     "decorrelation",
     "free_run",
     "ljung_box",
+    "long_run_covariance",
     "relative_error",
     "repeat_of",
     "residual_test",

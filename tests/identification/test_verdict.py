@@ -12,7 +12,6 @@ from dynident.errors import Finding, Note, Severity
 from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.repeats import least_difference
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import CommonGain, Zeros, unknowns
@@ -20,7 +19,7 @@ from dynident.log import Log
 from dynident.models import Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
-from dynident.validation import Driver, LogValidation, RunsAway, Signals, relative_error
+from dynident.validation import Driver, LogValidation, RunsAway, Signals, relative_error, repeat_of
 from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
@@ -124,20 +123,12 @@ def test_a_repeat_that_begins_later_is_one_too(good: Identification) -> None:
 
 
 def test_the_mean_torque_does_not_make_a_repeat() -> None:
-    """A weight of 1000 N is the same in any motion: only what varies about it is compared."""
+    """A weight of 1000 N is the same in any motion: the positions tell them apart."""
     one, other = (replace(Difference("central")(log(rate, "")), source=str(rate)) for rate in (3.0, 4.0))
     heavy = [replace(motion, tau=motion.tau + 1000.0) for motion in (one, other)]
     assert relative_error(heavy[0].tau, heavy[1].tau) < 5
-    assert least_difference(*heavy) == pytest.approx(least_difference(one, other), abs=1e-6)
-    assert least_difference(one, other) > 30
-    assert least_difference(one, one) == pytest.approx(0.0, abs=1e-4)
-
-
-def test_motions_without_enough_in_common_are_no_repeats() -> None:
-    one, other = log(3.0, "long"), log(3.0, "short").window(stop=1.0)
-    smooth = Difference("central")
-    assert least_difference(smooth(one), smooth(other)) == np.inf
-    assert least_difference(smooth(other), smooth(one)) < 10
+    assert repeat_of(*heavy).error > 30
+    assert repeat_of(heavy[0], heavy[0]).error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_slow_motion_holds_little_out(good: Identification) -> None:

@@ -14,7 +14,7 @@ from dynident.checks.units import least_error, thin
 from dynident.errors import Severity
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, Model
-from dynident.validation.repeat import repeat_of
+from dynident.validation import REPEATED, repeat_of
 
 __all__ = ["compensation_findings", "repeat_findings", "slow_findings"]
 
@@ -24,7 +24,6 @@ BETTER = 0.8  # of the error with gravity: without it, a fit must be better by t
 NEAR = 0.3  # share of gravity from which on it is not compensated
 STEP = 0.05  # of the share, for the curvature of the error
 SAME = 1e-4  # %, difference of logs that hold the same samples
-ALIKE = 10.0  # %, difference of positions and torques of logs of one motion
 WEAK = 1 / 3  # of the residual: less of the torque from accelerations does not show inertias
 POOR = 30.0  # %: what a fit leaves of a torque that another fault explains
 STRONG = 3.0  # times the residual: more shows them well
@@ -116,7 +115,7 @@ def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:
                 note = notes.SameData(other, found.lag)
                 yield Finding(Severity.WARNING, None, note, Topic.REPEAT, source=name)
                 break
-            if found.error < ALIKE:
+            if found.error < REPEATED:
                 alike = notes.RepeatedMotion(other, found.lag, found.error)
                 yield Finding(Severity.WARNING, None, alike, Topic.REPEAT, source=name)
                 break

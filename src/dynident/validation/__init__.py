@@ -21,7 +21,7 @@ from dynident.validation.prediction import (
     relative_error,
     validate,
 )
-from dynident.validation.repeat import Repeat, repeat_of
+from dynident.validation.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
     Cause,
@@ -39,6 +39,7 @@ from dynident.validation.residuals import (
 
 __all__ = [
     "LOW",
+    "REPEATED",
     "SEED",
     "Broken",
     "CascadePD",

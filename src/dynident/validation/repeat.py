@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from dynident.log import Log, Motion
 
-__all__ = ["Repeat", "repeat_of"]
+__all__ = ["REPEATED", "Repeat", "repeat_of"]
 
 Array = NDArray[np.float64]
 
+REPEATED = 10.0  # %, difference of positions and torques below which two recordings are of one motion
 MOST = 2**15  # points of the common time axis of each recording
 LEAST = 0.5  # share of the recording that the other must overlap
 

@@ -14,7 +14,6 @@ from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
-from dynident.identification.verdict.repeats import least_difference
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals, Step
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import unknowns
@@ -22,7 +21,7 @@ from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Us
 from dynident.log import subsample
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple
+from dynident.validation import REPEATED, Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, repeat_of
 
 __all__ = ["judge"]
 
@@ -33,7 +32,6 @@ UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter m
 JOINT = 25.0  # %, the same of one joint
 SMALL = 1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
 GAP = 2.0  # held-out error over training error
-REPEAT = 10.0  # %, torques of two logs that differ by less are of the same motion
 MISSING = 0.25  # share of the base parameters that the data may leave out
 LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the controller; from the measured torque
 GROWTH = 5.0  # %, by which what physics holds back may raise the residual
@@ -89,7 +87,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield why.NoHoldOut()
-    again = {a.name: b.name for a in held for b in train if least_difference(a.motion, b.motion) < REPEAT}
+    again = {a.name: b.name for a in held for b in train if repeat_of(a.motion, b.motion).error < REPEATED}
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]

@@ -43,10 +43,6 @@ def test_a_note_is_said_in_sentences(note: Note) -> None:
 def test_all_kinds_of_notes_are_said() -> None:
     named = [getattr(robot_notes, name) for name in robot_notes.__all__]
     kinds = {one for one in named if issubclass(one, Note)}
-        one
-        for one in map(robot_notes.__dict__.get, robot_notes.__all__)
-        if dataclasses.is_dataclass(one) and issubclass(one, Note)
-    }
     assert {type(note) for note in NOTES} == kinds
 
 

@@ -2,8 +2,18 @@
 
 from dynident.smoothers.butterworth import Butterworth
 from dynident.smoothers.difference import Difference
-from dynident.smoothers.smoother import BY_JOINT, Smoother, ends_mask
+from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import TimeShifted, unshifted
 
-__all__ = ["BY_JOINT", "Butterworth", "Difference", "Smoother", "Spline", "TimeShifted", "ends_mask", "unshifted"]
+__all__ = [
+    "BY_JOINT",
+    "Butterworth",
+    "Difference",
+    "Smoother",
+    "Spline",
+    "TimeShifted",
+    "as_used",
+    "ends_mask",
+    "unshifted",
+]

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynident.errors import ConfigError, called
 from dynident.log import Log, Motion
-from dynident.smoothers.smoother import Smoother
+from dynident.smoothers.smoother import Smoother, as_used
 
 __all__ = ["TimeShifted", "unshifted"]
 
@@ -33,6 +33,10 @@ class TimeShifted:
         motion = called(self.smoother, log, Motion)
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
         return replace(motion.shifted(self.time_offset), smoothing=smoothing)
+
+    def as_used(self, motion: Motion) -> TimeShifted:
+        """Return the same shift of the smoother as it was used for a motion."""
+        return TimeShifted(as_used(self.smoother, motion), self.time_offset)
 
 
 def unshifted(smoother: Smoother) -> Smoother:

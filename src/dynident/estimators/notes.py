@@ -100,7 +100,7 @@ class MotionCorrected(Note):
 
 @dataclass(frozen=True)
 class MotionTooNoisy(Note):
-    """Errors of the smoothed motion bias a base ``parameter`` by about ``size`` standard errors: too much to correct."""
+    """Errors of the smoothed motion bias a base ``parameter`` by ``size`` standard errors: too much to correct."""
 
     parameter: str
     size: float

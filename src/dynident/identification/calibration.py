@@ -129,8 +129,8 @@ def find_time_offset(
 
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
     is at the end of the range, which indicates another fault. Accelerations that a smoother attenuates can look like an
-    offset: ``pair`` gives motions with this corrected. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and the
-    estimator.
+    offset: ``pair`` gives motions with this corrected. ``min_speed`` (n) is that of the fit. Raises the
+    errors of ``Regression`` and the estimator.
     """
     from scipy.optimize import minimize_scalar
 

@@ -99,7 +99,8 @@ def _identify(
     estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
     if estimate.residual.sample_weights:
         regression = replace(regression, weights=estimate.residual.sample_weights)
-    more, noted = _late(model, regression, estimate, pairing.time_offset), ()
+    more = _late(model, regression, estimate, pairing.time_offset)
+    noted: tuple[Note, ...] = ()
     if estimate.information is None:
         progress("repeating the smoothing")
         found = motion_errors(model, trained, regression, smoother, estimate)
@@ -266,7 +267,7 @@ def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate)
 def _robust_std(
     regression: Regression, estimate: Estimate, own: Array, more: Array, basis: BaseParameters | None = None
 ) -> Array | None:
-    """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), a covariance by other errors.
+    """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
 
     Where the estimator counts the errors of the motion, its ``own`` are made larger in the ratio of those of least
     squares.

@@ -109,8 +109,8 @@ def motion_errors(
     """Return what the errors of the motions that ``smoother`` has made of ``logs`` do to an ``estimate``.
 
     It is that of the fit of ``regression`` without constraints, by least squares with the estimate's weights. Of more
-    than 20 000 samples a few pieces are used. ``rng`` draws the noise, by default the same each time. None where a piece
-    cannot be smoothed by itself.
+    than 20 000 samples a few pieces are used. ``rng`` draws the noise, by default the same each time. None where a
+    piece cannot be smoothed by itself.
     """
     rng = rng or np.random.default_rng(0)
     triangular, weights = regression.triangular_factors, estimate.residual.weights

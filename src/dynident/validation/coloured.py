@@ -1,9 +1,9 @@
 """Standard errors for residuals that are correlated over a good part of the log: each joint's as AR(1).
 
 The long-run covariance of ``hac`` needs many spans of correlation in a log. Where there are few, two figures of each
-joint can still be had from the residual, its variance v and its correlation rho at one sample, and the rest follows from
-the regressor: S = sum_j Y_j' R_j Y_j with R_j = v_j rho_j^|t - s|. The fit takes out of the residual what is slow above
-all; v and rho are those for which the expected residual has the variance and the correlation that are seen.
+joint can still be had from the residual, its variance v and its correlation rho at one sample, and the rest follows
+from the regressor: S = sum_j Y_j' R_j Y_j with R_j = v_j rho_j^|t - s|. The fit takes above all what is slow out of the
+residual; v and rho are those for which the expected residual has the variance and the correlation that are seen.
 """
 
 from __future__ import annotations
@@ -36,21 +36,20 @@ def coloured_std(
 
     ``theta`` (p), ``weights`` (n) and ``columns`` (r) are those of ``robust_covariance``, whose errors are raised. 1.96
     of these standard errors hold 95 %: they are multiplied by Student's quantile over the normal one, for the degrees
-    of freedom that the variance v and correlation rho of few independent samples leave. Joints are taken as independent.
+    of freedom that v and rho of few independent samples leave (Satterthwaite). Joints are taken as independent.
     """
     p, n = len(regression.model.parameters), len(regression.model.joints)
     w = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
     kept = list(range(p)) if columns is None else list(columns)
     scale, inverse = bread(regression, w, kept)
-    half = np.linalg.cholesky((inverse + inverse.T) / 2)
+    half: Array = np.asarray(np.linalg.cholesky((inverse + inverse.T) / 2), dtype=np.float64)
     parts = stretches_of(regression, MOST, PIECE)
     share = sum(map(samples_of, parts)) / samples_of(regression)
     value = np.asarray(theta, dtype=float)
     series = [_series(part, value, w, kept, half / scale[:, None]) for part in parts]
     joints = [_Joint.of([one[0][:, j] for one in series], [one[1][:, j] for one in series]) for j in range(n)]
     v, rho = _matched(joints, share)
-    total = sum(one.spread(*x) for one, x in zip(joints, zip(v, rho, strict=True), strict=True)) / share
-    variance = _diagonal(half, total)
+    variance = _diagonal(half, _spread(joints, v, rho) / share)
     wide = np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
     return np.asarray(wide / scale)
 
@@ -81,8 +80,8 @@ class _Joint:
             max(sum(int((x[1:] & x[:-1]).sum()) for x in used), 1),
             sum(float(e @ e) for e in left),
             sum(float(e[1:] @ e[:-1]) for e in left),
-            sum(y.T @ y for y in rows),
-            sum(y[1:].T @ y[:-1] for y in rows),
+            np.sum([y.T @ y for y in rows], axis=0),
+            np.sum([y[1:].T @ y[:-1] for y in rows], axis=0),
         )
 
     def ahead(self, rho: float) -> Array:
@@ -121,7 +120,7 @@ def _matched(joints: Sequence[_Joint], share: float) -> tuple[Array, Array]:
     v = np.maximum(seen, 1e-300)
     rho = _away(np.clip([one.product / one.pairs / x for one, x in zip(joints, v, strict=True)], -0.99, limit))
     for _ in range(ROUNDS):
-        total = sum(one.spread(*x) for one, x in zip(joints, zip(v, rho, strict=True), strict=True)) / share
+        total = _spread(joints, v, rho) / share
         taken = [one.expected(a, b, total) for one, a, b in zip(joints, v, rho, strict=True)]
         squares = [(one.square + more) / one.samples for one, (more, _) in zip(joints, taken, strict=True)]
         products = [(one.product + more) / one.pairs for one, (_, more) in zip(joints, taken, strict=True)]
@@ -130,6 +129,11 @@ def _matched(joints: Sequence[_Joint], share: float) -> tuple[Array, Array]:
         if (np.abs(rho - before) < CLOSE * (1 - rho)).all():
             break
     return v, rho
+
+
+def _spread(joints: Sequence[_Joint], v: Array, rho: Array) -> Array:
+    """Return the sum of Y' R Y (r, r) over the joints."""
+    return np.asarray(np.sum([one.spread(a, b) for one, a, b in zip(joints, v, rho, strict=True)], axis=0))
 
 
 def _away(rho: Array) -> Array:

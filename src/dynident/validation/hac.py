@@ -161,4 +161,5 @@ def _pieces(part: slice, share: float, size: int) -> list[slice]:
 
 
 def samples_of(regression: Regression) -> int:
+    """Return the number of usable samples."""
     return sum(int(motion.mask.sum()) for motion in regression.motions)

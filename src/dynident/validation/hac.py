@@ -93,10 +93,14 @@ def long_run(series: Sequence[Array]) -> Array:
     return np.asarray(sum(_bartlett(iter([u]), length, u.shape[1])[1] for u in series))
 
 
-def plain_std(regression: Regression, weights: Array, columns: Sequence[int]) -> Array:
-    """Return standard errors (r) for independent residuals that the ``weights`` (n) of the joints bring to one."""
-    scale, inverse = bread(regression, weights, list(columns))
-    return np.asarray(np.sqrt(np.diag(inverse)) / scale)
+def plain_std(regression: Regression, theta: Array, weights: Array, columns: Sequence[int]) -> Array:
+    """Return the standard errors (r) of the same fit for residuals at ``theta`` (p) that are independent."""
+    kept, triangular = list(columns), regression.triangular_factors
+    scale, inverse = bread(regression, weights, kept)
+    R = triangular.factors[:, :-1, :-1][:, :, kept] / scale
+    size = weights**4 * triangular.residual(theta) / np.maximum(triangular.rows, 1)
+    S = np.einsum("j,jik,jil->kl", size, R, R, optimize=True)
+    return np.asarray(np.sqrt(np.diag(inverse @ S @ inverse)) / scale)
 
 
 def bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Array]:

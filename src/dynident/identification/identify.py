@@ -42,10 +42,9 @@ from dynident.validation import (
     LogValidation,
     Signals,
     check_mass,
-    coloured_std,
+    correlated_std,
     free_run,
     plain_std,
-    robust_covariance,
     validate,
 )
 
@@ -275,9 +274,8 @@ def _robust_std(
     columns = None if basis is None else basis.independent
     value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
     try:
-        robust = np.sqrt(np.diag(robust_covariance(regression, value, weights, columns, slopes)))
-        robust = np.maximum(robust, coloured_std(regression, value, weights, columns))
-    except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns: then there is no such figure
+        robust = correlated_std(regression, value, weights, columns, slopes)
+    except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
         alone = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)

@@ -9,12 +9,13 @@ bootstrap; Efron and Tibshirani, 1993; of the smoothing alone, Tukey's twicing).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, brief, called
+from dynident.errors import InputError, ModelError, brief, called
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import solve, weighted
 from dynident.log import Log, Motion, pieces
@@ -22,6 +23,7 @@ from dynident.models import Model
 from dynident.regression import Regression, base_parameters, base_std
 from dynident.smoothers import Smoother, as_used, unshifted
 from dynident.splines import coloured_noise, noise_sigma
+from dynident.validation import correlated_std
 
 __all__ = ["MotionErrors", "motion_errors", "sharpened"]
 
@@ -134,13 +136,22 @@ def motion_errors(
     scale = sum(float(one.mask.sum()) for one in regression.motions) / max(_usable(here), 1.0)
     covariance = scale * moved @ moved.T / DRAWS
     basis = base_parameters(rank, model.parameters)
-    std = base_std(basis, triangular, estimate.residual.sigma, weights)
-    std = np.hypot(std, np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination)))
-    size = np.divide(np.abs(basis.to_base(bias)), std, out=np.zeros_like(std), where=std > 0)
+    wide = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
+    size = _sizes(basis.to_base(bias), base_std(basis, triangular, estimate.residual.sigma, weights), wide)
+    if (size > LARGE).any():
+        with suppress(ModelError):  # nearly dependent columns
+            robust = correlated_std(regression, estimate.value, weights, basis.independent, estimate.residual.slopes)
+            size = _sizes(basis.to_base(bias), robust, wide)
     worst = int(size.argmax()) if len(size) else 0
     p = len(bias)
     share = np.linalg.norm(factor[:, :p] @ bias) / max(float(np.linalg.norm(factor[:, :p] @ estimate.value)), 1e-300)
     return MotionErrors(bias, covariance, basis.groupings[worst], float(size[worst]), float(share))
+
+
+def _sizes(bias: Array, std: Array, more: Array) -> Array:
+    """Return the bias (r) in standard errors, of which there are two independent parts."""
+    whole = np.hypot(std, more)
+    return np.divide(np.abs(bias), whole, out=np.zeros_like(whole), where=whole > 0)
 
 
 def sharpened(smoother: Smoother, log: Log) -> Motion:

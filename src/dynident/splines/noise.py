@@ -65,7 +65,8 @@ def coloured_noise(
 
     ``left`` (N, k) is what splines of these bandwidths (k, s) have smoothed away. Its spectrum is compared with that of
     AR(1) (Whittle's likelihood) above twice the cut-off, where it is noise alone, and nearly all of it. Where too few
-    frequencies are left, or nothing was smoothed away, the noise is that of ``noise_sigma``, and white.
+    frequencies are left, nothing was smoothed away, or the spectrum is none of AR(1), the noise is that of
+    ``noise_sigma``, and white.
     """
     time, rest, width = (np.asarray(x, dtype=float) for x in (t, left, bandwidth))
     sigma, rho = noise_sigma(time, y), np.zeros(rest.shape[1])
@@ -84,6 +85,8 @@ def coloured_noise(
         shape = 1 + trial[:, None] ** 2 - 2 * trial[:, None] * np.cos(angle[used])
         fresh = (clean * shape).mean(axis=1)
         best = int(np.argmin(np.log(fresh) - np.log(shape).mean(axis=1)))
+        if best == len(trial) - 1:  # not noise, but motion that was smoothed away
+            continue
         sigma[k], rho[k] = np.sqrt(fresh[best] / (1 - trial[best] ** 2)), trial[best]
     return sigma, rho
 

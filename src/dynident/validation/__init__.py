@@ -1,6 +1,6 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
-from dynident.validation.coloured import coloured_std
+from dynident.validation.coloured import coloured_std, correlated_std
 from dynident.validation.free_run import (
     Broken,
     CascadePD,
@@ -62,6 +62,7 @@ __all__ = [
     "bandwidth",
     "check_mass",
     "coloured_std",
+    "correlated_std",
     "decorrelation",
     "free_run",
     "ljung_box",

@@ -16,14 +16,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.regression import Regression
 from dynident.splines import NORMAL_95
-from dynident.validation.hac import bread, samples_of, stretches_of
+from dynident.validation.hac import bread, robust_covariance, samples_of, stretches_of
 
-__all__ = ["coloured_std"]
+__all__ = ["coloured_std", "correlated_std"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 10_000, 2_500  # samples of all logs that are looked at, and of one piece of them
 ROUNDS, CLOSE = 12, 1e-3
 LEAST = 2.0  # degrees of freedom
+
+
+def correlated_std(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+    slopes: Sequence[Array] = (),
+) -> Array:
+    """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured."""
+    longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
+    try:
+        return np.maximum(longrun, coloured_std(regression, theta, weights, columns))
+    except np.linalg.LinAlgError:  # nearly dependent columns
+        return longrun
 
 
 def coloured_std(

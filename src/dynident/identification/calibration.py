@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, Severity, called
 from dynident.estimators import Estimate, Estimator, Problem, quick
-from dynident.identification.motion_errors import sharpened
+from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
@@ -117,41 +118,69 @@ def pair(
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
     progress("estimating the time offset")
-    found = find_time_offset(model, [sharpened(best, log) for log in excerpts(logs)], estimator, min_speed)
+    some = excerpts(logs)
+    motions = [called(best, log, Motion) for log in some]
+
+    def again(theta: Array) -> Sequence[Sequence[Motion]]:
+        return repeated(model, some, motions, best, theta)
+
+    found = find_time_offset(model, motions, estimator, min_speed, repeat=again)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
 
 
 def find_time_offset(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+    model: Model,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    min_speed: tuple[float, ...] | None = None,
+    repeat: Callable[[Array], Sequence[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
-    is at the end of the range, which indicates another fault. Accelerations that a smoother attenuates can look like an
-    offset: ``pair`` gives motions with this corrected. ``min_speed`` (n) is that of the fit. Raises the
-    errors of ``Regression`` and the estimator.
+    is at the end of the range, which indicates another fault. Noise in the motion, which is less between samples, and
+    accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
+    without an offset and their torque for the parameters found, and what is found in these is subtracted. ``min_speed``
+    (n) is that of the fit. Raises the errors of ``Regression`` and the estimator.
     """
-    from scipy.optimize import minimize_scalar
-
     rows = subsample(motions, _samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return TimeOffset(0.0, np.nan, np.nan)
     fast = quick(estimator)
 
-    def error(time_offset: float) -> float:
+    def error(time_offset: float, motions: Sequence[Motion] = motions) -> float:
         return _error(Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed), fast)
+
+    best, after, before = _least(error)
+    if np.isnan(best):
+        return TimeOffset(0.0, before, before)
+    std = _offset_std(model, motions, rows, best, fast, min_speed)
+    none = TimeOffset(0.0, before, before, std)
+    if not after < (1.0 - GAIN) * before or abs(best) < SURE * std:
+        return none
+    at = _shifted(motions, rows, best)
+    theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
+    invented = [_least(partial(error, motions=one))[0] for one in repeat(theta)]
+    if invented:  # either sign is as likely where it is noise that is less between samples
+        best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
+    after = error(best)
+    significant = after < (1.0 - GAIN) * before and not abs(best) < SURE * std
+    return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
+
+
+def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
+    """Return the offset with the least error, nan at the end of the range, its error, and that without offset."""
+    from scipy.optimize import minimize_scalar
 
     grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
     errors = [error(time_offset) for time_offset in grid]
     k, before = int(np.argmin(errors)), errors[grid.index(0.0)]
     if k in (0, len(grid) - 1):
-        return TimeOffset(0.0, before, before)
+        return np.nan, before, before
     found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
     after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
-    std = _offset_std(model, motions, rows, best, fast, min_speed)
-    significant = after < (1.0 - GAIN) * before and not abs(best) < SURE * std
-    return TimeOffset(best, before, after, std) if significant else TimeOffset(0.0, before, before, std)
+    return best, after, before
 
 
 def find_base_tilt(

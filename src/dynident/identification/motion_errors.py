@@ -25,7 +25,7 @@ from dynident.smoothers import Smoother, as_used, unshifted
 from dynident.splines import coloured_noise, noise_sigma
 from dynident.validation import correlated_std
 
-__all__ = ["MotionErrors", "motion_errors", "sharpened"]
+__all__ = ["MotionErrors", "motion_errors", "repeated"]
 
 Array = NDArray[np.float64]
 SAMPLES, PIECE = 20_000, 4_000  # of all logs that are repeated, and of one piece of them
@@ -154,15 +154,19 @@ def _sizes(bias: Array, std: Array, more: Array) -> Array:
     return np.divide(np.abs(bias), whole, out=np.zeros_like(whole), where=whole > 0)
 
 
-def sharpened(smoother: Smoother, log: Log) -> Motion:
-    """Return the motion of a log, with what a second smoothing takes from it added once (Tukey's twicing).
+def repeated(
+    model: Model, logs: Sequence[Log], motions: Sequence[Motion], smoother: Smoother, theta: Array
+) -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
+    """Return repetitions of the motions, with noise and with its opposite, whose torque is that of theta (p).
 
-    Accelerations that the smoother attenuates would otherwise look like a time offset.
+    Torque and motion agree in time; what a search finds in them is invented. Raises the errors of the smoother.
     """
-    motion = called(smoother, log, Motion)
-    again = called(as_used(smoother, motion), replace(log, q=motion.q), Motion)
-    q, dq, ddq = (2 * getattr(motion, name) - getattr(again, name) for name in ("q", "dq", "ddq"))
-    return replace(motion, q=q, dq=dq, ddq=ddq)
+    rng, pairs = np.random.default_rng(0), zip(logs, motions, strict=True)
+    parts = [one for log, motion in pairs for one in _pieces(model, log, motion, smoother, theta, 1.0)]
+    parts = _credible(model, parts, theta, rng)
+    e = [one.noise(rng) for one in parts]
+    ups, downs = ([one.again(s * x) for one, x in zip(parts, e, strict=True)] for s in (1.0, -1.0))
+    return tuple(ups), tuple(downs)
 
 
 def _credible(model: Model, parts: list[_Piece], theta: Array, rng: np.random.Generator) -> list[_Piece]:

@@ -157,6 +157,7 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     for seed in range(24):
         noise = 0.3 * np.random.default_rng(seed).standard_normal(motion.tau.shape)
         found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
+        assert found.std is not None
         ratios.append(found.seconds / found.std)
     assert abs(np.mean(np.square(ratios)) - 1) < 5 * np.sqrt(2 / 24)
     assert np.std(ratios) > 0.3
@@ -168,4 +169,5 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     monkeypatch.setattr(calibration, "GAIN", -1.0)
     found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
     assert found.seconds == 0.0
+    assert found.std is not None
     assert 0 < found.std < 0.1

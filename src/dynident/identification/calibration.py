@@ -41,14 +41,14 @@ START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no e
 class TimeOffset(Note):
     """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction.
 
-    ``std`` (s) is the standard error, that of the best offset where none is significant; nan where it is not known.
+    ``std`` (s) is the standard error, that of the best offset where none is significant; None where it is not known.
     """
 
     severity: ClassVar[Severity] = Severity.INFO
     seconds: float
     before: float
     after: float
-    std: float = np.nan
+    std: float | None = None
 
 
 @dataclass(frozen=True)

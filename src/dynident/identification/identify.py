@@ -166,7 +166,7 @@ def _mounted(
 def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None) -> Array:
     """Return what the standard error of a time offset adds to the covariance (p, p) of the parameters."""
     p = len(model.parameters)
-    if found is None or not found.seconds or not np.isfinite(found.std):
+    if found is None or not found.seconds or found.std is None:
         return np.zeros((p, p))
     torques = []
     for motion in regression.motions:

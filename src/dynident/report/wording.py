@@ -264,7 +264,7 @@ def _(choice: Choice) -> str:
 
 @words.register
 def _(time_offset: TimeOffset) -> str:
-    error = 1e3 * time_offset.std
+    error = np.inf if time_offset.std is None else 1e3 * time_offset.std
     if not time_offset.seconds:
         known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
         return f"none: no time offset lowers the training error ({time_offset.before:.3g} %){known}"

@@ -20,7 +20,7 @@ from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
-from dynident.regression import Regression, triangularise
+from dynident.regression import Regression, fitted_rows, triangularise
 from dynident.smoothers import Smoother, TimeShifted, motion_of, unshifted
 from dynident.validation import long_run
 

@@ -65,7 +65,7 @@ def run_checks(
     *,
     multi_turn: Set[str] = frozenset(),
     found: Sequence[Finding] = (),
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
@@ -86,13 +86,13 @@ def run_checks(
     >>> result.failed, result.rank.on_data
     (False, 2)
     """
-    joints = tuple(joint.name for joint in model.joints)
+    joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
-    whole, sound = _recorded(model, logs, multi_turn, findings, progress)
+    whole, sound = _recorded(model, logs, multi_turn, findings, say)
     if sound:
         try:
             with one_thread():
-                whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
+                whole = _moving(whole, model, sound, recipe or Recipe(), findings, say)
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)

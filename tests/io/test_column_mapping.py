@@ -207,6 +207,22 @@ def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
     assert len(rest.position) == 3
 
 
+def test_dates_are_the_time_whatever_their_column_is_called():
+    columns = {"Datum": T + 43200, **signals()}
+    found = map_columns(DataTable(columns, {}, "a.csv", units={"Datum": "s"}), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("Datum", "s", "")
+
+
+def test_states_of_robot_learning_are_positions():
+    state = {f"observation.state[{k}]": wave(1.0, k) for k in range(2)}
+    state |= {f"observation.effort[{k}]": wave(9.0, k) for k in range(2)} | {
+        f"action[{k}]": wave(1.1, k) for k in (0, 1)
+    }
+    found = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
+    assert [one.column for one in found.position.values()] == ["observation.state[0]", "observation.state[1]"]
+    assert [one.column for one in found.torque.values()] == ["observation.effort[0]", "observation.effort[1]"]
+
+
 def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
     found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)

@@ -16,17 +16,17 @@ from dynident.errors import ConfigError, ModelError
 from dynident.estimators.constraints import Constraints, Limit, bodies_of, scales, signs
 from dynident.estimators.constraints.cone import minimise
 from dynident.export.identified import Identified, holdable
-from dynident.models import smallest_eigenvalue
-from dynident.regression import structural_base_parameters
+from dynident.models import Model, smallest_eigenvalue
+from dynident.regression import BaseParameters, structural_base_parameters
 
 __all__ = ["moves", "placed"]
 
 Array = NDArray[np.float64]
 KEPT, MARGIN = 0.5, 1e-3  # of a body's own smallest scaled eigenvalue, but no more than the latter is asked for
 WEAK = 1e-9  # the weight of small changes beside that of what is left over
-GONE = 1e-4  # what is left of a parameter, as a share of all that can be moved, that is meant to be zero
+GONE = (1e-2, 1e-4, 0.0)  # what is left of a parameter, as a share of all that can be moved, that may mean zero
 SMALL = 1e-8  # a smaller effect of a direction is rounding
-SAME = 1e-10  # largest difference of the torque, relative, that rounding may make
+SAME = 1e-9  # largest difference of the torque, relative, that rounding may make
 
 
 @lru_cache(maxsize=4)
@@ -43,13 +43,27 @@ def placed(identified: Identified, *, armature: bool) -> Identified:
     if held.all() or not identified.value[~held].any() or min(map(smallest_eigenvalue, values)) <= 0:
         return identified
     base = structural_base_parameters(identified.model)
-    if not (null := base.null)[~held].any():
+    if not base.null[~held].any():
         return identified
+    null = _null(identified.model, base)
     parameters, effect = identified.model.parameters, float(np.linalg.norm(base.scale * identified.value))
     scale = scales(parameters, bodies_of(parameters), base.scale, effect)
     directions = scale[:, None] * np.linalg.qr(null / scale[:, None])[0]
     value = _moved(identified, directions, base.scale * ~held)
     return identified if value is None else replace(identified, value=value)
+
+
+def _null(model: Model, base: BaseParameters) -> Array:
+    """Return the directions (p, p - r) that change no torque, without the rounding of the formulas of ``base``."""
+    states = _states(model)
+    rows = model.regressor(*states).reshape(-1, len(base.names)) / base.scale
+    found = np.linalg.svd(rows, full_matrices=False)[2][base.rank :].T / base.scale[:, None]
+    return np.where(base.null.any(axis=1)[:, None], found, 0.0)  # others have no part in any
+
+
+def _states(model: Model) -> tuple[Array, Array, Array]:
+    q, dq, ddq = np.random.default_rng(0).uniform(-3, 3, (3, 200, len(model.joints)))
+    return q, dq, ddq
 
 
 def moves(identified: Identified, best: Identified) -> tuple[str, ...]:
@@ -79,18 +93,22 @@ def _moved(identified: Identified, directions: Array, weight: Array) -> Array | 
         within = replace(constraints, limits=(*constraints.limits, *exactly))
         return minimise(quadratic / size, rows.T @ left / size, within, start, directions).point
 
-    try:
-        first = step(slopes)
-        gone = np.flatnonzero(movable & (np.abs(left + slopes @ first) < GONE))
-        none = Limit("nothing left", ("nothing left",) * len(gone), np.diag(weight)[gone], *np.zeros((2, len(gone))))
-        others = np.where(movable & ~np.isin(np.arange(len(left)), gone), 1.0, 0.0)[:, None] * slopes
-        last = step(others, none)
+    for share in GONE:
+        try:
+            gone = np.flatnonzero(movable & (np.abs(left + slopes @ step(slopes)) < share))
+            none = Limit(
+                "nothing left", ("nothing left",) * len(gone), np.diag(weight)[gone], *np.zeros((2, len(gone)))
+            )
+            others = np.where(movable & ~np.isin(np.arange(len(left)), gone), 1.0, 0.0)[:, None] * slopes
+            last = step(others, none)
+        except (ConfigError, ModelError):  # not all of them can be nothing, or the solver has no answer
+            continue
         last = last - np.linalg.pinv(slopes[gone], rcond=SMALL) @ (left + slopes @ last)[gone]
-    except (ConfigError, ModelError):  # the solver has nothing better
-        return None
-    value = start + directions @ last
-    value[gone] = np.where(np.abs(weight * value)[gone] < SAME, 0.0, value[gone])
-    return value if _sound(identified, value) else None
+        value = start + directions @ last
+        value[gone] = np.where(np.abs(weight * value)[gone] < SAME, 0.0, value[gone])
+        if _sound(identified, value):
+            return value
+    return None
 
 
 def _limits(identified: Identified) -> Constraints:
@@ -111,7 +129,7 @@ def _limits(identified: Identified) -> Constraints:
 def _sound(identified: Identified, value: Array) -> bool:
     """Whether values have the torque of the identified ones, and bodies that are physically consistent."""
     model = identified.model
-    q, dq, ddq = np.random.default_rng(0).uniform(-3, 3, (3, 200, len(model.joints)))
+    q, dq, ddq = _states(model)
     torque, again = model.torque(q, dq, ddq, identified.value), model.torque(q, dq, ddq, value)
     same = float(np.linalg.norm(again - torque)) <= SAME * float(np.linalg.norm(torque))
     _, bodies = replace(identified, value=value).bodies

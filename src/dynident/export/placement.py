@@ -58,7 +58,8 @@ def _null(model: Model, base: BaseParameters) -> Array:
     states = _states(model)
     rows = model.regressor(*states).reshape(-1, len(base.names)) / base.scale
     found = np.linalg.svd(rows, full_matrices=False)[2][base.rank :].T / base.scale[:, None]
-    return np.where(base.null.any(axis=1)[:, None], found, 0.0)  # others have no part in any
+    found[(base.null == 0).all(axis=1)] = 0.0  # they have no part in any
+    return np.asarray(found)
 
 
 def _states(model: Model) -> tuple[Array, Array, Array]:

@@ -32,7 +32,9 @@ def arm() -> AccuracyBound:
         model, theta, lambda s: [8 * np.sin(3 * s), 12 * np.cos(5 * s), 0.6 * np.sin(4 * s)], t, tolerance=1e-8
     )
     log = record(motion, 1e-7, 0.02, np.random.default_rng(0), "arm").log
-    return accuracy_bound(model, [log], Recipe(Spline(sigma=1e-7), LeastSquares(weights="per_joint")))
+    recipe = Recipe(Spline(sigma=1e-7), LeastSquares(weights="per_joint"))
+    sigma = accuracy_bound(model, [log], recipe).identification.estimate.residual.sigma  # that of its standard errors
+    return accuracy_bound(model, [log], recipe, sigma_tau=dict(zip(log.joints, sigma.tolist(), strict=True)))
 
 
 def test_a_record_of_known_motion_reaches_what_least_squares_says() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, brief, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
-from dynident.splines import bridged, frozen, spikes
+from dynident.splines import bridged, frozen, spikes, stretches
 
 __all__ = ["FEW", "MANY", "Suspects", "few", "motion_of", "repaired", "suspects"]
 
@@ -82,8 +82,8 @@ def _clipped(tau: NDArray[np.float64]) -> Mask:
     for j, column in enumerate(tau.T):
         for extreme in {float(column.min()), float(column.max())} - {0.0}:
             at = column == extreme
-            lengths = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0])))))[::2]
-            if at.sum() >= CLIPPED and not at.all() and (lengths >= AT_ONCE).sum() >= OFTEN:
+            long = [part for part in stretches(at) if part.stop - part.start >= AT_ONCE]
+            if at.sum() >= CLIPPED and not at.all() and len(long) >= OFTEN:
                 found[:, j] |= at
     return found
 

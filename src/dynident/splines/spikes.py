@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.splines.noise import median_sigma
+from dynident.splines.stretches import stretches
 
 __all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes"]
 
@@ -59,9 +60,8 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     columns = data.reshape(len(times), -1)
     found = np.zeros(columns.shape, dtype=bool)
     for j, column in enumerate(columns.T):
-        equal = np.concatenate(([False], np.diff(column) == 0, [False]))
-        edges = np.flatnonzero(np.diff(equal.astype(np.int8)))
-        runs = [(a, b + 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b + 1 - a >= LONG]
+        steps = stretches(np.diff(column) == 0)
+        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= LONG]
         if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
             usual = _usual(times, column)
             for start, stop in runs:
@@ -84,18 +84,18 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
     sides give, at the ends by the nearest value."""
     from scipy.interpolate import CubicHermiteSpline
 
-    out, edges = np.array(x), np.flatnonzero(np.diff(np.concatenate(([0], gone.astype(np.int8), [0]))))
-    there = ~gone
-    if gone.all() or not gone.any():
+    out, there = np.array(x), ~gone
+    if not there.any():
         return out
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        before, after = np.flatnonzero(there[:start])[-SIDE:], stop + np.flatnonzero(there[stop:])[:SIDE]
+    for part in stretches(gone):
+        before = np.flatnonzero(there[: part.start])[-SIDE:]
+        after = part.stop + np.flatnonzero(there[part.stop :])[:SIDE]
         if len(before) < 3 or len(after) < 3:
-            out[start:stop] = np.interp(t[start:stop], t[there], x[there])
+            out[part] = np.interp(t[part], t[there], x[there])
             continue
         ends = [(t[k[at]], *_line(t[k], x[k], t[k[at]])) for k, at in ((before, -1), (after, 0))]
         (a, xa, va), (b, xb, vb) = ends
-        out[start:stop] = CubicHermiteSpline([a, b], [xa, xb], [va, vb])(t[start:stop])
+        out[part] = CubicHermiteSpline([a, b], [xa, xb], [va, vb])(t[part])
     return out
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ def compensation_findings(
     small = thin(model, motions)
 
     def error(share: float) -> float:
-        return least_error(_under(model, share), small, min_speed)
+        return least_error(model.with_gravity(lambda g: share * g), small, min_speed)
 
     before, after = error(1.0), error(0.0)
     if not after < BETTER * before:
@@ -57,14 +56,6 @@ def compensation_findings(
     std = float(np.sqrt(2 * least / (count * curvature)))
     note = notes.GravityCompensated(factor, std, before, after)
     yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
-
-
-def _under(model: Model, share: float) -> Model:
-    terms = (
-        one.with_gravity(tuple(share * g for g in one.gravity)) if isinstance(one, HasGravity) else one
-        for one in model.terms
-    )
-    return replace(model, terms=tuple(terms))
 
 
 def slow_findings(

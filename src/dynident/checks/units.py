@@ -12,7 +12,7 @@ from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.estimators.least_squares import solve
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import Regression
 
@@ -70,10 +70,9 @@ def radian_findings(model: Model, motions: Sequence[Motion], min_speed: tuple[fl
         yield Finding(Severity.WARNING, None, note, Topic.RADIANS)
 
 
-def thin(model: Model, motions: Sequence[Motion]) -> list[Motion]:
+def thin(model: Model, motions: Sequence[Motion]) -> tuple[Motion, ...]:
     """Return a few samples of motions, enough to compare fits."""
-    rows = subsample(motions, max(SAMPLES, 3 * len(model.parameters)))
-    return [one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1]
+    return thinned(motions, max(SAMPLES, 3 * len(model.parameters)))
 
 
 def least_error(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, brief
 from dynident.estimators.least_squares import solve
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import BLOCK, Regression
 from dynident.smoothers.outliers import FEW, MANY, Suspects, few, suspects
@@ -137,9 +137,8 @@ def _rest(motion: Motion, seen: Suspects) -> Motion:
 
 
 def _fitted(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Array:
-    rows = subsample(motions, ENTRIES // max(len(model.parameters), 10))
-    thin = tuple(one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1)
-    return solve(Regression(model, thin, min_speed=min_speed).triangular_factors.stacked()).value
+    few_samples = thinned(motions, ENTRIES // max(len(model.parameters), 10))
+    return solve(Regression(model, few_samples, min_speed=min_speed).triangular_factors.stacked()).value
 
 
 def _torque(model: Model, motion: Motion, theta: Array) -> Array:

@@ -71,9 +71,9 @@ def slow_findings(
     weight = 1 / np.where(size > 0, size, np.inf)
     whole, still = (_left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0))
     share = np.sqrt(np.maximum(still**2 - whole**2, 0.0))
-    told = size > 0
-    if told.any() and (whole[told] < POOR).all() and (share[told] < WEAK * whole[told]).all():
-        k = int(np.argmax(np.where(told, share / np.maximum(whole, 1e-12), -1.0)))
+    used = size > 0
+    if used.any() and (whole[used] < POOR).all() and (share[used] < WEAK * whole[used]).all():
+        k = int(np.argmax(np.where(used, share / np.maximum(whole, 1e-12), -1.0)))
         faster = float(np.sqrt(STRONG * whole[k] / max(share[k], 1e-3 * whole[k])))
         yield Finding(Severity.WARNING, None, notes.SlowMotion(float(share[k]), float(whole[k]), faster), Topic.SLOW)
 

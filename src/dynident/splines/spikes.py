@@ -41,6 +41,8 @@ def spikes(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     from parabolas through one side alone. So neither steps nor kinks count, which one of the sides leads up to. It must
     do so at the stamps and with equal spacing alike, or the stamps may be at fault. The first and last 8 samples are
     not looked at.
+
+    This is Hampel's identifier (Davies and Gather, 1993) with a polynomial in place of the median.
     """
     times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
     columns = data.reshape(len(times), -1)
@@ -213,7 +215,7 @@ def _off(t: Array, x: Array, known: Rows, asked: Rows, degree: int) -> Array:
     """Return by how much the ``asked`` samples (K, a) differ from polynomials through the ``known`` ones (K, m)."""
     if not len(known):
         return np.empty((0, asked.shape[1]))
-    even = t[0] == 0.0 and t[-1] == len(t) - 1.0  # one fit for all
+    even = t[0] == 0.0 and t[-1] == len(t) - 1.0  # samples counted, not timed: one fit for all
     rows = slice(0, 1) if even else slice(None)
     middle, scale = t[known[rows]].mean(axis=1, keepdims=True), np.ptp(t[known[rows]], axis=1)[:, None]
     base = x[known].mean(axis=1, keepdims=True)

@@ -45,9 +45,9 @@ def load_yaml(text: str, source: str) -> Any:
         doubled = next(_doubled_keys(tree, set()), None)
         data = None if tree is None else loader.construct_document(tree)
         if is_deep(data):
-            raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.")
-    except ConfigError:
-        raise
+            raise RecursionError
+    except RecursionError:
+        raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.") from None
     except _TooManyError:
         raise ConfigError(
             f"{source}: has more than {MOST_NODES} values, those of aliases counted each time; write fewer."

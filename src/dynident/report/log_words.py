@@ -116,8 +116,8 @@ def _(note: notes.ClippedTorque) -> str:
 def _(note: HeldOutOutliers) -> str:
     outliers = "is an outlier" if note.count == 1 else "are outliers"
     return (
-        f"{note.log}: {count(note.count, 'torque')} of {', '.join(note.joints)} {outliers}, with which the error on this "
-        f"held-out log is {note.error:.3g} %, and {note.without:.3g} % without"
+        f"{note.log}: {count(note.count, 'torque')} of {', '.join(note.joints)} {outliers}, with which the error on "
+        f"this held-out log is {note.error:.3g} %, and {note.without:.3g} % without"
     )
 
 

@@ -22,7 +22,6 @@ __all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "fin
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
-WORD = Column("", numeric=False)
 
 
 def check_summary(examination: CheckResult) -> str:

@@ -18,7 +18,7 @@ from dynident.errors import InputError, listed
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["Controller", "Log", "Motion", "pieces", "subsample"]
+__all__ = ["Controller", "Log", "Motion", "pieces", "subsample", "thinned"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -287,6 +287,12 @@ def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list
     every = max(1, sum(int(motion.mask.sum()) for motion in motions) // most)
     inside = [one.mask & (one.t >= one.t[0] + margin) & (one.t <= one.t[-1] - margin) for one in motions]
     return [np.flatnonzero(mask)[::every] for mask in inside]
+
+
+def thinned(motions: Sequence[Motion], most: int) -> tuple[Motion, ...]:
+    """Return the motions with only the samples of ``subsample``, without those that have fewer than two of them."""
+    rows = subsample(motions, most)
+    return tuple(one.shifted(0.0, kept) for one, kept in zip(motions, rows, strict=True) if len(kept) > 1)
 
 
 def pieces(part: slice, count: int, share: float) -> list[slice]:

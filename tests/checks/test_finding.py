@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dynident import checks
-from dynident.checks import Finding, notes, reading_line, require
+from dynident.checks import Finding, file_notes, notes, reading_line, require
 from dynident.errors import InputError, Severity
 
 CHECKS = Path(checks.__file__).parent
@@ -16,7 +16,7 @@ STILL = notes.NeverMoves(1, 0.3)
 
 
 def test_require_words_every_error_and_lets_warnings_pass() -> None:
-    warning = Finding(Severity.WARNING, None, notes.OddTotalMass(6e3))
+    warning = Finding(Severity.WARNING, None, file_notes.OddTotalMass(6e3))
     require([warning], "x.csv")
     gap, short = notes.LongGap(0.5, 1.0, 50.0, 1), notes.TooFewSamples(4, 30)
     errors = [Finding(Severity.ERROR, "a", gap), warning, Finding(Severity.ERROR, None, short)]
@@ -35,7 +35,7 @@ def test_a_line_names_the_joint_at_fault() -> None:
 
 def test_what_only_a_report_words_is_no_line_of_reading() -> None:
     with pytest.raises(TypeError, match="there is no text for OddTotalMass"):
-        reading_line(Finding(Severity.WARNING, None, notes.OddTotalMass(6e3)))
+        reading_line(Finding(Severity.WARNING, None, file_notes.OddTotalMass(6e3)))
 
 
 def sentences(source: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, check_robot, link_facts, notes
+from dynident.checks import Finding, check_robot, file_notes, link_facts
 from dynident.errors import Note, Severity
 from dynident.models.rigid_bodies import read_robot_file
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
@@ -33,42 +33,45 @@ def origin(mass: float, c: float) -> np.ndarray:
 LIMIT = '<limit effort="{}" velocity="{}" lower="{}" upper="{}"/>'
 FAULTS = {
     "negative mass": (
-        arm(upper=link("upper", -2.0)), "error", "impossible", "upper", notes.ImpossibleInertia("negative mass -2 kg"),
+        arm(upper=link("upper", -2.0)), "error", "impossible", "upper",
+        file_notes.ImpossibleInertia("negative mass -2 kg"),
     ),
     "no triangle": (
         arm(upper=link("upper", 2.0, tensor=np.diag([0.001, 0.001, 0.02]))), "error", "impossible", "upper",
-        notes.ImpossibleInertia(
+        file_notes.ImpossibleInertia(
             "principal moments 0.001, 0.001, 0.02 kg m^2 break the triangle inequality: the largest exceeds the sum of "
             "the others"
         ),
     ),
-    "massless": (arm(fore=link("fore")), "warning", "massless", "fore", notes.NoMass(("fore",))),
+    "massless": (arm(fore=link("fore")), "warning", "massless", "fore", file_notes.NoMass(("fore",))),
     "millimetres": (
-        arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", notes.FarCentre(120.0),
+        arm(fore=link("fore", 1.5, (120.0, 0, 0), tensor=ROD)), "warning", "far", "fore", file_notes.FarCentre(120.0),
     ),
     "too wide": (
         arm(fore=link("fore", 0.3, tensor=0.05 * np.eye(3))), "warning", "spread", "fore",
-        notes.LargeGyration(pytest.approx(0.05), pytest.approx((0.05 / 0.3) ** 0.5), 0.3, 0.3),
+        file_notes.LargeGyration(pytest.approx(0.05), pytest.approx((0.05 / 0.3) ** 0.5), 0.3, 0.3),
     ),
     "grams": (
         arm(link("upper", 2e3, (0.15, 0, 0), tensor=1e3 * ROD), link("fore", 4e3, (0.12, 0, 0), tensor=2e3 * ROD)),
-        "warning", "total mass", "", notes.OddTotalMass(6004.0),
+        "warning", "total mass", "", file_notes.OddTotalMass(6004.0),
     ),
     "about origin": (
         arm(
             link("upper", 2.0, (0.15, 0.0, 0.0), tensor=ROD + origin(2.0, 0.15)),
             link("fore", 1.5, (0.12, 0.0, 0.0), tensor=0.6 * ROD + origin(1.5, 0.12)),
         ),
-        "warning", "about origin", "", notes.InertiaAboutOrigin(("upper", "fore")),
+        "warning", "about origin", "", file_notes.InertiaAboutOrigin(("upper", "fore")),
     ),
-    "a point": (arm(fore=link("fore", 0.2, tensor=np.zeros((3, 3)))), "info", "point", "fore", notes.PointMass(0.2)),
+    "a point": (
+        arm(fore=link("fore", 0.2, tensor=np.zeros((3, 3)))), "info", "point", "fore", file_notes.PointMass(0.2),
+    ),
     "no effort": (
         arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(0, 2, -1, 1))),
-        "warning", "limits", "", notes.LimitNotPositive("effort", 0.0),
+        "warning", "limits", "", file_notes.LimitNotPositive("effort", 0.0),
     ),
     "no range": (
         arm(elbow=joint("elbow", "revolute", "upper", "fore", inside=LIMIT.format(9, 2, 0, 0))),
-        "warning", "limits", "", notes.EmptyRange(0.0, 0.0),
+        "warning", "limits", "", file_notes.EmptyRange(0.0, 0.0),
     ),
 }  # fmt: skip
 
@@ -93,10 +96,10 @@ def test_copies_are_distinguished_from_placeholders_and_from_a_gripper() -> None
     twin = link("fore", 2.0, (0.15, 0.0, 0.0), tensor=ROD)
     (copied,) = found(arm(fore=twin))
     assert (copied.severity, copied.topic) == ("info", "copied")
-    assert copied.message == notes.EqualLinks(("upper", "fore"), 2.0, alone=False)
+    assert copied.message == file_notes.EqualLinks(("upper", "fore"), 2.0, alone=False)
     (all_alike,) = found(arm(fore=twin).replace(BASE, link("base", 2.0, (0.15, 0.0, 0.0), tensor=ROD)))
     assert (all_alike.severity, all_alike.topic) == ("warning", "copied")
-    assert all_alike.message == notes.EqualLinks(("base", "upper", "fore"), 2.0, alone=True)
+    assert all_alike.message == file_notes.EqualLinks(("base", "upper", "fore"), 2.0, alone=True)
     fingers = [link(name, 0.1, tensor=1e-5 * np.eye(3)) for name in ("left", "right")]
     joints = [joint(f"{name} joint", "prismatic", "fore", name) for name in ("left", "right")]
     assert found(arm(UPPER, FORE, SHOULDER, ELBOW, *fingers, *joints)) == ()
@@ -110,9 +113,9 @@ def test_frames_without_mass_that_are_fixed_to_a_link_are_no_finding() -> None:
 def test_missing_limits_are_reported_once_for_all_joints_that_move() -> None:
     bare = [joint(name, "continuous", *ends) for name, *ends in (("s", "base", "upper"), ("e", "upper", "fore"))]
     effort, velocity = found(urdf(BASE, UPPER, FORE, *bare))
-    assert effort.message == notes.NoLimit("effort", ("s", "e"))
-    assert velocity.message == notes.NoLimit("velocity", ("s", "e"))
-    assert found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message == notes.NoLimit("effort", ("s",))
+    assert effort.message == file_notes.NoLimit("effort", ("s", "e"))
+    assert velocity.message == file_notes.NoLimit("velocity", ("s", "e"))
+    assert found(urdf(BASE, UPPER, FORE, *bare), joints=["s"])[0].message == file_notes.NoLimit("effort", ("s",))
 
 
 def test_both_formats_say_the_same() -> None:
@@ -128,4 +131,4 @@ def test_what_mujoco_computes_from_meshes_is_said() -> None:
         "</mujoco>"
     )
     shapes = [one for one in found(xml) if one.topic == "shapes"]
-    assert [(one.link, one.message) for one in shapes] == [("arm", notes.OnlyShapes())]
+    assert [(one.link, one.message) for one in shapes] == [("arm", file_notes.OnlyShapes())]

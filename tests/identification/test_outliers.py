@@ -12,7 +12,7 @@ from dynident.identification import Identification, Recipe, identify
 from dynident.identification.outliers import HeldOutOutliers
 from dynident.log import Log
 from dynident.models import simulate
-from dynident.models.gallery import pendulum
+from dynident.models.gallery import pendulum, two_link_arm
 from dynident.models.simulation import record
 from dynident.regression import ParallelFilter
 from dynident.smoothers import Spline
@@ -88,3 +88,19 @@ def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
     assert (note.log, note.joints, note.count) == ("b", ("pivot",), 2)
     assert note.error == found.validations[1].errors.relative_error > 80
     assert note.without == pytest.approx(fitted(TRAIN).validations[1].errors.relative_error, rel=0.01)
+
+
+def test_a_torque_at_a_limit_nearly_always_is_fitted_as_measured() -> None:
+    (one, _) = fitted(replace(TRAIN, tau=np.clip(TRAIN.tau, -0.01, 0.01))).validations
+    assert one.motion.keep is None
+
+
+def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> None:
+    arm = two_link_arm()
+    motion = simulate(arm, arm.values, lambda t: [4 * np.sin(2 * t), 3 * np.sin(4 * t)], T)
+    clean = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    tau = np.column_stack([clean.tau[:, 0], 0.5 * np.sign(clean.tau[:, 1])])
+    found = identify(arm, {"a": replace(clean, tau=tau)}, {}, Recipe(Spline(sigma=1e-4)))
+    keep = found.validations[0].motion.keep
+    assert keep is not None
+    assert keep.all()

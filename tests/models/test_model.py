@@ -1,6 +1,6 @@
 """The sum of terms: inverse and forward dynamics, and its messages."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -208,3 +208,20 @@ def test_partials_add_up_over_the_terms():
     np.testing.assert_allclose(slopes.q[:, 0, 0], 9.81 * 0.2 * np.cos(q[:, 0]), rtol=1e-14)
     np.testing.assert_allclose(slopes.dq[:, 0, 0], 1 / np.cosh(dq[:, 0] / 0.3) ** 2 + 0.4, rtol=1e-12)
     np.testing.assert_allclose(slopes.ddq[:, 0, 0], 0.1, rtol=1e-14)
+
+
+@dataclass(frozen=True)
+class Pulled(Broken):
+    """A term with gravity."""
+
+    gravity: tuple = (0.0, 0.0, -9.81)
+
+    def with_gravity(self, gravity):
+        return replace(self, gravity=gravity)
+
+
+def test_gravity_is_changed_in_the_terms_that_have_one():
+    offset = Offset(JOINTS)
+    turned, same = Model((Pulled(np.cos), offset)).with_gravity(lambda g: 0.5 * g[[2, 0, 1]]).terms
+    assert turned.gravity == (-4.905, 0.0, 0.0)
+    assert same is offset

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding, notes
+from dynident.checks import Finding, file_notes, notes
 from dynident.errors import Note, Severity
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
@@ -115,60 +115,60 @@ SAID = [
         ),
     ),
     (
-        notes.ImpossibleInertia("negative mass -4 kg"),
+        file_notes.ImpossibleInertia("negative mass -4 kg"),
         (
             "negative mass -4 kg. No body can have such an inertia. Take it from CAD, or identify it with `kind: "
             "consistent`."
         ),
     ),
     (
-        notes.NoMass(("fore",)),
+        file_notes.NoMass(("fore",)),
         (
             "the links that the joint moves (fore) have no mass in the file: simulators reject this, and it gives "
             "no prior. Take it from CAD, or identify it with `kind: consistent`."
         ),
     ),
     (
-        notes.OnlyShapes(),
+        file_notes.OnlyShapes(),
         (
             "its inertia follows from meshes or height fields, which are not read; save the compiled model from "
             "MuJoCo with <compiler saveinertial='true'/>, which writes the inertia out."
         ),
     ),
     (
-        notes.FloatingBase(),
+        file_notes.FloatingBase(),
         (
             "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. "
             "Record with the base clamped, as what it feels of a moving one is not modelled."
         ),
     ),
     (
-        notes.SeveralLimbs("trunk", ("left", "right")),
+        file_notes.SeveralLimbs("trunk", ("left", "right")),
         (
             "2 limbs move from the base 'trunk', which is taken as fixed (left, right): right for arms on a stand; "
             "a walking robot must be clamped at its trunk."
         ),
     ),
     (
-        notes.PointMass(0.2),
+        file_notes.PointMass(0.2),
         "0.2 kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero.",
     ),
     (
-        notes.FarCentre(120.0),
+        file_notes.FarCentre(120.0),
         (
             "its centre of mass is 120 m from its frame. Is it in millimetres, or in another frame? A URDF gives "
             "metres in the link's own frame."
         ),
     ),
     (
-        notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
+        file_notes.LargeGyration(0.05, 0.408, 0.3, 0.3),
         (
             "its largest moment 0.05 kg m^2 means a radius of gyration of 0.41 m for its 0.3 kg, on a link of "
             "about 0.3 m. Is it about another point, or a placeholder? It would be a misleading prior."
         ),
     ),
     (
-        notes.InertiaAboutOrigin(("upper", "fore")),
+        file_notes.InertiaAboutOrigin(("upper", "fore")),
         (
             "the inertias of upper, fore are as large as if they were about the origins of the links' frames. A "
             "robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel "
@@ -176,30 +176,30 @@ SAID = [
         ),
     ),
     (
-        notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
+        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=False),
         ("upper, fore have the same mass 2 kg and the same moments: copied, or simple shapes? They are a weak prior."),
     ),
     (
-        notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
+        file_notes.EqualLinks(("upper", "fore"), 2.0, alone=True),
         (
             "all links have the same mass 2 kg and the same moments: placeholders? Take it from CAD, or identify "
             "it with `kind: consistent`."
         ),
     ),
     (
-        notes.OddTotalMass(6004.0),
+        file_notes.OddTotalMass(6004.0),
         "the total mass of all links is 6004 kg. Are the masses in kg?",
     ),
     (
-        notes.EmptyRange(0.0, 0.0),
+        file_notes.EmptyRange(0.0, 0.0),
         "its lower limit 0 is not below its upper limit 0: simulators use it as given. Correct it.",
     ),
     (
-        notes.LimitNotPositive("effort", 0.0),
+        file_notes.LimitNotPositive("effort", 0.0),
         "its effort limit is 0: simulators use it as given. Correct it.",
     ),
     (
-        notes.NoLimit("velocity", ("s", "e")),
+        file_notes.NoLimit("velocity", ("s", "e")),
         "no velocity limit for s, e: recordings cannot be checked against it.",
     ),
     (
@@ -299,7 +299,7 @@ def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> Non
 
 
 def test_every_note_of_the_checks_is_tried() -> None:
-    kinds = {getattr(notes, name) for name in notes.__all__} - {notes.ReadingNote}
+    kinds = {getattr(module, name) for module in (notes, file_notes) for name in module.__all__} - {notes.ReadingNote}
     assert {type(note) for note, _ in SAID} == kinds
     assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
 

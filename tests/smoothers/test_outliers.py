@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from dynident.log import Log
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.log import Log, Motion
 from dynident.smoothers import Spline, motion_of, repaired
 from dynident.smoothers.outliers import suspects
 
@@ -70,3 +74,13 @@ def test_clipped_torques_are_suspects() -> None:
     tau = np.clip(one.tau, -3.0, 3.0)
     seen = suspects(Log(T, one.q, tau, one.joints))
     assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)
+
+
+def test_a_motion_of_other_samples_than_the_log_is_refused() -> None:
+    def shorter(one: Log) -> Motion:
+        whole = Spline()(one)
+        cut = {name: getattr(whole, name)[5:] for name in ("t", "q", "dq", "ddq", "tau", "mask")}
+        return replace(whole, **cut)
+
+    with pytest.raises(ConfigError, match="returns 2995 samples for 3000; return all of them"):
+        motion_of(shorter, log())

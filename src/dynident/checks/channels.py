@@ -14,7 +14,7 @@ from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
 from dynident.log import Log
-from dynident.splines import noise_sigma
+from dynident.splines import noise_sigma, stretches
 
 __all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
 
@@ -209,10 +209,9 @@ def rest(log: Log) -> Iterator[Finding]:
     """Yield a warning where the whole arm is at rest for long."""
     rests = np.asarray(_rests(log).all(axis=1))
     size = len(log) // len(rests)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rests, [0]])))
-    if not len(edges) or rests.all():
+    if not rests.any() or rests.all():
         return
-    first, last = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
-    start, stop = log.t[first * size], log.t[min(last * size, len(log) - 1)]
+    longest = max(stretches(rests), key=lambda part: part.stop - part.start)
+    start, stop = log.t[longest.start * size], log.t[min(longest.stop * size, len(log) - 1)]
     if stop - start >= max(_REST, 0.1 * (log.t[-1] - log.t[0])):
         yield Finding(Severity.WARNING, None, notes.ArmAtRest(float(start), float(stop)), Topic.REST)

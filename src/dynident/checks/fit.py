@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,7 @@ def compensation_findings(
     small = thin(model, motions)
 
     def error(share: float) -> float:
-        return least_error(_under(model, share), small, min_speed)
+        return least_error(model.with_gravity(lambda g: share * g), small, min_speed)
 
     before, after = error(1.0), error(0.0)
     if not after < BETTER * before:
@@ -59,14 +58,6 @@ def compensation_findings(
     yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
 
 
-def _under(model: Model, share: float) -> Model:
-    terms = (
-        one.with_gravity(tuple(share * g for g in one.gravity)) if isinstance(one, HasGravity) else one
-        for one in model.terms
-    )
-    return replace(model, terms=tuple(terms))
-
-
 def slow_findings(
     model: Model,
     motions: Sequence[Motion],
@@ -80,9 +71,9 @@ def slow_findings(
     weight = 1 / np.where(size > 0, size, np.inf)
     whole, still = (_left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0))
     share = np.sqrt(np.maximum(still**2 - whole**2, 0.0))
-    told = size > 0
-    if told.any() and (whole[told] < POOR).all() and (share[told] < WEAK * whole[told]).all():
-        k = int(np.argmax(np.where(told, share / np.maximum(whole, 1e-12), -1.0)))
+    used = size > 0
+    if used.any() and (whole[used] < POOR).all() and (share[used] < WEAK * whole[used]).all():
+        k = int(np.argmax(np.where(used, share / np.maximum(whole, 1e-12), -1.0)))
         faster = float(np.sqrt(STRONG * whole[k] / max(share[k], 1e-3 * whole[k])))
         yield Finding(Severity.WARNING, None, notes.SlowMotion(float(share[k]), float(whole[k]), faster), Topic.SLOW)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,20 +78,17 @@ def _down(X: Array, y: Array, assumed: Array) -> Array | None:
 def _columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:
     """Return the nominal torques (4, M, n) of inertia, and of a gravity along x, y and z of the root link."""
     still = np.zeros_like(q)
-    free = _under(model, (0.0, 0.0, 0.0))
-    axes = ((size, 0.0, 0.0), (0.0, size, 0.0), (0.0, 0.0, size))
-    pulled = [_torque(_under(model, axis), q, still, still) for axis in axes]
-    return np.array([_torque(free, q, dq, ddq), *pulled])
+
+    def under(gravity: Array) -> Model:
+        return model.with_gravity(lambda _: gravity)
+
+    pulled = [_torque(under(size * axis), q, still, still) for axis in np.eye(3)]
+    return np.array([_torque(under(np.zeros(3)), q, dq, ddq), *pulled])
 
 
 def _torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
     torque = nominal(model, q, dq, ddq)
     return np.zeros_like(q) if torque is None else torque
-
-
-def _under(model: Model, gravity: tuple[float, float, float]) -> Model:
-    terms = tuple(term.with_gravity(gravity) if isinstance(term, HasGravity) else term for term in model.terms)
-    return replace(model, terms=terms)
 
 
 def _without(series: Array, others: Array) -> Array:

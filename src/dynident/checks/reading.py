@@ -99,14 +99,13 @@ def _(note: log_notes.WrappedPosition) -> str:
 def _(note: log_notes.WrongTimeUnit) -> str:
     units = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
     if note.factor < 1:
-        cure = f"are the stamps in {units[note.factor]} and declared as s? Set `unit: {units[note.factor]}`"
+        remedy = f"are the stamps in {units[note.factor]} and declared as s? Set `unit: {units[note.factor]}`"
     else:
         unit = units[1 / note.factor]
-        cure = f"are the stamps in s and declared as {unit}? Set `unit: s`"
+        remedy = f"are the stamps in s and declared as {unit}? Set `unit: s`"
     return (
-        f"a rate of {note.rate:.3g} Hz with speeds up to {note.speed:.3g} rad/s or m/s is not that of a "
-        "robot; with times "
-        f"{note.factor:g} as long both would be usual: {cure}."
+        f"a rate of {note.rate:.3g} Hz with speeds up to {note.speed:.3g} rad/s or m/s is not that of a robot; with "
+        f"stamps multiplied by {note.factor:g} both would be usual: {remedy}."
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes
+from dynident.checks import file_notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Note, Severity
 from dynident.models import consistency_violations, from_physical, to_physical
@@ -73,7 +73,7 @@ def check_robot(
 def _impossible(file: RobotFile, severity: Severity) -> Iterator[Finding]:
     for name, theta in file.links.items():
         for violation in () if theta is None else consistency_violations(theta):
-            yield Finding(severity, None, notes.ImpossibleInertia(violation), Topic.IMPOSSIBLE, link=name)
+            yield Finding(severity, None, file_notes.ImpossibleInertia(violation), Topic.IMPOSSIBLE, link=name)
 
 
 def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -82,22 +82,22 @@ def _massless(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding
         carried = _rigid(file, joint.child)
         given = [file.links[name] for name in carried]
         if all(theta is not None and not theta.any() for theta in given):
-            note = notes.NoMass(tuple(carried))
+            note = file_notes.NoMass(tuple(carried))
             yield Finding(Severity.WARNING, joint.name, note, Topic.MASSLESS, link=joint.child)
     for name, theta in file.links.items():
         if theta is None:
-            yield Finding(Severity.INFO, None, notes.OnlyShapes(), Topic.SHAPES, link=name)
+            yield Finding(Severity.INFO, None, file_notes.OnlyShapes(), Topic.SHAPES, link=name)
         elif theta[0] > 0 and not np.abs(to_physical(theta)[2]).max() > 0:
-            yield Finding(Severity.INFO, None, notes.PointMass(float(theta[0])), Topic.POINT, link=name)
+            yield Finding(Severity.INFO, None, file_notes.PointMass(float(theta[0])), Topic.POINT, link=name)
 
 
 def _base(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     """Yield the joints that let the base float, and a base that is perhaps the trunk of a walking robot."""
     for name in file.floating:
-        yield Finding(Severity.WARNING, name, notes.FloatingBase(), Topic.FLOATING)
+        yield Finding(Severity.WARNING, name, file_notes.FloatingBase(), Topic.FLOATING)
     limbs = file.limbs({joint.name for joint in moving})
     if limbs is not None:
-        yield Finding(Severity.INFO, None, notes.SeveralLimbs(*limbs), Topic.LIMBS)
+        yield Finding(Severity.INFO, None, file_notes.SeveralLimbs(*limbs), Topic.LIMBS)
 
 
 def _rigid(file: RobotFile, link: str) -> list[str]:
@@ -112,7 +112,7 @@ def _far(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     for fact in facts:
         distance = float(np.linalg.norm(fact.centre))
         if distance > FAR:
-            yield Finding(Severity.WARNING, None, notes.FarCentre(distance), Topic.FAR, link=fact.link)
+            yield Finding(Severity.WARNING, None, file_notes.FarCentre(distance), Topic.FAR, link=fact.link)
 
 
 def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
@@ -121,7 +121,7 @@ def _spread(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
         gyration = float(np.sqrt(max(fact.moments[-1], 0.0) / abs(fact.mass)))
         size = _size(file, fact)
         if gyration > SPREAD * size:
-            note = notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
+            note = file_notes.LargeGyration(float(fact.moments[-1]), gyration, fact.mass, size)
             yield Finding(Severity.WARNING, None, note, Topic.SPREAD, link=fact.link)
 
 
@@ -144,7 +144,7 @@ def _about_origin(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Findi
         if not consistency_violations(from_physical(fact.mass, fact.centre, shifted)):
             fits.append(fact.link)
     if len(fits) >= 2 and 2 * len(fits) > len(judged):
-        yield Finding(Severity.WARNING, None, notes.InertiaAboutOrigin(tuple(fits)), Topic.ABOUT_ORIGIN)
+        yield Finding(Severity.WARNING, None, file_notes.InertiaAboutOrigin(tuple(fits)), Topic.ABOUT_ORIGIN)
 
 
 def _point(fact: LinkFacts) -> Array:
@@ -165,13 +165,13 @@ def _copies(file: RobotFile, facts: Sequence[LinkFacts]) -> Iterator[Finding]:
             continue
         alone = len(group) == len(facts) > 2
         severity = Severity.WARNING if alone else Severity.INFO
-        yield Finding(severity, None, notes.EqualLinks(names, group[0].mass, alone), Topic.COPIED)
+        yield Finding(severity, None, file_notes.EqualLinks(names, group[0].mass, alone), Topic.COPIED)
 
 
 def _total(facts: Sequence[LinkFacts]) -> Iterator[Finding]:
     total = sum(fact.mass for fact in facts)
     if facts and not LIGHTEST <= total <= HEAVIEST:
-        yield Finding(Severity.WARNING, None, notes.OddTotalMass(total), Topic.TOTAL_MASS)
+        yield Finding(Severity.WARNING, None, file_notes.OddTotalMass(total), Topic.TOTAL_MASS)
 
 
 def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
@@ -181,12 +181,12 @@ def _limits(file: RobotFile, moving: Sequence[RobotJoint]) -> Iterator[Finding]:
     for name in ("effort", "velocity") if file.format != "mjcf" else ("effort",):  # MJCF has no velocity limit
         bare = [joint.name for joint in moving if getattr(joint.limits, name) is None]
         if bare:
-            yield Finding(Severity.INFO, None, notes.NoLimit(name, tuple(bare)), Topic.LIMITS)
+            yield Finding(Severity.INFO, None, file_notes.NoLimit(name, tuple(bare)), Topic.LIMITS)
 
 
 def _impossible_limits(limits: Limits) -> Iterator[Note]:
     if limits.lower is not None and limits.upper is not None and limits.lower >= limits.upper:
-        yield notes.EmptyRange(limits.lower, limits.upper)
+        yield file_notes.EmptyRange(limits.lower, limits.upper)
     for name, value in (("effort", limits.effort), ("velocity", limits.velocity)):
         if value is not None and value <= 0:
-            yield notes.LimitNotPositive(name, value)
+            yield file_notes.LimitNotPositive(name, value)

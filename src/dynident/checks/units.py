@@ -12,7 +12,7 @@ from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.estimators.least_squares import solve
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import Regression
 
@@ -24,7 +24,6 @@ FACTORS = (1e-3, 1e-6, 1e-9, 1e3, 1e6, 1e9)
 RATES = (20.0, 5e4)  # Hz, of recordings of robots
 SLOWEST, FASTEST = 6.0, 1e5  # Hz: beyond, a unit is suspected
 SPEEDS = (0.01, 40.0)  # rad/s, m/s, of motions that show dynamics
-LAG = 0.02  # s, over which a speed is taken, if that is over four samples
 FAR, FAST = 20.0, 20.0  # m, m/s: beyond, a length is in millimetres
 NARROW = 0.3  # rad: where all joints move less, their angles may be radians declared as degrees
 BETTER = 0.95  # of the error: a smaller one tells the unit
@@ -44,7 +43,7 @@ def time_unit(log: Log) -> Iterator[Finding]:
 
 def _speed(t: Array, q: Array) -> float:
     """Return the 99th percentile of the speed over a few samples."""
-    lag = int(min(5, len(t) - 1))
+    lag = min(5, len(t) - 1)
     return float(np.percentile(np.abs(q[lag:] - q[:-lag]) / (t[lag:] - t[:-lag]), 99))
 
 
@@ -70,10 +69,9 @@ def radian_findings(model: Model, motions: Sequence[Motion], min_speed: tuple[fl
         yield Finding(Severity.WARNING, None, note, Topic.RADIANS)
 
 
-def thin(model: Model, motions: Sequence[Motion]) -> list[Motion]:
+def thin(model: Model, motions: Sequence[Motion]) -> tuple[Motion, ...]:
     """Return a few samples of motions, enough to compare fits."""
-    rows = subsample(motions, max(SAMPLES, 3 * len(model.parameters)))
-    return [one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1]
+    return thinned(motions, max(SAMPLES, 3 * len(model.parameters)))
 
 
 def least_error(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> float:

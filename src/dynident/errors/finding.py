@@ -14,7 +14,7 @@ __all__ = ["Finding"]
 class Finding:
     """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
 
-    ``message`` is a note with the figures, of ``checks/notes.py`` or of the stage that made it, which ``report`` puts
+    ``message`` is a note with the figures, of ``checks`` or of the stage that made it, which ``report`` puts
     into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
     ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
     the link concerned, each empty where there is none.

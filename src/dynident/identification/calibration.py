@@ -81,13 +81,9 @@ def mounted(model: Model, x: float, y: float) -> Model:
     from scipy.spatial.transform import Rotation
 
     back = Rotation.from_rotvec((-x, -y, 0.0))
-    terms = tuple(
-        term.with_gravity(tuple(back.apply(term.gravity).tolist())) if isinstance(term, HasGravity) else term
-        for term in model.terms
-    )
-    if all(new is old for new, old in zip(terms, model.terms, strict=True)):
+    if not any(isinstance(term, HasGravity) for term in model.terms):
         raise ConfigError(f"{model.name}: no term has a gravity that could be rotated; only robot files have one.")
-    return replace(model, terms=terms)
+    return model.with_gravity(back.apply)
 
 
 def pair(

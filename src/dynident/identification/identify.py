@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, ModelError, Note, called
-from dynident.estimators import Estimate, Problem
+from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
-from dynident.identification.calibration import BaseTilt, TimeOffset, find_base_tilt, mounted, pair
+from dynident.identification.calibration import BaseTilt, Pairing, TimeOffset, find_base_tilt, mounted, pair
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -102,20 +102,8 @@ def _identify(
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
-    progress("estimating")
-    estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
-    if estimate.residual.sample_weights:
-        regression = replace(regression, weights=estimate.residual.sample_weights)
-    more = _late(model, regression, estimate, pairing.time_offset)
-    noted: tuple[Note, ...] = ()
-    if estimate.information is None:
-        progress("repeating the smoothing")
-        found = motion_errors(model, trained, regression, smoother, estimate)
-        if found is not None:
-            more, noted = more + found.covariance, _noted(found)
-        if found is not None and found.matter and found.share < FAR:
-            regression = regression.unbiased(found.bias)
-            estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
+    problem = Problem(model, fitted, regression, trained, late)
+    estimate, regression, more, noted = _estimated(problem, recipe.estimator, pairing, progress)
     progress("validating")
     judged = _judged(model, estimate, roles, motions, used, progress)
     errors, base = _identifiability(model, regression, estimate, more, progress)
@@ -135,6 +123,30 @@ def _identify(
             *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
         ),
     )
+
+
+def _estimated(
+    problem: Problem, estimator: Estimator, pairing: Pairing, progress: Callable[[str], None]
+) -> tuple[Estimate, Regression, Array, tuple[Note, ...]]:
+    """Return the estimate, without the bias by the smoothed motion where that matters, and the regression it is of; the
+    covariance (p, p) by errors of motion and time offset, and what to note of them.
+    """
+    progress("estimating")
+    model, regression, logs = problem.model, problem.regression, problem.logs
+    estimate = called(estimator, problem, Estimate)
+    if estimate.residual.sample_weights:
+        regression = replace(regression, weights=estimate.residual.sample_weights)
+    late = _late(model, regression, estimate, pairing.time_offset)
+    if estimate.information is not None:
+        return estimate, regression, late, ()
+    progress("repeating the smoothing")
+    found = motion_errors(model, logs, regression, pairing.smoother, estimate)
+    if found is None:
+        return estimate, regression, late, ()
+    if found.matter and found.share < FAR:
+        regression = regression.unbiased(found.bias)
+        estimate = called(estimator, replace(problem, regression=regression), Estimate)
+    return estimate, regression, late + found.covariance, _noted(found)
 
 
 def _roles(

@@ -1,4 +1,4 @@
-"""Outliers among the torques of the training: suspects of which the rest of the data says that they are wrong."""
+"""Outliers among the torques of the training: suspects that a fit to the rest of the data shows to be wrong."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, brief
 from dynident.estimators.least_squares import solve
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import BLOCK, Regression
 from dynident.smoothers.outliers import FEW, MANY, Suspects, few, suspects
@@ -23,7 +23,7 @@ __all__ = ["HeldOutOutliers", "TorqueOutliers", "held_out_outliers", "runs", "to
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only tells outliers
+ENTRIES = 400_000  # samples of all motions together times parameters: enough for a fit that only finds outliers
 UNEXPLAINED = 0.5  # share of a spike that the model must leave
 FAR = 4.0  # usual residuals by which a frozen torque is wrong, rms over the stretch
 LEAST = 0.01  # of a torque's rms, the least usual residual
@@ -90,11 +90,11 @@ def torque_outliers(
     left = [(motion.tau - torque)[used.mask] for motion, used, torque in pairs[:trained]]
     kept = [_kept(used)[used.mask] for used in rest[:trained]]
     usual = np.array([
-        median_sigma(np.concatenate([e[use[:, j], j] for e, use in zip(left, kept, strict=True)]))
+        _usual(np.concatenate([e[use[:, j], j] for e, use in zip(left, kept, strict=True)]))
         for j in range(len(model.joints))
-    ]).ravel()  # fmt: skip
+    ])  # fmt: skip
     return tuple(
-        _told(motion, one, torque, usual) if one.torques.any() else None
+        _judged(motion, one, torque, usual) if one.torques.any() else None
         for motion, one, torque in zip(whole, seen, torques, strict=True)
     )
 
@@ -106,7 +106,7 @@ def held_out_outliers(judged: Sequence[LogValidation]) -> Iterator[HeldOutOutlie
         if one.role != "validation" or seen is None or not seen.torques.any():
             continue
         usual = median_sigma((one.motion.tau - one.predicted)[one.motion.mask])
-        found = _told(one.motion, seen, one.predicted, usual)
+        found = _judged(one.motion, seen, one.predicted, usual)
         wrong: Mask = found.wrong & one.motion.mask[:, None]
         if wrong.any():
             right = one.motion.mask[:, None] & ~wrong
@@ -137,9 +137,8 @@ def _rest(motion: Motion, seen: Suspects) -> Motion:
 
 
 def _fitted(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Array:
-    rows = subsample(motions, ENTRIES // max(len(model.parameters), 10))
-    thin = tuple(one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1)
-    return solve(Regression(model, thin, min_speed=min_speed).triangular_factors.stacked()).value
+    few_samples = thinned(motions, ENTRIES // max(len(model.parameters), 10))
+    return solve(Regression(model, few_samples, min_speed=min_speed).triangular_factors.stacked()).value
 
 
 def _torque(model: Model, motion: Motion, theta: Array) -> Array:
@@ -147,7 +146,12 @@ def _torque(model: Model, motion: Motion, theta: Array) -> Array:
     return np.concatenate([model.torque(motion.q[s], motion.dq[s], motion.ddq[s], theta) for s in parts])
 
 
-def _told(motion: Motion, seen: Suspects, torque: Array, usual: Array) -> TorqueOutliers:
+def _usual(left: Array) -> float:
+    """Return the usual residual; infinite where every torque is suspect, so that nothing shows which are wrong."""
+    return float(median_sigma(left)) if len(left) else np.inf
+
+
+def _judged(motion: Motion, seen: Suspects, torque: Array, usual: Array) -> TorqueOutliers:
     """Return the suspects that are wrong."""
     left = motion.tau - torque
     usual = np.maximum(usual, LEAST * np.sqrt(np.mean(motion.tau**2, axis=0)))

@@ -57,13 +57,13 @@ def parse_config(
 
 def _keep(config: Config, folder: Path) -> None:
     """Count the files that a configuration names among those read, also where a command does not open them."""
-    for path in (*chain.from_iterable(spec.file.values() for spec in (*config.train, *config.validation)),):
-        keep(path)
-    for path in (
-        config.model.file.values()
-        if isinstance(config.model, RobotSettings)
-        else [folder / config.model, folder / config.model.rpartition(":")[0]]
-    ):
+    model = config.model
+    if isinstance(model, RobotSettings):
+        models = list(model.file.values())
+    else:
+        models = [folder / model, folder / model.rpartition(":")[0]]
+    logs = chain.from_iterable(spec.file.values() for spec in (*config.train, *config.validation))
+    for path in (*logs, *models):
         keep(path)
 
 

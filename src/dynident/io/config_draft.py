@@ -27,9 +27,8 @@ from dynident.log import Log
 __all__ = ["ConfigDraft", "draft_config", "same_columns"]
 
 Array = NDArray[np.float64]
-_PLAIN = re.compile(
-    r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*"
-)  # names that YAML takes as they are, but for words such as yes
+# names that YAML takes as they are, but for words such as yes
+_PLAIN = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
 # what no line may hold: names in quotes are escaped by then, so that this is left in comments only
 _BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log

@@ -151,8 +151,7 @@ def write_whole(path: Path, data: bytes) -> None:
     settle(folder)
     folder.mkdir(parents=True, exist_ok=True)
     _sweep(folder)
-    temporary = folder / f".dynident-{uuid4().hex}.tmp"
-    file = _take(temporary)
+    temporary, file = _temporary(folder)
     try:
         _write(file, data)
         if sys.platform == "win32":
@@ -161,6 +160,14 @@ def write_whole(path: Path, data: bytes) -> None:
         os.replace(temporary, folder / path.name)
     finally:
         _release(file, temporary)
+
+
+def _temporary(folder: Path) -> tuple[Path, IO[bytes]]:
+    """Return a new temporary file, locked."""
+    while True:
+        path = folder / f".dynident-{uuid4().hex}.tmp"
+        with suppress(BlockingIOError):  # a run that sweeps was faster, and removes it
+            return path, _take(path)
 
 
 def _finish(folder: Path) -> None:

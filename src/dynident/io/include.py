@@ -7,12 +7,10 @@ from pathlib import Path
 
 from dynident.errors import ModelError
 from dynident.export.edit import Text
-from dynident.io.opener import afford, real, text
+from dynident.io.opener import XML_WEIGHT, afford, real, text
 from dynident.models.robot_file import parse
 
 __all__ = ["with_includes"]
-
-WEIGHT = 80  # memory of a tree of elements, per byte of its text
 
 
 def with_includes(xml: str, path: Path) -> str:
@@ -36,7 +34,7 @@ def _joined(xml: str, path: Path, main: Path, seen: dict[Path, str]) -> str:
             raise ModelError(f"{path.name}: <include> needs a `file`, and no elements of its own.")
         content = _content(_found(name, path, main), main, seen)
         size += len(content)
-        afford(WEIGHT * size, f"{main.name}: with what it includes it would take", ModelError)
+        afford(XML_WEIGHT * size, f"{main.name}: with what it includes it would take", ModelError)
         edited.replace(node, content)
     return str(edited)
 
@@ -52,8 +50,9 @@ def _content(path: Path, main: Path, seen: dict[Path, str]) -> str:
     if key in seen:
         raise ModelError(f"{main.name}: {path.name} is included twice, or includes itself; include each file once.")
     seen[key] = path.name
-    xml = _joined(text(path, ModelError, (".xml", ".mjcf"), WEIGHT), path, main, seen)
-    root = Text(xml).root if parse(xml, path.name).tag else None
-    if root is None or not root.children:
+    xml = _joined(text(path, ModelError, (".xml", ".mjcf"), XML_WEIGHT), path, main, seen)
+    parse(xml, path.name)  # says what is wrong with the XML
+    root = Text(xml).root
+    if not root.children:
         raise ModelError(f"{main.name}: {path.name}, which it includes, has no elements; delete the <include>.")
     return xml.encode()[root.inside : root.close].decode()

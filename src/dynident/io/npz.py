@@ -35,8 +35,7 @@ def opened_npz(file: BinaryIO) -> Iterator[dict[str, Found]]:
         for name, count in Counter(member.filename for member in members).items():
             if count > 1:
                 raise ValueError(f"the array {name.removesuffix('.npy')!r} is there twice")
-        found = {member.filename.removesuffix(".npy"): _found(archive, member) for member in members}
-        yield found
+        yield {member.filename.removesuffix(".npy"): _found(archive, member) for member in members}
 
 
 def _found(archive: ZipFile, member: ZipInfo) -> Found:

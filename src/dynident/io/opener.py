@@ -18,6 +18,7 @@ from dynident.errors import ConfigError, DynidentError, InputError, choices
 __all__ = [
     "GIGABYTE",
     "MEMORY",
+    "XML_WEIGHT",
     "Run",
     "afford",
     "content",
@@ -37,6 +38,7 @@ Failure = Callable[[str], DynidentError]  # the type of the error, or what makes
 MEMORY = "DYNIDENT_MEMORY"  # the environment variable with the budget, in GB
 USUAL = 4.0  # GB
 GIGABYTE = 10**9
+XML_WEIGHT = 80  # memory of a tree of elements, per byte of its text
 LARGEST = 16  # times the budget: a file of which only a part is read
 LONGEST = 200  # characters of a path in a message
 _FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY", "O_BINARY"))

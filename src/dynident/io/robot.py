@@ -10,7 +10,7 @@ from dynident.errors import ModelError
 from dynident.identification import SourceFile
 from dynident.io.families import TERMS
 from dynident.io.folder import settle
-from dynident.io.opener import opened, real, text
+from dynident.io.opener import XML_WEIGHT, opened, real, text
 from dynident.io.parts import build
 from dynident.io.settings import RobotSettings
 from dynident.io.xacro import XACRO, expand
@@ -19,7 +19,6 @@ from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 __all__ = ["SUFFIXES", "changed", "fingerprint", "is_xacro", "load_robot", "model_file", "robot_text"]
 
 SUFFIXES = (".urdf", ".xml", ".mjcf", XACRO)
-WEIGHT = 80  # memory of a tree of elements, per byte of its text
 
 
 def robot_text(path: Path) -> str:
@@ -30,7 +29,7 @@ def robot_text(path: Path) -> str:
     from dynident.io.include import with_includes
 
     settle(path.parent)  # it may be an export
-    return expand(path) if is_xacro(path) else with_includes(text(path, ModelError, SUFFIXES, WEIGHT), path)
+    return expand(path) if is_xacro(path) else with_includes(text(path, ModelError, SUFFIXES, XML_WEIGHT), path)
 
 
 def is_xacro(path: Path) -> bool:

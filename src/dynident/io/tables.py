@@ -123,7 +123,7 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
         reason = (str(error).splitlines() or [""])[0]
         what = "bag" if path.is_dir() else f"{kind} file"
         raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
-    if not (table.columns or table.constants or table.faults):
+    if not (table.columns or table.constants or table.faults or table.unread):
         raise InputError(f"{path}: holds no columns; record again, or name another file.")
     if table.columns and not any(map(len, table.columns.values())):
         raise InputError(f"{path}: holds columns without rows; record again, or name another file.")

@@ -14,13 +14,12 @@ from pathlib import Path
 from threading import Timer
 
 from dynident.errors import ModelError
-from dynident.io.opener import find, keep, memory, real
+from dynident.io.opener import XML_WEIGHT, find, keep, memory, real
 
 __all__ = ["XACRO", "expand"]
 
 XACRO = ".xacro"
 LONGEST = 60.0  # s
-WEIGHT = 80  # memory of a tree of elements, per byte of its text
 ADVICE = (
     "Install it with `pip install xacro`, or expand the file where ROS is installed, with "
     "`xacro robot.urdf.xacro > robot.urdf`, and name robot.urdf."
@@ -35,7 +34,7 @@ def expand(path: Path) -> str:
     find(path, ModelError, (XACRO, ".urdf"))
     keep(path)
     out, errors, code = _run([*_program(path), str(real(path, ModelError))])
-    if len(out) * WEIGHT > memory():
+    if len(out) * XML_WEIGHT > memory():
         raise ModelError(f"{path}: xacro makes more of it than the memory that a file may take.")
     if code < 0:
         raise ModelError(
@@ -71,8 +70,8 @@ def _run(command: list[str]) -> tuple[bytes, bytes, int]:
         alarm = Timer(LONGEST, process.kill)
         alarm.start()
         try:
-            out = process.stdout.read(memory() // WEIGHT + 1) if process.stdout else b""
-            if len(out) > memory() // WEIGHT:
+            out = process.stdout.read(memory() // XML_WEIGHT + 1) if process.stdout else b""
+            if len(out) > memory() // XML_WEIGHT:
                 process.kill()
             code = process.wait()
         finally:

@@ -41,13 +41,15 @@ def load_yaml(text: str, source: str) -> Any:
     try:
         loader = _Loader(text)
         tree = loader.get_single_node()
-        _count(tree, {})
+        _count(tree, {}, source)
         doubled = next(_doubled_keys(tree, set()), None)
         data = None if tree is None else loader.construct_document(tree)
         if is_deep(data):
-            raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.")
+            raise RecursionError
     except ConfigError:
         raise
+    except RecursionError:
+        raise ConfigError(f"{source}: its lists and mappings are nested too deep; no setting is.") from None
     except _TooManyError:
         raise ConfigError(
             f"{source}: has more than {MOST_NODES} values, those of aliases counted each time; write fewer."
@@ -64,17 +66,22 @@ def load_yaml(text: str, source: str) -> Any:
     return data
 
 
-def _count(node: yaml.Node | None, known: dict[int, int]) -> int:
-    """Return the number of nodes with aliases written out; ``known`` holds those of the nodes visited."""
+def _count(node: yaml.Node | None, known: dict[int, int], source: str) -> int:
+    """Return the number of nodes with aliases written out; ``known`` holds those of the nodes visited.
+
+    Raises ConfigError for a number of more digits than any setting has.
+    """
     if not isinstance(node, yaml.MappingNode | yaml.SequenceNode):
         if node is not None and node.tag == _WHOLE and len(node.value) > DIGITS:
-            words = f"{node.value[:20]}... is a number of {len(node.value)} digits; no setting is so large"
-            raise yaml.MarkedYAMLError(problem=words, problem_mark=node.start_mark)
+            raise ConfigError(
+                f"{source}: line {node.start_mark.line + 1}: {node.value[:20]}... is a number of {len(node.value)} "
+                "digits; no setting is so large."
+            )
         return 1
     if id(node) not in known:
         known[id(node)] = MOST_NODES  # where an alias is inside its own anchor
         inside = chain.from_iterable(node.value) if isinstance(node, yaml.MappingNode) else node.value
-        known[id(node)] = 1 + sum(_count(child, known) for child in inside)
+        known[id(node)] = 1 + sum(_count(child, known, source) for child in inside)
         if known[id(node)] > MOST_NODES:
             raise _TooManyError
     return known[id(node)]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
-from dynident.models.term import HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
+from dynident.models.term import HasGravity, HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -112,6 +112,16 @@ class Model:
     def notes(self) -> tuple[str, ...]:
         """Notes of the terms on the files they were made from."""
         return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
+
+    def with_gravity(self, change: Callable[[Array], ArrayLike]) -> Model:
+        """Return the model in which ``change`` is applied to the gravity (3), m/s^2, of each term that has one."""
+
+        def changed(term: Term) -> Term:
+            if not isinstance(term, HasGravity):
+                return term
+            return term.with_gravity(tuple(np.asarray(change(np.array(term.gravity)), dtype=float).tolist()))
+
+        return replace(self, terms=tuple(map(changed, self.terms)))
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""

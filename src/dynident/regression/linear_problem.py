@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, InputError, brief
 from dynident.log import Motion
 from dynident.models import Model
+from dynident.splines import stretches
 
 __all__ = [
     "BLOCK",
@@ -277,12 +278,6 @@ def fitted_rows(
     if motion.keep is None:
         return fast
     return motion.keep[rows] if fast is None else fast & motion.keep[rows]
-
-
-def stretches(mask: NDArray[np.bool_]) -> list[slice]:
-    """Return the uninterrupted runs of True in a mask (N) as slices."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def triangularise(blocks: Iterator[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:

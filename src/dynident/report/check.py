@@ -13,6 +13,7 @@ from dynident.errors import Severity
 from dynident.report.finding_words import finding_words
 from dynident.report.page import Column, PageTable, number
 from dynident.report.wording import words
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
@@ -21,13 +22,12 @@ __all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "fin
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
-WORD = Column("", numeric=False)
 
 
 def check_summary(examination: CheckResult) -> str:
     """Return the outcome in one sentence."""
     counts = Counter(finding.severity for finding in (group[0] for group in finding_groups(examination.findings)))
-    shown = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
+    shown = [count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
     return f"{' and '.join(shown) or 'No errors and no warnings'}."
 
 
@@ -193,7 +193,3 @@ def _link_table(examination: CheckResult) -> PageTable:
     rows.append(("all", number(sum(x.mass for x in examination.links)), *[""] * 4))
     columns = (Column("link", numeric=False), *(Column(head, group) for head, group in zip(heads, groups, strict=True)))
     return PageTable(columns, tuple(rows), "Links (principal moments about the centre of mass, kg m^2)")
-
-
-def _count(value: int, word: str) -> str:
-    return f"{value} {word}{'' if value == 1 else 's'}"

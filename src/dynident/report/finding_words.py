@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.checks import notes, reading_words
+from dynident.checks import file_notes, notes, reading_words
 from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
@@ -73,12 +73,12 @@ def _(note: notes.RepeatedPositions) -> str:
 
 
 @words.register
-def _(note: notes.ImpossibleInertia) -> str:
+def _(note: file_notes.ImpossibleInertia) -> str:
     return f"{note.violation}. No body can have such an inertia. {REMEDY}"
 
 
 @words.register
-def _(note: notes.NoMass) -> str:
+def _(note: file_notes.NoMass) -> str:
     return (
         f"the links that the joint moves ({', '.join(note.links)}) have no mass in the file: simulators reject "
         f"this, and it gives no prior. {REMEDY}"
@@ -86,7 +86,7 @@ def _(note: notes.NoMass) -> str:
 
 
 @words.register
-def _(note: notes.FloatingBase) -> str:  # noqa: ARG001
+def _(note: file_notes.FloatingBase) -> str:  # noqa: ARG001
     return (
         "it lets the whole robot float or drive, but only a fixed base is supported: it is taken as fixed. Record with "
         "the base clamped, as what it feels of a moving one is not modelled."
@@ -94,7 +94,7 @@ def _(note: notes.FloatingBase) -> str:  # noqa: ARG001
 
 
 @words.register
-def _(note: notes.SeveralLimbs) -> str:
+def _(note: file_notes.SeveralLimbs) -> str:
     return (
         f"{len(note.joints)} limbs move from the base {note.base!r}, which is taken as fixed "
         f"({listed(note.joints, 4)}): right for arms on a stand; a walking robot must be clamped at its trunk."
@@ -102,7 +102,7 @@ def _(note: notes.SeveralLimbs) -> str:
 
 
 @words.register
-def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
+def _(note: file_notes.OnlyShapes) -> str:  # noqa: ARG001
     return (
         "its inertia follows from meshes or height fields, which are not read; save the compiled model from MuJoCo "
         "with <compiler saveinertial='true'/>, which writes the inertia out."
@@ -110,14 +110,14 @@ def _(note: notes.OnlyShapes) -> str:  # noqa: ARG001
 
 
 @words.register
-def _(note: notes.PointMass) -> str:
+def _(note: file_notes.PointMass) -> str:
     return (
         f"{note.mass:.4g} kg without an inertia about the centre of mass: a point mass, or an inertia rounded to zero."
     )
 
 
 @words.register
-def _(note: notes.FarCentre) -> str:
+def _(note: file_notes.FarCentre) -> str:
     return (
         f"its centre of mass is {note.distance:.4g} m from its frame. Is it in millimetres, or in another frame? "
         "A URDF gives metres in the link's own frame."
@@ -125,7 +125,7 @@ def _(note: notes.FarCentre) -> str:
 
 
 @words.register
-def _(note: notes.LargeGyration) -> str:
+def _(note: file_notes.LargeGyration) -> str:
     return (
         f"its largest moment {note.moment:.3g} kg m^2 means a radius of gyration of {note.gyration:.2g} m for "
         f"its {note.mass:.3g} kg, on a link of about {note.size:.2g} m. Is it about another point, or a "
@@ -134,7 +134,7 @@ def _(note: notes.LargeGyration) -> str:
 
 
 @words.register
-def _(note: notes.InertiaAboutOrigin) -> str:
+def _(note: file_notes.InertiaAboutOrigin) -> str:
     return (
         f"the inertias of {', '.join(note.links)} are as large as if they were about the origins of the links' frames. "
         "A robot file gives them about the centre of mass; if that was overlooked, subtract m c^2 (parallel axes)."
@@ -142,7 +142,7 @@ def _(note: notes.InertiaAboutOrigin) -> str:
 
 
 @words.register
-def _(note: notes.EqualLinks) -> str:
+def _(note: file_notes.EqualLinks) -> str:
     same = f"have the same mass {note.mass:.4g} kg and the same moments:"
     if note.alone:
         return f"all links {same} placeholders? {REMEDY}"
@@ -150,12 +150,12 @@ def _(note: notes.EqualLinks) -> str:
 
 
 @words.register
-def _(note: notes.OddTotalMass) -> str:
+def _(note: file_notes.OddTotalMass) -> str:
     return f"the total mass of all links is {note.mass:.4g} kg. Are the masses in kg?"
 
 
 @words.register
-def _(note: notes.EmptyRange) -> str:
+def _(note: file_notes.EmptyRange) -> str:
     return (
         f"its lower limit {note.lower:g} is not below its upper limit {note.upper:g}: simulators use it as given. "
         "Correct it."
@@ -163,12 +163,12 @@ def _(note: notes.EmptyRange) -> str:
 
 
 @words.register
-def _(note: notes.LimitNotPositive) -> str:
+def _(note: file_notes.LimitNotPositive) -> str:
     return f"its {note.quantity} limit is {note.value:g}: simulators use it as given. Correct it."
 
 
 @words.register
-def _(note: notes.NoLimit) -> str:
+def _(note: file_notes.NoLimit) -> str:
     return f"no {note.quantity} limit for {', '.join(note.joints)}: recordings cannot be checked against it."
 
 

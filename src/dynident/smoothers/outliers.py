@@ -9,18 +9,19 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief, called
+from dynident.errors import ConfigError, brief, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
-from dynident.splines import bridged, frozen, spikes
+from dynident.splines import bridged, frozen, spikes, stretches
 
-__all__ = ["FEW", "MANY", "Suspects", "motion_of", "repaired", "suspects"]
+__all__ = ["FEW", "MANY", "Suspects", "few", "motion_of", "repaired", "suspects"]
 
 Mask = NDArray[np.bool_]
 
 FEW = 0.01  # share of a joint's samples: if more are spikes, they belong to the signal
 SOME = 0.25  # the same of frozen positions
-MANY = 0.5  # the same of frozen and clipped torques, which the others tell to be wrong
+MANY = 0.5  # the same of frozen and clipped torques, which a fit to the others shows to be wrong
+NEARLY_ALL = 0.99  # share of all torques: if more are suspect, too few are left for that fit
 CLIPPED = 10  # least number of values at exactly the largest or smallest
 AT_ONCE, OFTEN = 3, 2  # of which so many follow each other, so often
 MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the bridge
@@ -49,8 +50,9 @@ class Suspects:
 
     @cached_property
     def torques(self) -> Mask:
-        """All suspect torques (N, n)."""
-        return self.torque_spikes | self.torque_frozen | self.torque_clipped
+        """All suspect torques (N, n); none where they are nearly all of the log."""
+        found = self.torque_spikes | self.torque_frozen | self.torque_clipped
+        return found if found.mean() <= NEARLY_ALL else np.zeros_like(found)
 
 
 _SEEN: WeakKeyDictionary[Log, Suspects] = WeakKeyDictionary()
@@ -80,8 +82,8 @@ def _clipped(tau: NDArray[np.float64]) -> Mask:
     for j, column in enumerate(tau.T):
         for extreme in {float(column.min()), float(column.max())} - {0.0}:
             at = column == extreme
-            lengths = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0])))))[::2]
-            if at.sum() >= CLIPPED and not at.all() and (lengths >= AT_ONCE).sum() >= OFTEN:
+            long = [part for part in stretches(at) if part.stop - part.start >= AT_ONCE]
+            if at.sum() >= CLIPPED and not at.all() and len(long) >= OFTEN:
                 found[:, j] |= at
     return found
 
@@ -111,6 +113,14 @@ def _widened(found: Mask) -> Mask:
 
 
 def motion_of(smoother: Smoother, log: Log) -> Motion:
-    """Return the motion of a log, of which the fit keeps what the log keeps. Raises the errors of the smoother."""
+    """Return the motion of a log, of which the fit keeps what the log keeps.
+
+    Raises the errors of the smoother, and ConfigError where its motion has not the samples of the log.
+    """
     motion = called(smoother, log, Motion)
+    if len(motion) != len(log):
+        raise ConfigError(
+            f"{log.source}: the smoother {type(smoother).__name__} returns {len(motion)} samples for {len(log)}; "
+            "return all of them, and mask out those that must not be used."
+        )
     return motion if log.keep is None else replace(motion, keep=log.keep)

@@ -4,6 +4,7 @@ from dynident.splines.noise import NORMAL_95, coloured_noise, median_sigma, nois
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
 from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
 from dynident.splines.spline import SmoothingSpline, smooth
+from dynident.splines.stretches import stretches
 
 __all__ = [
     "GCV",
@@ -24,4 +25,5 @@ __all__ = [
     "smooth",
     "spikes",
     "steady_noise",
+    "stretches",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.splines.noise import median_sigma
+from dynident.splines.stretches import stretches
 
 __all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes"]
 
@@ -40,6 +41,8 @@ def spikes(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     from parabolas through one side alone. So neither steps nor kinks count, which one of the sides leads up to. It must
     do so at the stamps and with equal spacing alike, or the stamps may be at fault. The first and last 8 samples are
     not looked at.
+
+    This is Hampel's identifier (Davies and Gather, 1993) with a polynomial in place of the median.
     """
     times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
     columns = data.reshape(len(times), -1)
@@ -59,9 +62,8 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     columns = data.reshape(len(times), -1)
     found = np.zeros(columns.shape, dtype=bool)
     for j, column in enumerate(columns.T):
-        equal = np.concatenate(([False], np.diff(column) == 0, [False]))
-        edges = np.flatnonzero(np.diff(equal.astype(np.int8)))
-        runs = [(a, b + 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b + 1 - a >= LONG]
+        steps = stretches(np.diff(column) == 0)
+        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= LONG]
         if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
             usual = _usual(times, column)
             for start, stop in runs:
@@ -84,18 +86,18 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
     sides give, at the ends by the nearest value."""
     from scipy.interpolate import CubicHermiteSpline
 
-    out, edges = np.array(x), np.flatnonzero(np.diff(np.concatenate(([0], gone.astype(np.int8), [0]))))
-    there = ~gone
-    if gone.all() or not gone.any():
+    out, there = np.array(x), ~gone
+    if not there.any():
         return out
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        before, after = np.flatnonzero(there[:start])[-SIDE:], stop + np.flatnonzero(there[stop:])[:SIDE]
+    for part in stretches(gone):
+        before = np.flatnonzero(there[: part.start])[-SIDE:]
+        after = part.stop + np.flatnonzero(there[part.stop :])[:SIDE]
         if len(before) < 3 or len(after) < 3:
-            out[start:stop] = np.interp(t[start:stop], t[there], x[there])
+            out[part] = np.interp(t[part], t[there], x[there])
             continue
         ends = [(t[k[at]], *_line(t[k], x[k], t[k[at]])) for k, at in ((before, -1), (after, 0))]
         (a, xa, va), (b, xb, vb) = ends
-        out[start:stop] = CubicHermiteSpline([a, b], [xa, xb], [va, vb])(t[start:stop])
+        out[part] = CubicHermiteSpline([a, b], [xa, xb], [va, vb])(t[part])
     return out
 
 
@@ -213,7 +215,7 @@ def _off(t: Array, x: Array, known: Rows, asked: Rows, degree: int) -> Array:
     """Return by how much the ``asked`` samples (K, a) differ from polynomials through the ``known`` ones (K, m)."""
     if not len(known):
         return np.empty((0, asked.shape[1]))
-    even = t[0] == 0.0 and t[-1] == len(t) - 1.0  # one fit for all
+    even = t[0] == 0.0 and t[-1] == len(t) - 1.0  # samples counted, not timed: one fit for all
     rows = slice(0, 1) if even else slice(None)
     middle, scale = t[known[rows]].mean(axis=1, keepdims=True), np.ptp(t[known[rows]], axis=1)[:, None]
     base = x[known].mean(axis=1, keepdims=True)

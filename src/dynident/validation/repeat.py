@@ -57,7 +57,7 @@ def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
 
 
 def _even(one: Log | Motion, step: float) -> Array:
-    """Return positions and torques (N, 2 n) at equal steps (s) from the start, each divided by its joint's size."""
+    """Return positions and torques (N, 2 n) at equal steps (s) from the start."""
     t = np.arange(one.t[0], one.t[-1] + step / 2, step)
     both = np.column_stack((one.q, one.tau))
     return np.column_stack([np.interp(t, one.t, x) for x in both.T])

@@ -125,8 +125,10 @@ def motion_errors(
         parts = _credible(model, parts, estimate.value, rng)
         e = [one.noise(rng) for one in parts]
         bias = np.mean([_refitted(model, parts, [s * x for x in e], regression, estimate) for s in (1, -1)], axis=0)
+        worst = _worst(parts)
         torques = [
-            np.stack([one.torque(model, estimate.value, one.noise(rng)) for _ in range(DRAWS)], axis=2) for one in parts
+            np.stack([_likely(one.torque(model, estimate.value, one.noise(rng)), worst) for _ in range(DRAWS)], axis=2)
+            for one in parts
         ]
     except InputError:
         return None
@@ -142,10 +144,10 @@ def motion_errors(
         with suppress(ModelError):  # nearly dependent columns
             robust = correlated_std(regression, estimate.value, weights, basis.independent, estimate.residual.slopes)
             size = _sizes(basis.to_base(bias), robust, wide)
-    worst = int(size.argmax()) if len(size) else 0
+    largest = int(size.argmax()) if len(size) else 0
     p = len(bias)
     share = np.linalg.norm(factor[:, :p] @ bias) / max(float(np.linalg.norm(factor[:, :p] @ estimate.value)), 1e-300)
-    return MotionErrors(bias, covariance, basis.groupings[worst], float(size[worst]), float(share))
+    return MotionErrors(bias, covariance, basis.groupings[largest], float(size[largest]), float(share))
 
 
 def _sizes(bias: Array, std: Array, more: Array) -> Array:
@@ -165,8 +167,8 @@ def repeated(
     parts = [one for log, motion in pairs for one in _pieces(model, log, motion, smoother, theta, 1.0)]
     parts = _credible(model, parts, theta, rng)
     e = [one.noise(rng) for one in parts]
-    ups, downs = ([one.again(s * x) for one, x in zip(parts, e, strict=True)] for s in (1.0, -1.0))
-    return tuple(ups), tuple(downs)
+    ups, downs = (_repetition(model, parts, [s * x for x in e], theta) for s in (1.0, -1.0))
+    return ups, downs
 
 
 def _credible(model: Model, parts: list[_Piece], theta: Array, rng: np.random.Generator) -> list[_Piece]:
@@ -174,18 +176,48 @@ def _credible(model: Model, parts: list[_Piece], theta: Array, rng: np.random.Ge
 
     The noise of the positions is estimated too large where the sampling is slow for the motion.
     """
-    noise = [one.torque(model, theta, one.noise(rng), corrected=False)[one.motion.mask] for one in parts]
+    worst = _worst(parts)
+    noise = [
+        _likely(one.torque(model, theta, one.noise(rng), corrected=False), worst)[one.motion.mask] for one in parts
+    ]
     left = [(one.motion.tau - one.clean.tau)[one.motion.mask] for one in parts]
     predicted, seen = (np.square(np.concatenate(x)).mean(axis=0) for x in (noise, left))
     allowed = np.sqrt(np.min(seen[predicted > 0] / predicted[predicted > 0], initial=1.0))
     return [replace(one, sigma=one.sigma * allowed) for one in parts]
 
 
+def _repetition(model: Model, parts: Sequence[_Piece], errors: Sequence[Array], theta: Array) -> tuple[Motion, ...]:
+    """Return the pieces smoothed again with errors of their positions, without torques that fit worse than any that
+    was recorded: a sample on the other side of a reversal of speed, which did not happen, is no bias."""
+    worst, found = _worst(parts), []
+    for one, e in zip(parts, errors, strict=True):
+        motion = one.again(e)
+        likely = np.abs(motion.tau - model.torque(motion.q, motion.dq, motion.ddq, theta)) <= worst
+        found.append(replace(motion, keep=likely if motion.keep is None else likely & motion.keep))
+    return tuple(found)
+
+
+def _worst(parts: Sequence[_Piece]) -> Array:
+    """Return the largest residual (n) of each joint."""
+    left = [np.abs((one.motion.tau - one.clean.tau) * _fitted(one.motion)) for one in parts]
+    return np.asarray(np.concatenate(left).max(axis=0))
+
+
+def _likely(torque: Array, worst: Array) -> Array:
+    """Return errors of the torque (N, n) without those that no residual shows, as of a sign of speed that is wrong."""
+    return np.where(np.abs(torque) <= worst, torque, 0.0)
+
+
+def _fitted(motion: Motion) -> NDArray[np.bool_]:
+    """Return which torques (N, n) may count in a fit."""
+    return motion.mask[:, None] & (True if motion.keep is None else motion.keep)
+
+
 def _refitted(
     model: Model, parts: Sequence[_Piece], errors: Sequence[Array], regression: Regression, estimate: Estimate
 ) -> Array:
     """Return by how much (p) the fit of the repetition with these errors of the positions differs from its truth."""
-    motions = tuple(one.again(e) for one, e in zip(parts, errors, strict=True))
+    motions = _repetition(model, parts, errors, estimate.value)
     left = replace(regression, motions=motions, weights=(), bias=None).triangular_factors.less(estimate.value)
     return solve(*weighted(left, _ones(estimate.residual.weights, left.rows), model.parameters)).value
 

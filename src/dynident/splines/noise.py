@@ -75,7 +75,7 @@ def coloured_noise(
     power = np.square(np.abs(np.fft.rfft(rest * np.hanning(len(rest))[:, None], axis=0)))
     power /= np.square(np.hanning(len(rest))).sum()
     angle = 2 * np.pi * np.arange(len(power)) / len(rest)
-    for k in range(rest.shape[1]):
+    for k in np.flatnonzero(np.isfinite(width) & (sigma > 0)):  # a joint that stands still is smoothed without limit
         lost = (angle * width[k] / step) ** 4
         used = np.flatnonzero(lost > TWICE)
         used = used[:: max(1, len(used) // FREQUENCIES)]

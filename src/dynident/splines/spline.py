@@ -235,7 +235,7 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
         if value.shape not in ((), (k,)):
             raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
         value = np.broadcast_to(value, (k,)).copy()
-        if not ((value > 1 / LARGEST) & (value < LARGEST)).all():
+        if not ((value >= 1 / LARGEST) & (value < LARGEST)).all():
             raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
         return value
     if not needed:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Controller", "Log", "Motion", "pieces", "subsample"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 class Controller(Protocol):
@@ -65,6 +66,15 @@ def _matrix(value: ArrayLike, rows: int, columns: int, name: str, source: str) -
     return array
 
 
+def _kept(value: Mask | None, shape: tuple[int, ...], source: str) -> Mask | None:
+    if value is None:
+        return None
+    keep = _frozen(value, np.bool_)
+    if keep.shape != shape:
+        raise InputError(f"{source}: keep has shape {keep.shape}, expected {shape}.")
+    return keep
+
+
 def _times(value: ArrayLike, source: str) -> Array:
     t = _frozen(value)
     if t.ndim != 1 or len(t) < 2:
@@ -107,8 +117,8 @@ class Log:
     """One uninterrupted recording of n joints at N instants.
 
     ``t`` (N) s, strictly increasing; ``q`` (N, n) rad or m; ``tau`` (N, n) N m or N; ``joints`` n names; ``source``
-    names the data in messages. Optional are ``dq`` and ``command`` (N, n), and the ``controller`` that produced the
-    torque.
+    names the data in messages. Optional are ``dq`` and ``command`` (N, n), the ``controller`` that produced the
+    torque, and ``keep`` (N, n), False where the torque equation of a joint must not be fitted.
 
     Raises InputError where a value is not finite, a shape does not fit, or time does not increase.
 
@@ -130,6 +140,7 @@ class Log:
     dq: Array | None = None
     command: Array | None = None
     controller: Controller | None = None
+    keep: Mask | None = None
 
     def __post_init__(self) -> None:
         given: Any = self.joints
@@ -149,6 +160,7 @@ class Log:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _matrix(value, len(t), len(joints), name, self.source))
+        object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -179,7 +191,7 @@ class Log:
 
     def _cut(self, index: tuple[Any, ...]) -> dict[str, Any]:
         """Return every channel at the index."""
-        channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command")}
+        channels = {name: getattr(self, name) for name in ("q", "tau", "dq", "command", "keep")}
         return {name: None if value is None else value[index] for name, value in channels.items()}
 
     def select(self, joints: tuple[str, ...]) -> Log:
@@ -199,7 +211,8 @@ class Motion:
 
     ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
     used; ``smoothing`` describes, for the report, how the derivatives were computed; ``time_offset`` (s) is how much
-    later than its torque the motion was stamped. Raises InputError as ``Log`` does.
+    later than its torque the motion was stamped; ``keep`` (N, n) is False where the torque equation of a joint must not
+    be fitted, None where all may. Raises InputError as ``Log`` does.
     """
 
     t: Array
@@ -212,6 +225,7 @@ class Motion:
     source: str = "log"
     smoothing: Mapping[str, Any] = field(default_factory=dict)
     time_offset: float = 0.0
+    keep: Mask | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", _times(self.t, self.source))
@@ -223,6 +237,7 @@ class Motion:
         if mask.shape != self.t.shape:
             raise InputError(f"{self.source}: the mask has shape {mask.shape}, expected {self.t.shape}.")
         object.__setattr__(self, "mask", mask)
+        object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -259,7 +274,8 @@ class Motion:
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
         late, tau = self.time_offset + time_offset, self.tau[rows]
-        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late)
+        keep = None if self.keep is None else self.keep[rows]
+        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late, keep=keep)
 
 
 def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:

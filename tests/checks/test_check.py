@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, notes, run_checks
+from dynident.checks import Finding, notes, run_checks, with_findings
 from dynident.errors import Severity
-from dynident.identification import Recipe
-from dynident.log import Log
+from dynident.identification import Recipe, identify
+from dynident.log import Log, Motion
 from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
-from dynident.smoothers import Butterworth
+from dynident.smoothers import Butterworth, Spline
 from tests.robots import ARM_MJCF
 
 T = np.arange(3000) * 0.002
@@ -26,12 +26,17 @@ def log(scale: float = 1.0, t: np.ndarray = T) -> Log:
     return Log(t, x[:, None], scale * force[:, None], (NAME,))
 
 
+def other() -> Log:
+    x = 0.3 * np.sin(2 * T) * np.cos(T) + 1e-6 * np.random.default_rng(8).standard_normal(len(T))
+    return Log(T, x[:, None], (20 * np.sin(T) * x)[:, None], (NAME,))
+
+
 def topics(found) -> list[str]:
     return [finding.topic for finding in found.findings]
 
 
 def test_a_sound_log_gives_facts_and_no_findings() -> None:
-    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": log()}})
+    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}})
     assert topics(found) == []
     assert not found.failed
     assert found.timings.keys() == found.channels.keys() == {"one", "two"}
@@ -111,3 +116,27 @@ def test_any_term_with_a_robot_file_is_checked() -> None:
     assert topics(found) == topics(expected)
     assert "gravity" in topics(found)
     assert len(found.links) == len(expected.links) > 0
+
+
+@dataclass
+class Counted:
+    """A smoother that counts what it smooths."""
+
+    count: int = 0
+
+    def __call__(self, log: Log) -> Motion:
+        self.count += 1
+        return Spline()(log)
+
+
+def test_beside_an_identification_nothing_is_smoothed_again() -> None:
+    smoother = Counted()
+    logs = {"train": {"one": log(-1.0)}, "validation": {"two": other()}}
+    recipe = Recipe(smoother)
+    found = identify(slider(), logs["train"], logs["validation"], recipe)
+    before = smoother.count
+    both = with_findings(found, slider(), logs, recipe)
+    assert smoother.count == before
+    assert [type(one.message) for one in both.findings] == [notes.ReversedSign]
+    assert both.findings == run_checks(slider(), logs, recipe).findings
+    assert both.notes == found.warnings

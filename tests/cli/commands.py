@@ -17,10 +17,10 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in arguments])
 
 
-def write_log(folder: Path, name: str = "log.csv", n: int = 2000, **changes: Any) -> Path:
-    """A slider of 5 kg with friction, pushed to and fro; ``changes`` replace columns."""
+def write_log(folder: Path, name: str = "log.csv", n: int = 2000, rate: float = 3.0, **changes: Any) -> Path:
+    """A slider of 5 kg with friction, pushed to and fro at a ``rate`` (rad/s); ``changes`` replace columns."""
     t = np.arange(n) * 0.002
-    x, dx, ddx = 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t), -2.7 * np.sin(3 * t)
+    x, dx, ddx = 0.3 * np.sin(rate * t), 0.3 * rate * np.cos(rate * t), -0.3 * rate**2 * np.sin(rate * t)
     force = 5.0 * ddx + 8.0 * dx + 3.0 * np.sign(dx) + 0.5
     rng = np.random.default_rng(0)
     columns = {"time": t, "pos": x + 1e-5 * rng.standard_normal(n), "force": force + 0.01 * rng.standard_normal(n)}

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from dynident.estimators import LeastSquares
+from dynident.errors import Finding, Note, Severity
+from dynident.estimators import Consistency, LeastSquares, PhysicallyConsistent
 from dynident.identification import HeldOut, Identification, Recipe, Remedy, Use, Verdict, identify, judge
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
+from dynident.identification.verdict.unconstrained import held_back
+from dynident.identification.verdict.unknown import CommonGain, Zeros, unknowns
 from dynident.log import Log
+from dynident.models import Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.smoothers import Difference
-from dynident.validation import Driver, LogValidation, RunsAway, Signals
+from dynident.validation import Driver, LogValidation, RunsAway, Signals, relative_error, repeat_of
+from tests.robots import joint, link, urdf
 
 M, FV, FC, OFFSET = 5.0, 8.0, 3.0, 0.5
 
@@ -68,6 +73,30 @@ def test_without_a_held_out_log_nothing_is_good(good: Identification) -> None:
     assert verdict.held_out is None
 
 
+@dataclass(frozen=True)
+class NoSimulation(Note):
+    """A note whose bearing is its type's."""
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+
+
+def test_findings_forbid_a_use_by_severity_or_by_their_note(good: Identification) -> None:
+    wrong = Finding(Severity.ERROR, "slider", "the torque is in another unit")
+    odd = Finding(Severity.WARNING, None, "the file has no limits")
+    mild = [Finding(Severity.WARNING, joint, NoSimulation()) for joint in ("slider", "other")]
+    for findings, use in (((odd,), Use.SIMULATION), ((odd, *mild), Use.CONTROL), ((*mild, wrong), Use.DO_NOT_USE)):
+        assert judge(replace(good, warnings=findings)).use is use
+    verdict = judge(replace(good, warnings=(*mild, wrong), validations=good.validations[:1]))
+    assert verdict.reasons[:2] == (why.Noted((wrong,)), why.NoHoldOut())
+    assert why.Noted(tuple(mild)) in verdict.reasons  # one reason for all joints
+
+
+def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> None:
+    verdict = judge(replace(good, estimate=replace(good.estimate, notes=(NoSimulation(),))))
+    assert verdict.use is Use.CONTROL
+    assert verdict.reasons == (why.Noted((Finding(Severity.WARNING, None, NoSimulation()),)),)
+
+
 def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
     train = good.validations[0].motion
     verdict = with_part(good, 0, signals=Signals(replace(train, tau=0 * train.tau), train.tau))
@@ -84,6 +113,32 @@ def test_a_repeat_of_the_training_motion_holds_nothing_out(good: Identification)
     assert verdict.next[0] is Remedy.ANOTHER_MOTION
     both = judge(replace(again, validations=(*again.validations, good.validations[1])))
     assert both.use is Use.SIMULATION
+
+
+def test_a_repeat_that_begins_later_is_one_too(good: Identification) -> None:
+    later = replace(log(3.0, "later", 1), t=log(3.0, "later").t)
+    cut = Log(later.t[:2700], later.q[300:], later.tau[300:], later.joints, "later")  # 0.6 s of a period of 2.1 s
+    again = identify(slider(), [log(3.0, "slow")], [cut], Recipe(Difference("central"), restart=0.5))
+    assert why.Repeats((("later", "slow"),)) in judge(again).reasons
+
+
+def test_the_mean_torque_does_not_make_a_repeat() -> None:
+    """A weight of 1000 N is the same in any motion: the positions tell them apart."""
+    one, other = (replace(Difference("central")(log(rate, "")), source=str(rate)) for rate in (3.0, 4.0))
+    heavy = [replace(motion, tau=motion.tau + 1000.0) for motion in (one, other)]
+    assert relative_error(heavy[0].tau, heavy[1].tau) < 5
+    assert repeat_of(*heavy).error > 30
+    assert repeat_of(heavy[0], heavy[0]).error == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_slow_motion_holds_little_out(good: Identification) -> None:
+    held = good.validations[1]
+    slow = replace(held.motion, dq=0.3 * held.motion.dq)
+    reasons = with_part(good, 1, signals=Signals(slow, held.predicted)).reasons
+    assert [type(one) for one in reasons] == [why.SlowHoldOut]
+    assert isinstance(reasons[0], why.SlowHoldOut)
+    assert reasons[0].share == pytest.approx(0.3 * 4 / 3, rel=0.02)
+    assert with_part(good, 1, signals=Signals(slow, held.predicted)).use is Use.CONTROL
 
 
 @pytest.mark.parametrize(
@@ -206,3 +261,48 @@ def test_figures_behind_the_verdict(good: Identification) -> None:
     )
     assert held.errors.effort_share == {}
     assert slider().limits == {}
+
+
+def pulled(found: Identification, mass: float) -> Verdict:
+    """Hold the mass elsewhere than the data have it, as constraints may."""
+    value = found.estimate.value.copy()
+    value[0] *= mass
+    estimate = replace(found.estimate, value=value, consistency=Consistency())
+    return judge(replace(found, estimate=estimate))
+
+
+def test_what_physics_holds_far_from_the_data_counts(good: Identification) -> None:
+    assert held_back(good).growth == pytest.approx(0.0, abs=0.5)  # a part of the samples
+    assert pulled(good, 1.0).use is Use.SIMULATION
+    little, much = pulled(good, 1.02), pulled(good, 1.3)
+    for verdict, use in ((little, Use.CONTROL), (much, Use.DO_NOT_USE)):
+        assert verdict.use is use
+        (reason,) = (one for one in verdict.reasons if isinstance(one, why.HeldBack))
+        assert reason.growth > 5
+        assert Remedy.CHECK in verdict.next
+    (apart,) = (one.apart for one in much.reasons if isinstance(one, why.HeldBack))
+    t = np.arange(3000) * 0.002
+    x, v = np.sin(3 * t), np.cos(3 * t)
+    wrong = 0.3 * M * 4 * 2.7 * x
+    torque = 1.3 * M * 4 * -2.7 * x + FV * 2 * 0.9 * v + FC * np.sign(v) + OFFSET
+    assert apart == pytest.approx(100 * np.linalg.norm(wrong) / np.linalg.norm(torque), rel=0.03)
+
+
+def test_what_no_data_can_show_is_said_of_a_good_model(good: Identification) -> None:
+    assert judge(good).unknown == (CommonGain(),)
+    assert judge(replace(good, validations=good.validations[:1])).unknown == ()
+    weighed = replace(good.recipe, estimator=PhysicallyConsistent(total_mass=5.0))
+    assert judge(replace(good, recipe=weighed)).unknown == ()
+
+
+def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None:
+    """Of a vertical axis, which gravity does not show, and of the last, which turns the last body."""
+    bodies = [
+        joint("turn", "revolute", "base", "column", axis=(0, 0, 1)),
+        joint("lift", "revolute", "column", "upper", (0.1, 0.0, 0.2), (0.0, 0.0, 0.1), axis=(0, 1, 0)),
+        joint("wrist", "revolute", "upper", "hand", (0.4, 0.05, 0.0), axis=(0, 1, 0)),
+    ]
+    links = [link("base", 1.0), *(link(name, 2.0, (0.1, 0.02, 0.05)) for name in ("column", "upper", "hand"))]
+    model = Model((RigidBodies(urdf(*links, *bodies)),))
+    found = replace(good, model=model, estimate=replace(good.estimate, value=np.asarray(model.values)))
+    assert tuple(unknowns(found)) == (CommonGain(), Zeros(("turn", "wrist")))

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from dynident.errors import ConfigError, InputError, Remark
-from dynident.identification import SourceFile
+from dynident.checks.log_notes import SameData
+from dynident.checks.notes import ReversedSign
+from dynident.errors import ConfigError, InputError, Remark, Severity
+from dynident.identification import SourceFile, Use, judge
+from dynident.identification.verdict.reasons import Noted
 from dynident.io.project import parse_project, read_project, run
 from dynident.models.gallery import slider
 from tests.cli.commands import configure, settings, write_log
@@ -61,3 +64,18 @@ def test_the_three_runs_warn_of_the_same_configuration(config: Path) -> None:
 def test_a_configuration_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"gone\.yaml: cannot be read"):
         run(tmp_path / "gone.yaml")
+
+
+def test_identify_repeats_what_check_finds_and_judges_by_it(tmp_path: Path) -> None:
+    """The gain of the force is negative: least squares fits it perfectly, and the verdict says no."""
+    write_log(tmp_path)
+    project = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
+    torque = {joint: channel | {"gain": -1.0} for joint, channel in settings()["torque"].items()}
+    turned = read_project(configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}], torque=torque))
+    for one in (project, turned):
+        found = one.identify()
+        examined = [x for x in one.examine().findings if x.severity is not Severity.INFO and x.source != one.path.name]
+        assert list(found.findings) == examined
+    assert [type(one.message) for one in found.findings] == [SameData, ReversedSign]  # the window is of the training
+    assert judge(found).reasons[:2] == (Noted(found.findings[:1]), Noted(found.findings[1:]))
+    assert judge(found).use is Use.DO_NOT_USE

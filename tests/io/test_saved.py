@@ -144,7 +144,9 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
 
 def test_a_configuration_builds_the_model_again(tmp_path: Path) -> None:
     write_log(tmp_path)
-    found = run(configure(tmp_path, simulation={"kind": "measured_torque"}))
+    write_log(tmp_path, "other.csv", rate=4.0)
+    held_out = [{"file": "other.csv", "window": [0, 3]}]
+    found = run(configure(tmp_path, validation=held_out, simulation={"kind": "measured_torque"}))
     path = found.save(tmp_path / "result.json")
     again = load(path)
     assert_same(found, again)

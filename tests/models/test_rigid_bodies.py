@@ -366,3 +366,39 @@ def test_without_pinocchio(monkeypatch, module, message):
     monkeypatch.setitem(sys.modules, "pinocchio", module)
     with pytest.raises(ModelError, match=message):
         RigidBodies(ARM)
+
+
+@pytest.mark.parametrize(
+    ("by", "xyz", "axis"),
+    [
+        ((0.1, -0.2, 0.3, 0, 0, 0, 0, 0, 0), (0.1, -0.1, 0.4), (1, 0, 0)),
+        ((0, 0, 0, 0, 0, 0, 0, 0, np.pi / 2), (0, 0.1, 0.1), (0, 1, 0)),
+    ],
+)
+def test_a_joint_is_displaced_as_if_the_file_said_so(by, xyz, axis):
+    def arm(xyz, axis):
+        return RigidBodies(
+            urdf(
+                link("base"), link("one", 2.0, (0.1, 0, 0.2)), link("tip"), link("two", 1.0, (0.2, 0.1, 0)),
+                joint("a", "revolute", "base", "one", (0, 0.1, 0.3), (0.2, 0, 0.1)),
+                joint("fix", "fixed", "one", "tip", (0, 0, 0.2), (0.5, 0, 0.3)),
+                joint("b", "revolute", "tip", "two", xyz, (0.1, 0.2, 0.3), axis=axis),
+            )
+        )  # fmt: skip
+
+    rng = np.random.default_rng(2)
+    states = rng.standard_normal((3, 5, 2))
+    expected = arm(xyz, axis).regressor(*states)
+    given = arm((0, 0.1, 0.1), (1, 0, 0))
+    np.testing.assert_allclose(given.with_displacement("b", by).regressor(*states), expected, atol=1e-12)
+    half = tuple(0.5 * np.array(by))
+    twice = given.with_displacement("b", half).with_displacement("b", half)
+    np.testing.assert_allclose(twice.regressor(*states), expected, atol=1e-12)
+
+
+def test_a_turned_frame_carries_what_follows():
+    given = RigidBodies(ARM)
+    turned = given.with_displacement("twist", (0, 0, 0, 0, 0.3, 0, 0, 0, 0))
+    states = np.random.default_rng(2).standard_normal((3, 5, 3))
+    ahead = [states[0] + np.array([0, 0, 0.3]), *states[1:]]  # its axis is y
+    np.testing.assert_allclose(turned.regressor(*states), given.regressor(*ahead), atol=1e-12)

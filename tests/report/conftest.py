@@ -152,7 +152,8 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
             log_validation(name, "train" if i == 0 else "validation", joints, 1.1 if i == 0 else None)
             for i, name in enumerate(logs)
         ),
-        warnings=warnings,
+        notes=warnings,
+        findings=(),
         mass=MassMatrixCheck(0.5, np.array([0.0, 1.0]), True),
         runs=(),
         calibration=Calibration(),

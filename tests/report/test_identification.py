@@ -187,13 +187,13 @@ def robot(bodies=5, basis=True):
     found = identification_of()
     found.model.parameters = parameters
     found.errors = StandardErrors(np.full(p, 0.1))
-    found.warnings = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
+    found.notes = (RankDeficient(42, 52, tied=(("mass1", "mass2"),) * 30),)
     vars(found.estimate).update(
         value=np.arange(1.0, p + 1),
         std=np.full(p, 0.1),
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
-        notes=found.warnings,
+        notes=found.notes,
         determined=Determined(42, 143.7),
         provenance=(Provenance.DATA,) * (p - 1) + (Provenance.BOUND,),
         consistency=Consistency({"link0": 0.0123, "link1": 0.0}, {"inertia": 0.25, "all": 0.5}),

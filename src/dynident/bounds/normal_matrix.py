@@ -19,7 +19,7 @@ from dynident.errors import brief
 from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
 from dynident.log import Motion
 from dynident.models import Model
-from dynident.regression import fast_enough, stretches
+from dynident.regression import fitted_rows, stretches
 from dynident.splines.bspline import local_basis
 
 __all__ = ["NormalMatrix", "normal_matrices"]
@@ -100,7 +100,7 @@ class _Linearised:
             np.einsum("ka,kij->kiaj", V, by).reshape(k, n, 3 * n)
             for V, by in zip(local, (slopes.q, slopes.dq, slopes.ddq), strict=True)
         )
-        keep = fast_enough(states[1], self.min_speed)
+        keep = fitted_rows(self.motion, self.min_speed, at)
         return np.asarray(J), Y, np.broadcast_to(self.torque, (k, n)) * (1.0 if keep is None else keep)
 
 

@@ -2,12 +2,12 @@
 
 Of logs (``time``, ``channels``): gaps, jitter, dead or saturated channels, wrong units; pure functions of a ``Log``.
 Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, excitation and limits, sign and scale of the
-torque, the direction of gravity. ``run_checks`` runs all of them. An error would give wrong numbers, a warning should
-be looked at."""
+torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findings`` beside an identification. An error
+would give wrong numbers, a warning should be looked at."""
 
 from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, moving_span, rest
-from dynident.checks.check import CheckResult, run_checks
+from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
@@ -40,4 +40,5 @@ __all__ = [
     "run_checks",
     "split_gaps",
     "timing",
+    "with_findings",
 ]

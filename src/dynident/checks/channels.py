@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes, time
+from dynident.checks import notes, time, units
 from dynident.checks.finding import Finding, Topic
+from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
 from dynident.log import Log
@@ -82,24 +83,33 @@ def check_log(
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
-    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log)]
+    clock = list(units.time_unit(log))
+    findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock]
+    findings += [found for found in jumps(log) if found.topic is Topic.WRAPPED]
+    wrapped = [found.joint for found in findings if found.topic is Topic.WRAPPED]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
-        turns = kinds[name] == "revolute" and name not in multi_turn
+        turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
         found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
         findings += [replace(finding, joint=name) for finding in found]
     return tuple(findings)
 
 
-def check_log_fully(log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset()) -> tuple[Finding, ...]:
-    """Return the findings of ``check_log`` and of the slower checks: stamps, lost samples, stale positions, rests.
+def check_log_fully(
+    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, replaced: bool = True
+) -> tuple[Finding, ...]:
+    """Return the findings of ``check_log`` and of the slower checks: stamps, lost samples, stale positions, rests,
+    outliers of the positions, which are ``replaced`` or not.
 
     Each finding names the log's source. Raises the errors of ``check_log``.
     """
     found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
-        found += [*time.stamps(facts), *time.lost(facts), *rest(log)]
+        found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
+        found += [one for one in jumps(log) if one.topic is Topic.JUMP]
+        found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
+                  for one in units.length_unit(name, log.t, log.q[:, j])]  # fmt: skip
         found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
     return tuple(replace(finding, source=log.source) for finding in found)
 

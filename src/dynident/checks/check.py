@@ -7,22 +7,29 @@ from dataclasses import dataclass, field, replace
 
 from dynident.checks import notes
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
+from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
+from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.errors import DynidentError, Severity, called
+from dynident.checks.units import radian_findings
+from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
-from dynident.identification import Recipe, find_base_tilt, pair
+from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
+from dynident.identification.outliers import torque_outliers, without
 from dynident.log import Log, Motion
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
+from dynident.smoothers import motion_of
 
-__all__ = ["CheckResult", "run_checks"]
+__all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
+LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
@@ -65,13 +72,15 @@ def run_checks(
     *,
     multi_turn: Set[str] = frozenset(),
     found: Sequence[Finding] = (),
+    motions: Mapping[str, Mapping[str, Motion]] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
     ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
     them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
-    add, from reading the files; ``progress`` is called with a few words before each step. Logs with an error are left
+    add, from reading the files; ``motions`` are the logs by role and name where they have been smoothed before;
+    ``progress`` is called with a few words before each step. Logs with an error are left
     out of the checks of the motion. A stage that fails is a finding, so that none of its errors is raised; raises
     InputError where a log lacks a joint of the model.
 
@@ -88,38 +97,63 @@ def run_checks(
     """
     joints = tuple(joint.name for joint in model.joints)
     findings = [*found, *_of_file(model, joints)]
-    whole, sound = _recorded(model, logs, multi_turn, findings, progress)
-    if sound:
+    recipe = recipe or Recipe()
+    whole, sound = _recorded(model, logs, multi_turn, recipe, findings, progress)
+    findings += repeat_findings(logs)
+    if sound["train"]:
         try:
             with one_thread():
-                whole = _moving(whole, model, sound, recipe or Recipe(), findings, progress)
+                whole = _moving(whole, model, sound, recipe, findings, motions, progress)
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
 
 
+def with_findings(
+    identification: Identification,
+    model: Model,
+    logs: Mapping[str, Mapping[str, Log]],
+    recipe: Recipe,
+    *,
+    multi_turn: Set[str] = frozenset(),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Return an identification with the errors and warnings of ``run_checks`` on what it was made from.
+
+    ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
+    """
+    motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
+    for one in identification.validations:
+        motions[one.role][one.name] = one.motion
+    found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
+    warned = tuple(one for one in found if one.severity is not Severity.INFO)
+    return replace(identification, warnings=(*identification.warnings, *warned))
+
+
 def _recorded(
     model: Model,
     logs: Mapping[str, Mapping[str, Log]],
     multi_turn: Set[str],
+    recipe: Recipe,
     findings: list[Finding],
     progress: Callable[[str], None],
-) -> tuple[CheckResult, list[Log]]:
-    """Return the result of checking each log, and the training logs without an error; adds to the findings."""
+) -> tuple[CheckResult, dict[str, list[Log]]]:
+    """Return the result of checking each log, and by role the logs without an error; adds to the findings."""
     kinds = {joint.name: joint.kind for joint in model.joints}
-    timings, facts, sound = {}, {}, []
+    timings, facts = {}, {}
+    sound: dict[str, list[Log]] = {role: [] for role in ("train", "validation", *logs)}
     for role, named in logs.items():
         for name, log in named.items():
             progress(f"checking {name}")
             log = replace(log.select(tuple(kinds)), source=name)
-            found = check_log_fully(log, kinds, multi_turn)
+            found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")
             findings += found
             timings[name] = timing(log)
             if len(log) >= MINIMUM_SAMPLES:
                 facts[name] = channels(log)
-            if role == "train" and not any(one.severity == "error" for one in found):
-                sound.append(log)
+            if not any(one.severity == "error" for one in found):
+                sound[role].append(log)
     return CheckResult((), timings, facts, links=_links(model)), sound
 
 
@@ -141,25 +175,41 @@ def _links(model: Model) -> tuple[LinkFacts, ...]:
 def _moving(
     whole: CheckResult,
     model: Model,
-    logs: Sequence[Log],
+    sound: Mapping[str, Sequence[Log]],
     recipe: Recipe,
     findings: list[Finding],
+    smoothed: Mapping[str, Mapping[str, Motion]] | None,
     progress: Callable[[str], None],
 ) -> CheckResult:
     """Return the result with the checks of the smoothed training logs; adds to the findings."""
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
-    candidates = recipe.smoother if isinstance(recipe.smoother, tuple) else (recipe.smoother,)
-    pairing = pair(model, logs, candidates, recipe.time_offset, PLAIN, min_speed, progress=progress)
+    logs, masked = sound["train"], recipe.outliers == "mask"
+    every = (*logs, *sound["validation"])
+    if smoothed is None:
+        clean = {role: [recipe.repaired(log, torque=role == "train") for log in part] for role, part in sound.items()}
+        pairing = pair(model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
+        smoothed = {
+            role: {log.source: motion_of(pairing.smoother, log) for log in part} for role, part in clean.items()
+        }
+        if pairing.time_offset is not None:
+            findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
     progress("checking the motion")
-    motions = tuple(called(pairing.smoother, log, Motion) for log in logs)
-    if pairing.time_offset is not None:
-        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
-    findings += _tilt(model, motions, recipe, min_speed)
+    recorded = [smoothed[role][log.source] for role in ("train", "validation") for log in sound[role]]
+    outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
+    findings += torque_findings(every, outliers, len(logs), masked=masked)
+    if masked:
+        recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
+    motions = tuple(recorded[: len(logs)])
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
+    for look in (radian_findings, compensation_findings, slow_findings):
+        findings += look(model, motions, min_speed)
     seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
+    progress("looking for what explains the residual")
+    held_out = {motion.source: motion for motion in recorded[len(logs) :]}
+    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -177,13 +227,33 @@ def _of_motion(
 
 def _tilt(
     model: Model, motions: tuple[Motion, ...], recipe: Recipe, min_speed: tuple[float, ...] | None
-) -> Iterator[Finding]:
-    """Yield a note where a tilt of the base would explain much of the error."""
-    if recipe.base_tilt or not any(isinstance(term, HasGravity) for term in model.terms):
-        return
+) -> BaseTilt | None:
+    """Return the tilt of the base where it is not given and explains much of the error."""
+    if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
+        return None
     try:
         found = find_base_tilt(model, motions, PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
-        return
-    if found.after < (1.0 - WORTH) * found.before:
-        yield Finding(Severity.INFO, None, found, Topic.BASE_TILT)
+        return None
+    return found if found.after < (1.0 - WORTH) * found.before else None
+
+
+def _faults(
+    model: Model,
+    motions: tuple[Motion, ...],
+    held_out: Mapping[str, Motion],
+    recipe: Recipe,
+    min_speed: tuple[float, ...] | None,
+    findings: Sequence[Finding],
+) -> list[Finding]:
+    """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
+    if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
+        return list(findings)
+    tilt = _tilt(model, motions, recipe, min_speed)
+    if recipe.base_tilt is not None:
+        x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
+        model, tilt = mounted(model, x, y), None
+    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
+    if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
+        findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
+    return [*findings, *found]

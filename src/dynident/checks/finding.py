@@ -1,13 +1,12 @@
-"""A finding on a log, a robot file or both: severity, place, what is wrong and what to do."""
+"""What findings are about, and findings on reading a log as text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import StrEnum
 
 from dynident.checks.reading import reading_words
-from dynident.errors import InputError, Note, Severity
+from dynident.errors import Finding, InputError, Note, Severity
 
 __all__ = ["Finding", "Topic", "reading_line", "require"]
 
@@ -16,7 +15,10 @@ class Topic(StrEnum):
     """What a finding is about: a stable name for programs."""
 
     ABOUT_ORIGIN = "about origin"
+    AXIS = "axis"
     BASE_TILT = "base tilt"
+    CLIPPED = "clipped"
+    COMPENSATED = "gravity compensated"
     CONDITION = "condition"
     COPIED = "copied"
     DEAD = "dead"
@@ -25,19 +27,32 @@ class Topic(StrEnum):
     FAR = "far"
     FLOATING = "floating"
     FOREIGN = "foreign"
+    FROZEN = "frozen position"
+    FROZEN_TORQUE = "frozen torque"
+    GAIN = "gain"
     GAP = "gap"
     GRAVITY = "gravity"
     IMPOSSIBLE = "impossible"
+    INTERPOLATED = "interpolated"
     JITTER = "jitter"
-    LIMITS = "limits"
+    JUMP = "jump"
+    LENGTH = "length"
     LIMBS = "limbs"
+    LIMITS = "limits"
     LOST = "lost"
+    MANY_OUTLIERS = "many outliers"
     MASSLESS = "massless"
+    MILLIMETRES = "millimetres"
+    MISSING_TERM = "missing term"
     MOTION = "motion"
     NOT_EXCITED = "not excited"
+    PAYLOAD = "payload"
     POINT = "point"
     POSITION_LIMIT = "position limit"
+    POSITION_SPIKES = "position spikes"
     QUANTISED = "quantised"
+    RADIANS = "radians"
+    REPEAT = "repeat"
     REST = "rest"
     REVERSALS = "reversals"
     SAMPLES = "samples"
@@ -45,33 +60,21 @@ class Topic(StrEnum):
     SCALE = "scale"
     SHAPES = "shapes"
     SIGN = "sign"
+    SLOW = "slow"
     SPREAD = "spread"
     STALE = "stale"
     STAMPS = "stamps"
     STILL = "still"
+    SWAPPED = "swapped"
     TIME_OFFSET = "time offset"
+    TIME_UNIT = "time unit"
+    TORQUE_SPIKES = "torque spikes"
     TOTAL_MASS = "total mass"
     UNREAD = "unread"
     UNUSABLE = "unusable"
     VELOCITY_LIMIT = "velocity limit"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One finding: ``severity``, the ``joint`` it concerns (None: all of them), and what was found.
-
-    ``message`` is a note with the figures, of ``checks/notes.py`` or of the stage that made it, which ``report`` puts
-    into words with the remedy; it is a string where it comes from below, from reading a file or an error caught.
-    ``topic`` groups findings of the same kind, None where there is no group; ``source`` is the log or file and ``link``
-    the link concerned, each empty where there is none.
-    """
-
-    severity: Severity
-    joint: str | None
-    message: str | Note
-    topic: Topic | None = None
-    source: str = ""
-    link: str = ""
+    WRAPPED = "wrapped"
+    ZERO = "zero"
 
 
 def reading_line(finding: Finding) -> str:

@@ -5,8 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from dynident.errors import Note
+from dynident.errors import Note, Use
 
 __all__ = [
     "ArmAtRest",
@@ -285,6 +286,7 @@ class GravityIgnored(Note):
 class OtherGravity(Note):
     """The gravity that the torques fit and the one assumed (m/s^2, in the root link's frame)."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     fitted: tuple[float, ...]
     assumed: tuple[float, ...]
 
@@ -293,6 +295,7 @@ class OtherGravity(Note):
 class ReversedSign(Note):
     """A torque that opposes the nominal one, by its correlation; None: friction and inertia come out negative."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     correlation: float | None
 
 
@@ -300,6 +303,7 @@ class ReversedSign(Note):
 class OddScale(Note):
     """A torque of ``scale`` times the nominal one, which should be in ``unit``."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     scale: float
     unit: str
 
@@ -308,6 +312,7 @@ class OddScale(Note):
 class UnrelatedTorque(Note):
     """A torque that hardly correlates with the nominal one, which is ``ratio`` times as large."""
 
+    forbids: ClassVar[Use | None] = Use.CONTROL
     ratio: float
     correlation: float
 

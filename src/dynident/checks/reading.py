@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from dynident.checks import notes
+from dynident.checks import log_notes, notes
 from dynident.errors import Note
 
 __all__ = ["reading_words"]
@@ -82,4 +82,36 @@ def _(note: notes.ArmAtRest) -> str:
     return (
         f"the arm is at rest from {note.start:.3g} to {note.stop:.3g} s: static friction there can take any value up "
         "to its limit. Leave this part out with a window, or set `min_speed`."
+    )
+
+
+@reading_words.register
+def _(note: log_notes.WrappedPosition) -> str:
+    times = "once" if note.count == 1 else f"{note.count} times"
+    return (
+        f"the position wraps: it jumps {times} by {note.period:.5g}, its whole range, first after sample {note.row} "
+        f"(t = {note.time:.6g} s). Unwrap it in the file, for example with numpy.unwrap(q, period={note.period:.5g})."
+    )
+
+
+@reading_words.register
+def _(note: log_notes.WrongTimeUnit) -> str:
+    units = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+    if note.factor < 1:
+        cure = f"are the stamps in {units[note.factor]} and declared as s? Set `unit: {units[note.factor]}`"
+    else:
+        unit = units[1 / note.factor]
+        cure = f"are the stamps in s and declared as {unit}? Set `unit: s`"
+    return (
+        f"a rate of {note.rate:.3g} Hz with speeds up to {note.speed:.3g} rad/s or m/s is not that of a "
+        "robot; with times "
+        f"{note.factor:g} as long both would be usual: {cure}."
+    )
+
+
+@reading_words.register
+def _(note: log_notes.PerhapsMillimetres) -> str:
+    return (
+        f"the position spans {note.span:.4g} m at up to {note.speed:.4g} m/s, more than a sliding joint does; is it in "
+        "millimetres? Set `unit: mm`."
     )

@@ -57,7 +57,7 @@ def bound(
     screen = console()
     for table in (noise_table(found), bound_table(found, short=True)):
         screen.show(table)
-    for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.warnings)):
+    for line in (*map(Line, bound_findings(found)), *note_lines(found.identification.notes)):
         say_line(screen, line)
     if json_file:
         tell(screen, "Numbers", write_text(json_file, numbers))

@@ -2,17 +2,20 @@
 
 from dynident.errors.brief import brief, changed, listed
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
-from dynident.errors.note import Note, Remark, Severity
+from dynident.errors.finding import Finding
+from dynident.errors.note import Note, Remark, Severity, Use
 from dynident.errors.part import called
 
 __all__ = [
     "ConfigError",
     "DynidentError",
+    "Finding",
     "InputError",
     "ModelError",
     "Note",
     "Remark",
     "Severity",
+    "Use",
     "brief",
     "called",
     "changed",

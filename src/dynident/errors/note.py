@@ -1,4 +1,4 @@
-"""Notes that a stage attaches to its result, as data: ``report`` puts them into words."""
+"""Notes that a stage attaches to its result, as data: ``report`` puts them into words. What they forbid."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar
 
-__all__ = ["Note", "Remark", "Severity"]
+__all__ = ["Note", "Remark", "Severity", "Use"]
 
 
 class Severity(StrEnum):
@@ -17,11 +17,23 @@ class Severity(StrEnum):
     INFO = "info"
 
 
+class Use(StrEnum):
+    """What a model is good for; simulation includes control."""
+
+    SIMULATION = "good for simulation"
+    CONTROL = "good for control"
+    DO_NOT_USE = "do not use"
+
+
 @dataclass(frozen=True)
 class Note:
-    """Base of all notes; the type determines the severity, the fields hold the figures."""
+    """Base of all notes; the type determines severity and bearing, the fields hold the figures.
+
+    ``forbids`` is the use for which a model with such a note is no good: simulation, or control and with it any use.
+    """
 
     severity: ClassVar[Severity] = Severity.WARNING
+    forbids: ClassVar[Use | None] = None
 
 
 @dataclass(frozen=True)

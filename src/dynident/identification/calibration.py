@@ -19,7 +19,7 @@ from dynident.identification.smoother_choice import Choice, choose_smoother, exc
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
 from dynident.regression import Regression, triangularise
-from dynident.smoothers import Smoother, TimeShifted, unshifted
+from dynident.smoothers import Smoother, TimeShifted, motion_of, unshifted
 
 __all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_offset", "mounted", "pair"]
 
@@ -110,7 +110,7 @@ def pair(
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
     progress("estimating the time offset")
-    found = find_time_offset(model, [called(best, log, Motion) for log in excerpts(logs)], estimator, min_speed)
+    found = find_time_offset(model, [motion_of(best, log) for log in excerpts(logs)], estimator, min_speed)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
 

@@ -13,6 +13,7 @@ from dynident.errors import ConfigError, ModelError, Note, called
 from dynident.estimators import Estimate, Problem
 from dynident.estimators.notes import Undetermined
 from dynident.identification.calibration import BaseTilt, find_base_tilt, mounted, pair
+from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import (
     Calibration,
@@ -34,7 +35,7 @@ from dynident.regression import (
     one_thread,
     structural_base_parameters,
 )
-from dynident.smoothers import Smoother, unshifted
+from dynident.smoothers import Smoother, motion_of, unshifted
 from dynident.validation import FreeRun, LogValidation, Signals, check_mass, free_run, robust_covariance, validate
 
 __all__ = ["identify"]
@@ -70,10 +71,17 @@ def _identify(
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
     roles = _roles(train, validation, joints)
-    trained, min_speed = tuple(roles["train"].values()), recipe.min_speeds(joints)
+    logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
+            for role, named in roles.items()}  # fmt: skip
+    trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
     pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, recipe.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
-    motions = _smoothed(roles, smoother, progress)
+    motions = _smoothed(logs, smoother, progress)
+    if recipe.outliers == "mask":
+        motions["train"] = _masked(model, motions["train"], roles["train"], min_speed)
+        trained = tuple(
+            replace(log, tau=motion.tau) for log, motion in zip(trained, motions["train"].values(), strict=True)
+        )
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
@@ -98,7 +106,7 @@ def _identify(
         check_mass(model, estimate.value, [log.motion for log in judged]),
         Calibration(pairing.choice, pairing.time_offset, tilt),
         Sources(versions=versions()),
-        _warnings(model, estimate, base),
+        (*_warnings(model, estimate, base), *(held_out_outliers(judged) if recipe.outliers == "mask" else ())),
     )
 
 
@@ -119,8 +127,16 @@ def _smoothed(
     for role, logs in roles.items():
         for name, log in logs.items():
             progress(f"smoothing {name}")
-            motions[role][name] = called(smoother, log, Motion)
+            motions[role][name] = motion_of(smoother, log)
     return motions
+
+
+def _masked(
+    model: Model, motions: Mapping[str, Motion], logs: Mapping[str, Log], min_speed: tuple[float, ...] | None
+) -> dict[str, Motion]:
+    """Return the motions of the training with what is wrong of their torques left out of the fit."""
+    found = torque_outliers(model, tuple(motions.values()), tuple(logs.values()), min_speed)
+    return {name: without(motion, one, logs[name]) for (name, motion), one in zip(motions.items(), found, strict=True)}
 
 
 def _mounted(
@@ -157,7 +173,7 @@ def _judged(
             )
             log = roles[role][name]
             signals = Signals(motion, one.predicted, log)
-            run = _run(model, estimate, name, log, motion, recipe, progress)
+            run = _run(model, estimate, name, recipe.repaired(log), motion, recipe, progress)
             found.append(replace(one, signals=signals, free_run=run))
     return tuple(found)
 

@@ -9,11 +9,11 @@ from numbers import Real
 from reprlib import repr as short
 from typing import Any, Literal, get_type_hints
 
-from dynident.errors import ConfigError, called, changed, choices
+from dynident.errors import ConfigError, changed, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
-from dynident.smoothers import Smoother, Spline
+from dynident.smoothers import Smoother, Spline, motion_of, repaired
 
 __all__ = ["Recipe"]
 
@@ -65,6 +65,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "base_tilt": (
         lambda value: value is None or _is_sought(value) or _is_tilt(value), "two angles (rad), 'estimate' or None",
     ),
+    "outliers": (lambda value: value in ("mask", "keep"), "'mask' or 'keep'"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -78,6 +79,7 @@ class Recipe:
     fit. ``time_offset`` (s) is how much later than the torque the positions show the motion, and ``base_tilt`` are the
     rotations (rad) of the robot's base about the x and y axes of its root link; "estimate" finds either on the training
     logs. ``restart`` (s) asks for free simulations from the measured torque; logs that know their controller need none.
+    ``outliers`` "mask" replaces spikes and frozen stretches of positions, and leaves wrong torques out of the fit.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -94,6 +96,7 @@ class Recipe:
     time_offset: float | Literal["estimate"] = 0.0
     base_tilt: tuple[float, float] | Literal["estimate"] | None = None
     restart: float | None = None
+    outliers: Literal["mask", "keep"] = "mask"
 
     __repr__ = changed
 
@@ -117,7 +120,11 @@ class Recipe:
         """
         if len(self.smoothers) != 1:
             raise ConfigError(f"the recipe has {len(self.smoothers)} smoothers to choose from; name one, or identify.")
-        return called(self.smoothers[0], log, Motion)
+        return motion_of(self.smoothers[0], self.repaired(log))
+
+    def repaired(self, log: Log, *, torque: bool = False) -> Log:
+        """Return the log without outliers of the positions; with ``torque``, suspect torques are not kept, either."""
+        return repaired(log, torque=torque) if self.outliers == "mask" else log
 
     def min_speeds(self, joints: Sequence[str]) -> tuple[float, ...] | None:
         """Return ``min_speed`` for each joint; ConfigError where it names another."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident import __version__
-from dynident.errors import InputError, Note, brief
+from dynident.errors import Finding, InputError, Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.calibration import BaseTilt, TimeOffset
 from dynident.identification.recipe import Recipe
@@ -136,7 +136,7 @@ class Identification:
 
     ``model`` and ``recipe`` are as used: the model on its base as it is tilted, one smoother, numbers where something
     was sought, so that ``recipe.motion`` makes of a new log what the fit has seen. ``mass`` is the mass matrix over all
-    logs and random poses.
+    logs and random poses. ``warnings`` are notes, and the findings of the checks, where these were run beside the fit.
     """
 
     model: Model
@@ -148,7 +148,7 @@ class Identification:
     mass: MassMatrixCheck | None = None
     calibration: Calibration = Calibration()
     provenance: Sources = Sources()
-    warnings: tuple[Note, ...] = ()
+    warnings: tuple[Note | Finding, ...] = ()
 
     def __repr__(self) -> str:
         from dynident.report.display import summary
@@ -186,6 +186,16 @@ class Identification:
             },
             schema_overrides={"determined_by": pl.String, "known": pl.Float64},
         )
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The errors and warnings of the checks, among the warnings."""
+        return tuple(one for one in self.warnings if isinstance(one, Finding))
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """The other warnings."""
+        return tuple(one for one in self.warnings if isinstance(one, Note))
 
     @property
     def runs(self) -> tuple[FreeRun, ...]:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, brief, called
+from dynident.errors import ConfigError, InputError, brief
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
 from dynident.regression import Regression, TriangularFactors, rank_of
-from dynident.smoothers import Smoother
+from dynident.smoothers import Smoother, motion_of
 
 __all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
 
@@ -82,7 +82,7 @@ def _tried(
     for k, smoother in enumerate(candidates, start=1):
         progress(f"trying smoother {k} of {len(candidates)}")
         try:
-            tried.append(tuple(called(smoother, log, Motion) for log in logs))
+            tried.append(tuple(motion_of(smoother, log) for log in logs))
         except InputError as error:
             tried.append(error)
     failed = [error for error in tried if isinstance(error, InputError)]

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
-from dynident.checks import CheckResult, Finding, run_checks
+from dynident.checks import CheckResult, Finding, notes, reading_line, run_checks, with_findings
 from dynident.errors import Remark, Severity, brief
 from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
 from dynident.io.config import config_text, config_warnings, load_model, parse_config
@@ -55,14 +55,18 @@ class Project:
         return read_roles(self.config, self.model.joints, progress)
 
     def identify(self, progress: Progress = _silent) -> Identification:
-        """Identify the parameters from the recordings, with all warnings, and the hashes of all files that were read.
+        """Identify the parameters from the recordings, with all warnings, the findings of the checks, and the hashes of
+        all files that were read.
 
         Raises the errors of reading and of ``dynident.identification.identify``.
         """
         logs, remarks = self.logs(progress)
         files = log_files(self.config)
         found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
-        return self._signed(found, (*self.model.notes, *remarks), files)
+        turning = turning_joints(self.config)
+        found = with_findings(found, self.model, logs, self.recipe, multi_turn=turning, progress=progress)
+        findings, remarks = _once(found.findings, remarks)
+        return self._signed(replace(found, warnings=(*found.notes, *findings)), (*self.model.notes, *remarks), files)
 
     def bound(
         self,
@@ -161,6 +165,14 @@ def run(path: str | Path, *, progress: Progress | None = None) -> Identification
     """
     progress = progress or _silent
     return read_project(path, progress).identify(progress)
+
+
+def _once(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Return findings and remarks of reading without what both say: the finding stays where it forbids a use."""
+    said = {f"{one.source}: {reading_line(one)}": one for one in findings if isinstance(one.message, notes.ReadingNote)}
+    twice = [said[one] for one in remarks if one in said and said[one].forbids is None]
+    kept = tuple(one for one in remarks if one not in said or said[one].forbids is None)
+    return tuple(one for one in findings if one not in twice), kept
 
 
 def log_files(config: Config) -> tuple[SourceFile, ...]:

@@ -18,5 +18,12 @@ def build_recipe(config: Config) -> Recipe:
     restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = built(config.smoother), built(config.estimator)
     return Recipe(
-        smoother, estimator, parallel_filter, config.min_speed, config.delay, "estimate" if sought else None, restart
+        smoother,
+        estimator,
+        parallel_filter,
+        config.min_speed,
+        config.delay,
+        "estimate" if sought else None,
+        restart,
+        config.outliers,
     )

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from dynident.errors import Severity
 from dynident.estimators import Provenance
 from dynident.identification import BaseTilt, Sources, TimeOffset
 from dynident.models import Joint
@@ -58,6 +59,7 @@ class RecipePart(Part):
     time_offset: float
     base_tilt: tuple[float, float] | None
     restart: float | None
+    outliers: Literal["mask", "keep"] = "keep"
 
 
 class ParameterPart(Part):
@@ -182,6 +184,17 @@ class MassPart(Part):
     positive: bool
 
 
+class FindingPart(Part):
+    """An error or a warning of the checks that were run beside the fit; see ``Finding``."""
+
+    severity: Severity
+    joint: str | None
+    message: str | Kind
+    topic: str | None
+    source: str
+    link: str
+
+
 class ResultFile(Part):
     """A result of ``dynident identify``, or of ``Identification.save``.
 
@@ -202,5 +215,6 @@ class ResultFile(Part):
     estimate: EstimatePart
     mass_matrix: MassPart | None
     warnings: list[Kind]
+    findings: list[FindingPart] = []
     model: ModelPart
     provenance: Sources

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from dynident.errors import InputError, ModelError, Note
+from dynident.checks import Topic
+from dynident.errors import Finding, InputError, ModelError, Note
 from dynident.estimators import Consistency, Determined, Estimate, Residual
 from dynident.identification import (
     Calibration,
@@ -30,6 +31,7 @@ from dynident.io.result_format import (
     BasePart,
     ChoicePart,
     ConsistencyPart,
+    FindingPart,
     Kind,
     RecipePart,
     ResultFile,
@@ -84,7 +86,7 @@ def identification_of(
             file.calibration.base_tilt,
         ),
         file.provenance,
-        tuple(_noun(Note, one, source) for one in file.warnings),
+        (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),
     )
 
 
@@ -173,6 +175,7 @@ def _recipe(given: RecipePart, folder: Path | None, source: str) -> Recipe:
         given.time_offset,
         given.base_tilt,
         given.restart,
+        given.outliers,
     )
 
 
@@ -225,6 +228,12 @@ def _validation(given: ValidationPart, source: str) -> LogValidation:
         )
     )
     return LogValidation(given.name, given.role, given.errors, given.residuals, made)
+
+
+def _finding(given: FindingPart, source: str) -> Finding:
+    message = given.message if isinstance(given.message, str) else _noun(Note, given.message, source)
+    topic = Topic(given.topic) if given.topic in list(Topic) else None  # of a later version
+    return Finding(given.severity, given.joint, message, topic, given.source, given.link)
 
 
 def _noun(base: type[Noun], given: Kind, source: str) -> Noun:

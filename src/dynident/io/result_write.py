@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note
+from dynident.errors import Finding, Note
 from dynident.estimators import Estimate
 from dynident.identification import Calibration, Choice, Identification, Recipe
 from dynident.io.families import ESTIMATORS, SMOOTHERS
@@ -30,7 +30,7 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
     Signals, sample weights and the directions of the rank are left out. Raises ConfigError where a part has settings
     without a plain form.
     """
-    mass, notes = found.mass, found.warnings
+    mass, notes = found.mass, found.notes
     data = {
         "format": FORMAT,
         "version": VERSION,
@@ -43,6 +43,7 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
         "estimate": _estimate(found.estimate),
         "mass_matrix": mass and {"smallest": mass.smallest, "q": mass.q, "positive": bool(mass.positive)},
         "warnings": [_kind(note) for note in notes],
+        "findings": [_finding(one) for one in found.findings],
         "model": {"name": found.model.name, "joints": [asdict(joint) for joint in found.model.joints]},
         "provenance": asdict(found.provenance),
     }
@@ -88,6 +89,7 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
         "time_offset": recipe.time_offset,
         "base_tilt": recipe.base_tilt,
         "restart": recipe.restart,
+        "outliers": recipe.outliers,
     }
 
 
@@ -146,6 +148,11 @@ def _validation(log: LogValidation) -> dict[str, Any]:
         "residuals": {joint: asdict(test) for joint, test in log.residuals.items()},
         "free_run": run and {key: getattr(run, key) for key in keys} | {"failure": run.failure and _kind(run.failure)},
     }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    message = finding.message if isinstance(finding.message, str) else _kind(finding.message)
+    return {**vars(finding), "message": message}
 
 
 def _kind(noun: Note | Failure) -> dict[str, Any]:

@@ -228,6 +228,7 @@ class Config(Section):
     filter: FilterSettings | None = None
     min_speed: PositiveOrEach = None
     delay: Delay | Literal["estimate"] = "estimate"
+    outliers: Literal["mask", "keep"] = "mask"
     simulation: Simulation | None = None
 
 

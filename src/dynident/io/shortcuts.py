@@ -60,6 +60,7 @@ class RecipeFields(TypedDict, total=False):
     time_offset: float | Literal["estimate"]
     base_tilt: tuple[float, float] | Literal["estimate"] | None
     restart: float | None
+    outliers: Literal["mask", "keep"]
 
 
 def default_recipe(model: Model) -> Recipe:
@@ -117,6 +118,7 @@ def identify(
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
     found = identification.identify(model, trained, held_out, used, progress=progress)
+    found = checks.with_findings(found, model, {"train": trained, "validation": held_out}, used, progress=progress)
     return replace(found, provenance=replace(found.provenance, model=file))
 
 

@@ -17,6 +17,7 @@ from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.simulation import Recording, record, simulate, simulate_many
 from dynident.models.term import (
     INERTIAL,
+    HasGeometry,
     HasGravity,
     HasLimits,
     HasNotes,
@@ -34,6 +35,7 @@ __all__ = [
     "INERTIAL",
     "Coulomb",
     "CoupledMotor",
+    "HasGeometry",
     "HasGravity",
     "HasLimits",
     "HasNotes",

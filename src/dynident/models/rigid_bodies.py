@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -24,6 +24,7 @@ from dynident.models.robot_file import (
     RobotFile,
     RobotJoint,
     assemble,
+    displaced,
     parse,
     read_mjcf,
     read_urdf,
@@ -55,7 +56,8 @@ class RigidBodies:
     all that are not locked, from base to tip); all others are fixed at their value in ``locked`` (rad or m), else at
     zero, a mimic joint at the value it follows. ``gravity`` (3), in m/s^2, is given in the frame of the root link: for
     a rotated base, rotate gravity. Links that are fixed to each other are one body, named after the child link of its
-    joint. ``source`` names the file in messages.
+    joint. ``source`` names the file in messages. ``displacements`` move the frames of joints, as ``with_displacement``
+    does.
 
     Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
     is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
@@ -78,6 +80,7 @@ class RigidBodies:
     locked: Mapping[str, float] | tuple[tuple[str, float], ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str = "robot"
+    displacements: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         pairs = self.locked.items() if isinstance(self.locked, Mapping) else self.locked
@@ -216,6 +219,15 @@ class RigidBodies:
         x, y, z = gravity
         return replace(self, gravity=(x, y, z))
 
+    def with_displacement(self, joint: str, by: tuple[float, ...]) -> RigidBodies:
+        """Return the bodies with a joint displaced further by (9): x, y, z (m) of its origin along the axes of its
+        parent link's frame, then rotation vectors (rad) in its own frame, of the frame with all that it carries and of
+        the axis alone.
+        """
+        known = dict(self.displacements)
+        moved = np.add(known.get(joint, np.zeros(9)), by).tolist()
+        return replace(self, displacements=tuple((known | {joint: tuple(moved)}).items()))
+
     def _with_mass(self, theta: Array) -> tuple[Array, Array]:
         """Return bodies (B, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
         values = np.zeros((len(self._arm.bodies), 10))
@@ -265,11 +277,11 @@ class RigidBodies:
 
     @cached_property
     def _file(self) -> RobotFile:
-        return read_robot_file(self.xml, self.source)
+        return _parsed(self.xml, self.source)
 
     @cached_property
     def _arm(self) -> Arm:
-        return assemble(self._file, self.joints_used, dict(self.locked))
+        return displaced(assemble(self._file, self.joints_used, dict(self.locked)), dict(self.displacements))
 
     @cached_property
     def _plain(self) -> bool:
@@ -307,6 +319,12 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
             f"{SDF if root.tag == 'sdf' else ''}"
         )
     return READERS[root.tag](root, source)
+
+
+@lru_cache(maxsize=8)
+def _parsed(xml: str, source: str) -> RobotFile:
+    """Return the file as parsed; kept, because bodies that are displaced or turned have the same text."""
+    return read_robot_file(xml, source)
 
 
 def _values(body: ArmBody) -> list[float | None]:

@@ -16,6 +16,7 @@ from dynident.errors import brief
 
 __all__ = [
     "INERTIAL",
+    "HasGeometry",
     "HasGravity",
     "HasLimits",
     "HasNotes",
@@ -126,6 +127,22 @@ class HasGravity(Protocol):
 
     def with_gravity(self, gravity: tuple[float, ...], /) -> Term:
         """Return the term under another gravity."""
+
+
+@runtime_checkable
+class HasGeometry(Protocol):
+    """A term whose joints have frames that can be displaced."""
+
+    @property
+    def file(self) -> RobotFile:
+        """What the file says of the frames."""
+
+    def with_displacement(self, joint: str, by: tuple[float, ...], /) -> Term:
+        """Return the term with a joint displaced further by (9).
+
+        These are x, y, z (m) of its origin along the axes of its parent link's frame, then rotation vectors (rad) in
+        its own frame, of the frame with all that it carries and of the axis alone.
+        """
 
 
 @runtime_checkable

@@ -23,6 +23,7 @@ __all__ = [
     "RegressorBlock",
     "TriangularFactors",
     "fast_enough",
+    "fitted_rows",
     "one_thread",
     "stretches",
     "triangularise",
@@ -225,12 +226,25 @@ class Regression:
 
     def _rows(self, motion: Motion, rows: slice) -> RegressorBlock:
         q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        return RegressorBlock(self.model.regressor(q, dq, ddq), motion.tau[rows], fast_enough(dq, self.min_speed))
+        return RegressorBlock(
+            self.model.regressor(q, dq, ddq), motion.tau[rows], fitted_rows(motion, self.min_speed, rows)
+        )
 
 
 def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
     """Return where each joint (N, n) is at least as fast as ``min_speed`` (n); None for everywhere."""
     return None if min_speed is None else np.abs(dq) >= np.array(min_speed)
+
+
+def fitted_rows(
+    motion: Motion, min_speed: tuple[float, ...] | None, rows: slice = slice(None)
+) -> NDArray[np.bool_] | None:
+    """Return which torque equations (B, n) of these samples are fitted: of joints that are fast enough, where the
+    motion keeps them; None for all."""
+    fast = fast_enough(motion.dq[rows], min_speed)
+    if motion.keep is None:
+        return fast
+    return motion.keep[rows] if fast is None else fast & motion.keep[rows]
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[slice]:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from dynident.identification import Remedy, Use
 from dynident.identification.verdict import reasons, steps
+from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.report.check import finding_row
 from dynident.report.wording import words
 from dynident.validation import Driver
 
@@ -55,9 +57,14 @@ _EXCITATIONS = {
 }
 
 
-def sentences(verdict: Verdict) -> tuple[str, str, str]:
-    """Return the verdict in three sentences: the use and the errors, the reasons against more, the residual."""
-    return f"{_FIRST[verdict.use]}: {_errors(verdict.held_out)}.", _against(verdict), _left(verdict)
+def sentences(verdict: Verdict) -> tuple[str, ...]:
+    """Return the verdict in sentences: the use and the errors, the reasons against more, the residual, the unknown."""
+    return f"{_FIRST[verdict.use]}: {_errors(verdict.held_out)}.", _against(verdict), _left(verdict), *_unknown(verdict)
+
+
+def _unknown(verdict: Verdict) -> tuple[str, ...]:
+    given = [words(one) for one in verdict.unknown]
+    return (f"No data can show {', or '.join(given)}: make sure of that by other means.",) if given else ()
 
 
 def _errors(held: HeldOut | None) -> str:
@@ -96,6 +103,16 @@ def _left(verdict: Verdict) -> str:
 
 
 @words.register
+def _(unknown: CommonGain) -> str:  # noqa: ARG001
+    return "a factor that all torques share (wrong gains), which masses and friction take up"
+
+
+@words.register
+def _(unknown: Zeros) -> str:
+    return f"a wrong zero of {', '.join(unknown.joints)}"
+
+
+@words.register
 def _(remedy: Remedy) -> str:
     return _REMEDIES[remedy]
 
@@ -125,9 +142,19 @@ def _(reason: reasons.NoHoldOut) -> str:  # noqa: ARG001
 
 
 @words.register
+def _(reason: reasons.Noted) -> str:
+    return ": ".join(filter(None, finding_row(reason.findings))).removesuffix(".")
+
+
+@words.register
 def _(reason: reasons.Repeats) -> str:
     repeats = ", ".join(f"{name} repeats the motion of {other}" for name, other in reason.pairs)
     return f"{repeats}: the error on another motion is not known"
+
+
+@words.register
+def _(reason: reasons.SlowHoldOut) -> str:
+    return f"the held-out motion has only {_percent(100 * reason.share)} of the speed of the training"
 
 
 @words.register
@@ -170,6 +197,15 @@ def _(reason: reasons.MostlyUnexcited) -> str:
 def _(reason: reasons.PartlyUnexcited) -> str:
     left = f"{reason.unexcited} of {reason.total} base parameters"
     return f"the data do not excite {left}: motions that do are not predicted"
+
+
+@words.register
+def _(reason: reasons.HeldBack) -> str:
+    return (
+        "physical constraints hold the parameters far from what the data say (without them the residual would be "
+        f"{_percent(100 - 100 / (1 + reason.growth / 100))} smaller, and the torque at twice the speed would differ by "
+        f"{_percent(reason.apart)}): the model lacks an effect, or a gain, a unit or a direction is wrong"
+    )
 
 
 @words.register

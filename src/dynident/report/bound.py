@@ -214,7 +214,7 @@ def bound_page(found: AccuracyBound) -> str:
             (_WHAT, bound_table(found), *_formulas(found), Figure(figures.bound_figure(found, labels), caption)),
         ),
         PageSection("Noise", (noise_table(found),)),
-        PageSection("Warnings", (tuple(map(words, fact.warnings)) or "None.",)),
+        PageSection("Warnings", (tuple(map(words, fact.notes)) or "None.",)),
         PageSection("Settings and versions", tuple(_settings(found))),
     ]
     logs = ", ".join(log.name for log in fact.validations)
@@ -267,6 +267,6 @@ def bound_dict(found: AccuracyBound) -> dict[str, Any]:
         "noise": {**noise, "from": _origins(found)},
         "samples": found.samples,
         "findings": bound_findings(found),
-        "warnings": [words(note) for note in found.identification.warnings],
+        "warnings": [words(note) for note in found.identification.notes],
         "provenance": asdict(found.identification.provenance),
     }

@@ -17,7 +17,7 @@ from dynident.report.wording import words
 if TYPE_CHECKING:
     from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
 
-__all__ = ["check_dict", "check_summary", "check_tables"]
+__all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "finding_row"]
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
@@ -26,18 +26,18 @@ WORD = Column("", numeric=False)
 
 def check_summary(examination: CheckResult) -> str:
     """Return the outcome in one sentence."""
-    counts = Counter(finding.severity for finding in (group[0] for group in _groups(examination.findings)))
+    counts = Counter(finding.severity for finding in (group[0] for group in finding_groups(examination.findings)))
     shown = [_count(counts[severity], severity) for severity in (Severity.ERROR, Severity.WARNING) if counts[severity]]
     return f"{' and '.join(shown) or 'No errors and no warnings'}."
 
 
 def check_tables(examination: CheckResult) -> list[PageTable]:
     """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
-    groups = _groups(examination.findings)
+    groups = finding_groups(examination.findings)
     tables = [
         PageTable((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
         for severity, title in TITLES.items()
-        if (rows := [_row(group) for group in groups if group[0].severity == severity])
+        if (rows := [finding_row(group) for group in groups if group[0].severity == severity])
     ]
     if examination.timings:
         tables.append(_time_table(examination.timings))
@@ -83,7 +83,7 @@ def _rank(rank: ExcitedRank) -> dict[str, Any]:
     return {**asdict(rank), "missing": [{**asdict(one), "words": words(one)} for one in rank.missing]}
 
 
-def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
+def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     """Gather findings of one topic over joints, links and logs; two on the same place stay apart."""
     groups: dict[tuple[object, ...], list[Finding]] = {}
     seen: Counter[tuple[object, ...]] = Counter()
@@ -95,7 +95,7 @@ def _groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     return list(groups.values())
 
 
-def _row(group: Sequence[Finding]) -> tuple[str, str]:
+def finding_row(group: Sequence[Finding]) -> tuple[str, str]:
     """Return where the first finding of a group is and what it says, with the places of the others named."""
     first, *others = group
     part = first.link or first.joint or ""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from dynident.checks import notes, reading_words
 from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
+from dynident.report import log_words, robot_words  # noqa: F401  # register their words
 from dynident.report.wording import words
 
 if TYPE_CHECKING:

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dynident.errors import Severity
+from dynident.identification import judge
+from dynident.identification.verdict.reasons import Noted
+from dynident.report.advice import IN_SENTENCES
+from dynident.report.check import finding_groups
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
@@ -57,8 +62,8 @@ def _lead(identification: Identification) -> str:
 
 
 def _warnings(identification: Identification) -> Iterator[PageBlock]:
-    yield tuple(words(note) for note in identification.warnings) or "None."
-    rest = [note for note in identification.estimate.notes if note not in identification.warnings]
+    yield (*(words(note) for note in identification.notes), *_more(identification)) or "None."
+    rest = [note for note in identification.estimate.notes if note not in identification.notes]
     if status := "; ".join(map(words, rest)):
         yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
 
@@ -72,8 +77,18 @@ def identification_tables(identification: Identification) -> list[PageTable]:
 def identification_notes(identification: Identification) -> list[Line]:
     """Return for a terminal what to say below the tables: of the parameters, then the warnings, long ones cut."""
     _, notes = terminal_parameters(identification)
-    lines = note_lines(identification.warnings)
-    return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in lines)]
+    more = judge(identification).reasons[IN_SENTENCES:]
+    found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more if isinstance(one, Noted)]
+    said = [*note_lines(identification.notes), *(Line(f"Note: {one}") for one in _more(identification))]
+    return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in (*found, *said))]
+
+
+def _more(identification: Identification) -> Iterator[str]:
+    """Yield how many findings of the checks have no bearing on the verdict, and are not said elsewhere."""
+    known = identification.notes
+    more = [one for one in identification.findings if one.forbids is None and one.message not in known]
+    if more:
+        yield f"`dynident check` has {count(len(finding_groups(more)), 'more warning')}."
 
 
 def result_words(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:
@@ -81,7 +96,7 @@ def result_words(identification: Identification, exports: Sequence[Export] = ())
     return {
         **verdict_results(identification),
         "status": status_words(identification.estimate),
-        "warnings": [words(note) for note in identification.warnings],
+        "warnings": [words(note) for note in identification.notes],
         "residuals": {
             log.name: {joint: said for joint, test in log.residuals.items() if (said := causes_words(test))}
             for log in identification.validations

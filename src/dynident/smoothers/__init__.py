@@ -2,6 +2,7 @@
 
 from dynident.smoothers.butterworth import Butterworth
 from dynident.smoothers.difference import Difference
+from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.smoother import BY_JOINT, Smoother, ends_mask
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import LONGEST, TimeShifted, unshifted
@@ -15,5 +16,7 @@ __all__ = [
     "Spline",
     "TimeShifted",
     "ends_mask",
+    "motion_of",
+    "repaired",
     "unshifted",
 ]

@@ -2,20 +2,25 @@
 
 from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
+from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
 from dynident.splines.spline import SmoothingSpline, smooth
 
 __all__ = [
     "GCV",
     "NORMAL_95",
     "REML",
+    "WIDEST",
     "Constraint",
     "Fixed",
     "Interpolation",
     "Rule",
     "SmoothingSpline",
+    "bridged",
+    "frozen",
     "median_sigma",
     "noise_sigma",
     "rule_named",
     "smooth",
+    "spikes",
     "steady_noise",
 ]

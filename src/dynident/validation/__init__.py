@@ -11,7 +11,7 @@ from dynident.validation.free_run import (
     Singular,
     free_run,
 )
-from dynident.validation.hac import bandwidth, robust_covariance
+from dynident.validation.hac import bandwidth, long_run_covariance, robust_covariance
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
@@ -21,6 +21,7 @@ from dynident.validation.prediction import (
     relative_error,
     validate,
 )
+from dynident.validation.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
     Cause,
@@ -38,6 +39,7 @@ from dynident.validation.residuals import (
 
 __all__ = [
     "LOW",
+    "REPEATED",
     "SEED",
     "Broken",
     "CascadePD",
@@ -49,6 +51,7 @@ __all__ = [
     "HighFrequency",
     "LogValidation",
     "LowFrequency",
+    "Repeat",
     "ResidualTest",
     "Reversals",
     "Ripple",
@@ -63,7 +66,9 @@ __all__ = [
     "decorrelation",
     "free_run",
     "ljung_box",
+    "long_run_covariance",
     "relative_error",
+    "repeat_of",
     "residual_test",
     "robust_covariance",
     "validate",

@@ -16,7 +16,7 @@ from dynident.errors import ModelError
 from dynident.log import pieces
 from dynident.regression import Regression, RegressorBlock, rank_of, stretches
 
-__all__ = ["bandwidth", "robust_covariance"]
+__all__ = ["bandwidth", "long_run_covariance", "robust_covariance"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece of them
@@ -64,6 +64,12 @@ def robust_covariance(
     small_sample = rows / max(rows - len(kept) / n, 1.0)
     total = total * (_samples(regression) / sum(map(_samples, parts)))
     return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
+
+
+def long_run_covariance(series: Sequence[Array]) -> Array:
+    """Return the covariance (r, r) of the sum of correlated scores (B, r), of each uninterrupted stretch."""
+    length, width = bandwidth(iter([one]) for one in series), series[0].shape[1]
+    return np.asarray(np.sum([_bartlett(iter([one]), length, width)[1] for one in series], axis=0))
 
 
 def bandwidth(series: Iterator[Iterator[Array]]) -> int:

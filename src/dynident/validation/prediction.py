@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import InputError, brief, listed
 from dynident.log import Log, Motion, subsample
 from dynident.models import MassMatrixCheck, Model
-from dynident.regression import BLOCK, ParallelFilter, fast_enough, stretches
+from dynident.regression import BLOCK, ParallelFilter, fitted_rows, stretches
 from dynident.validation.free_run import FreeRun
 from dynident.validation.residuals import ResidualTest, residual_test
 
@@ -214,7 +214,7 @@ def _filtered(
 ) -> tuple[Array, Array]:
     """Filtering Y and multiplying by theta is filtering Y theta: the filter is linear."""
     sections = parallel_filter.sections(motion)
-    pairs, keep = [], fast_enough(motion.dq, min_speed)
+    pairs, keep = [], fitted_rows(motion, min_speed)
     for part in stretches(motion.mask):
         if part.stop - part.start > 1:
             both = np.stack((motion.tau[part], predicted[part]))

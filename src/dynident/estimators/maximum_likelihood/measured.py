@@ -15,7 +15,7 @@ from dynident.estimators.maximum_likelihood.plan import steps_of
 from dynident.estimators.maximum_likelihood.search import Recordings
 from dynident.estimators.notes import Averaged
 from dynident.log import Log
-from dynident.regression import fast_enough, stretches
+from dynident.regression import fitted_rows, stretches
 from dynident.splines import median_sigma, steady_noise
 
 __all__ = ["feasible", "misfit", "recordings", "usual_noise"]
@@ -49,9 +49,9 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
     """Return which torques (N, n) of each log are used, None for all."""
     min_speed = problem.regression.min_speed
-    if min_speed is None or logs != len(problem.motions):
+    if logs != len(problem.motions):
         return [None] * logs
-    return [fast_enough(one.dq, min_speed) for one in problem.motions]
+    return [fitted_rows(one, min_speed) for one in problem.motions]
 
 
 def _grouping(logs: Sequence[Log], rate: float | None) -> int:

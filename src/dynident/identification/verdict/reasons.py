@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dynident.errors import Finding
 from dynident.identification.verdict.steps import Remedy
 from dynident.validation import Driver, Failure
 
 __all__ = [
     "FreeRunAstray",
     "FreeRunFails",
+    "HeldBack",
     "InertiasFree",
     "JointErrorsTooLarge",
     "MassMatrixNotPositive",
@@ -19,10 +21,12 @@ __all__ = [
     "NoFreeRun",
     "NoHoldOut",
     "NotCarriedOver",
+    "Noted",
     "PartlyUnexcited",
     "Reason",
     "Repeats",
     "SilentTorque",
+    "SlowHoldOut",
     "TorqueErrorTooLarge",
     "UnfilteredErrorTooLarge",
 ]
@@ -48,11 +52,26 @@ class NoHoldOut(Reason):
 
 
 @dataclass(frozen=True)
+class Noted(Reason):
+    """What the checks found, or the estimate notes, that forbids a use: ``findings`` of one kind."""
+
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
 class Repeats(Reason):
     """All held-out logs repeat a motion of the training: ``pairs`` of their names."""
 
     usual_remedy = Remedy.ANOTHER_MOTION
     pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class SlowHoldOut(Reason):
+    """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
+
+    usual_remedy = Remedy.ANOTHER_MOTION
+    share: float
 
 
 @dataclass(frozen=True)
@@ -119,6 +138,19 @@ class PartlyUnexcited(Reason):
 
     unexcited: int
     total: int
+
+
+@dataclass(frozen=True)
+class HeldBack(Reason):
+    """Physical constraints hold the parameters far from what the data say.
+
+    Without them the residual would be smaller: it is ``growth`` % larger. On the training motion at twice its speed the
+    torque would differ by ``apart`` %.
+    """
+
+    usual_remedy = Remedy.CHECK
+    growth: float
+    apart: float
 
 
 @dataclass(frozen=True)

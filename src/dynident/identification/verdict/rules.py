@@ -10,15 +10,18 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals, Step
+from dynident.identification.verdict.unconstrained import held_back
+from dynident.identification.verdict.unknown import unknowns
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
-from dynident.log import Motion, subsample
+from dynident.log import subsample
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, relative_error
+from dynident.validation import REPEATED, Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, repeat_of
 
 __all__ = ["judge"]
 
@@ -29,9 +32,11 @@ UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter m
 JOINT = 25.0  # %, the same of one joint
 SMALL = 1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
 GAP = 2.0  # held-out error over training error
-REPEAT = 10.0  # %, torques of two logs that differ by less are of the same motion
 MISSING = 0.25  # share of the base parameters that the data may leave out
 LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the controller; from the measured torque
+GROWTH = 5.0  # %, by which what physics holds back may raise the residual
+SLOW = 0.5  # share of the speed of the training that the fastest held-out motion must have
+APART = (7.0, 1.0)  # %, by which it may change the torque at twice the speed, for control and for simulation
 UNSURE = 0.3  # standard error over value from which a parameter wants better data
 EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
 MOST = 5  # next steps on single parameters
@@ -39,17 +44,42 @@ MOST = 5  # next steps on single parameters
 
 def judge(found: Identification) -> Verdict:
     """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
-    against_use, against_simulation = tuple(_against_use(found)), tuple(_against_simulation(found))
+    held = _held_back(found)
+    against_use = (*_noted(found, Use.CONTROL), *held.get(Use.CONTROL, ()), *_against_use(found))
+    against_simulation = (*_noted(found, Use.SIMULATION), *held.get(Use.SIMULATION, ()), *_against_simulation(found))
     reasons = (*against_use, *against_simulation)
     remedies = [reason.remedy for reason in reasons if reason.remedy]
+    use = Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION
     return Verdict(
-        use=Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION,
+        use=use,
         reasons=reasons,
         next=tuple(dict.fromkeys([*remedies, *_next_steps(found)])),
         held_out=_held_out(found),
         run=_worst_run(found),
         residual=_largest_residual(found),
+        unknown=() if use is Use.DO_NOT_USE else tuple(unknowns(found)),
     )
+
+
+def _noted(found: Identification, use: Use) -> Iterator[Reason]:
+    """Yield what the checks and the estimate have found that forbids a use, each kind once."""
+    notes = (Finding(note.severity, None, note) for note in found.estimate.notes)
+    kinds: dict[object, list[Finding]] = {}
+    for one in (*found.findings, *notes):
+        if one.forbids is use:
+            kinds.setdefault(one.message if isinstance(one.message, str) else type(one.message), []).append(one)
+    yield from (why.Noted(tuple(group)) for group in kinds.values())
+
+
+def _held_back(found: Identification) -> dict[Use, tuple[Reason, ...]]:
+    """Return what physical constraints hold back, under the use that it forbids: an effect that the model lacks, a gain
+    or a direction that is wrong. Least squares itself holds nothing back."""
+    if found.estimate.consistency is None:
+        return {}
+    held = held_back(found)
+    if held.growth < GROWTH or held.apart < min(APART):
+        return {}
+    return {Use.CONTROL if held.apart > max(APART) else Use.SIMULATION: (why.HeldBack(held.growth, held.apart),)}
 
 
 def _against_use(found: Identification) -> Iterator[Reason]:
@@ -57,7 +87,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield why.NoHoldOut()
-    again = {a.name: b.name for a in held for b in train if _repeat(a.motion, b.motion)}
+    again = {a.name: b.name for a in held for b in train if repeat_of(a.motion, b.motion).error < REPEATED}
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]
@@ -90,6 +120,8 @@ def _against_simulation(found: Identification) -> Iterator[Reason]:
     lost, whole = _unexcited(found)
     if 0 < lost <= MISSING * whole:
         yield why.PartlyUnexcited(lost, whole)
+    if (share := _speed_share(found)) < SLOW:
+        yield why.SlowHoldOut(share)
     estimate, parameters = found.estimate, found.model.parameters
     pairs = zip(parameters, estimate.value, strict=True)
     negative = [x.name for x, value in pairs if x.role in ("viscous", "coulomb", "rotor", "mass") and value < 0]
@@ -106,6 +138,19 @@ def _against_simulation(found: Identification) -> Iterator[Reason]:
         yield why.FreeRunFails(tuple(name for name, _ in failed), failed[0][1])
     else:
         yield from _astray(*_straying(found))
+
+
+def _speed_share(found: Identification) -> float:
+    """Return the rms speed of the fastest held-out motion over that of the fastest in training, joints on a par."""
+    held, train = (
+        np.array([np.sqrt(np.mean(one.motion.dq[one.motion.mask] ** 2, axis=0)) for one in _logs(found, role)])
+        for role in ("validation", "train")
+    )
+    usual = train.max(axis=0)
+    moving = usual > 0
+    if not len(held) or not moving.any():
+        return 1.0
+    return float(np.sqrt(np.mean((held[:, moving] / usual[moving]) ** 2, axis=1)).max())
 
 
 def _astray(run: FreeRun, joint: str, error: float) -> Iterator[Reason]:
@@ -242,13 +287,3 @@ def _unexcited(found: Identification) -> tuple[int, int]:
     if found.base.on_data is None or found.base.structural is None:
         return max(len(found.estimate.names) - found.estimate.determined.rank, 0), len(found.estimate.names)
     return max(found.base.structural.rank - found.base.on_data.rank, 0), found.base.structural.rank
-
-
-def _repeat(one: Motion, other: Motion) -> bool:
-    """Return whether the torques of two motions are the same, compared from their starts."""
-    t = one.t - one.t[0]
-    use = one.mask & (t <= other.t[-1] - other.t[0])
-    if use.sum() < max(0.5 * one.mask.sum(), 10):
-        return False
-    twin = np.column_stack([np.interp(t[use], other.t - other.t[0], column) for column in other.tau.T])
-    return relative_error(one.tau[use], twin) < REPEAT

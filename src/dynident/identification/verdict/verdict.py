@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from dynident.errors import Use
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.steps import Remedy, Step
+from dynident.identification.verdict.unknown import Unknown
 from dynident.regression import UnexcitedParameters
 from dynident.validation import Cause
 
 __all__ = ["HeldOut", "LargestResidual", "Use", "Verdict", "WorstRun"]
-
-
-class Use(StrEnum):
-    """What a model is good for; simulation includes control."""
-
-    SIMULATION = "good for simulation"
-    CONTROL = "good for control"
-    DO_NOT_USE = "do not use"
 
 
 @dataclass(frozen=True)
@@ -57,7 +50,8 @@ class Verdict:
     """What a model is good for, all ``reasons`` against more, what to do ``next``, and the figures behind it.
 
     ``reasons`` are empty only for simulation. ``held_out`` is None where no log was held out, ``run`` where no free
-    simulation succeeded, ``residual`` where the torque residual could not be tested.
+    simulation succeeded, ``residual`` where the torque residual could not be tested. ``unknown`` is what no data can
+    show, of a model that is good for something.
     """
 
     use: Use
@@ -66,3 +60,4 @@ class Verdict:
     held_out: HeldOut | None
     run: WorstRun | None
     residual: LargestResidual | None
+    unknown: tuple[Unknown, ...] = ()

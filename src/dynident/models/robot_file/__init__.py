@@ -1,6 +1,6 @@
 """Robot files: from the text of a URDF or MJCF to links and joints, and from these to moving bodies."""
 
-from dynident.models.robot_file.arm import Arm, ArmBody, assemble
+from dynident.models.robot_file.arm import Arm, ArmBody, assemble, displaced
 from dynident.models.robot_file.mjcf import UNNAMED, read_mjcf
 from dynident.models.robot_file.urdf import read_urdf
 from dynident.models.robot_file.xml import (
@@ -36,6 +36,7 @@ __all__ = [
     "angles",
     "assemble",
     "corrected",
+    "displaced",
     "exact",
     "known",
     "motion",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from dynident.errors import ModelError, brief
 from dynident.models.inertia import moved
 from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion
 
-__all__ = ["Arm", "ArmBody", "assemble"]
+__all__ = ["Arm", "ArmBody", "assemble", "displaced"]
 
 Array = NDArray[np.float64]
 MOST_JOINTS = 500  # that move: the regressor of more needs gigabytes for a block of samples
@@ -123,6 +123,31 @@ def _motions(file: RobotFile, locked: Mapping[str, float]) -> dict[str, Motion]:
             end, outer, shift = found.get(master, (master, 1.0, 0.0))
             found.setdefault(one, (end, factor * outer, factor * shift + offset))
     return found
+
+
+def displaced(arm: Arm, displacements: Mapping[str, Sequence[float]]) -> Arm:
+    """Return the arm with some joints displaced: by name (9) x, y, z (m) of the origin along the axes of the parent
+    link's frame, a rotation vector (rad) of the joint's frame with all that it carries, and one of its axis alone, both
+    in the joint's own frame.
+    """
+    bodies = [
+        _displaced(body, np.asarray(displacements[body.joint.name], dtype=float))
+        if body.joint.name in displacements
+        else body
+        for body in arm.bodies
+    ]
+    return replace(arm, bodies=tuple(bodies))
+
+
+def _displaced(body: ArmBody, by: Array) -> ArmBody:
+    from scipy.spatial.transform import Rotation
+
+    placement = body.placement.copy()
+    link = placement[:3, :3] @ body.joint.placement[:3, :3].T  # axes of the parent link's frame in its body's
+    placement[:3, 3] += link @ by[:3]
+    placement[:3, :3] = placement[:3, :3] @ Rotation.from_rotvec(by[3:6]).as_matrix()
+    axis = Rotation.from_rotvec(by[6:]).apply(body.joint.axis)
+    return replace(body, placement=placement, joint=replace(body.joint, axis=axis))
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:

@@ -1,0 +1,264 @@
+"""What goes wrong: faults of logs, effects that a model lacks, conventions of a system, errors of files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from situation_arm import Convention, Course, Effect, Fault, Link, Raw, Robot, Truth
+
+Array = NDArray[np.float64]
+
+
+def rows(raw: Raw, start: float, stop: float) -> slice:
+    """Return the rows between two shares of a log."""
+    return slice(int(start * len(raw.t)), int(stop * len(raw.t)))
+
+
+def torque(change: Callable[[Array, np.random.Generator], None], *roles: str) -> Fault:
+    """Return a fault that changes a copy of the torques in place, in the logs of these roles (none: both)."""
+
+    def fault(raw: Raw, rng: np.random.Generator, role: str) -> Raw:
+        tau = raw.tau.copy()
+        if not roles or role in roles:
+            change(tau, rng)
+        return replace(raw, tau=tau)
+
+    return fault
+
+
+def position(change: Callable[[Array, np.random.Generator], None], *roles: str) -> Fault:
+    """Return the same for positions."""
+
+    def fault(raw: Raw, rng: np.random.Generator, role: str) -> Raw:
+        return replace(raw, q=torque(change, *roles)(replace(raw, tau=raw.q), rng, role).tau)
+
+    return fault
+
+
+def put(at: Any, value: Any) -> Callable[[Array, np.random.Generator], None]:
+    def change(x: Array, _rng: np.random.Generator) -> None:
+        x[at] = value
+
+    return change
+
+
+def add(at: Any, value: Any) -> Callable[[Array, np.random.Generator], None]:
+    def change(x: Array, _rng: np.random.Generator) -> None:
+        x[at] += value
+
+    return change
+
+
+def torque_spikes(tau: Array, rng: np.random.Generator) -> None:
+    chosen = rng.choice(tau.size, max(1, round(tau.size / 1000)), replace=False)
+    tau.flat[chosen] += rng.choice([-1.0, 1.0], len(chosen)) * rng.uniform(100, 500, len(chosen))
+
+
+def position_spikes(q: Array, rng: np.random.Generator) -> None:
+    q[rng.choice(len(q), 5, replace=False), 1] += 5e-3
+
+
+def saturated(tau: Array, _rng: np.random.Generator) -> None:
+    most = 0.7 * np.abs(tau[:, 1]).max()
+    np.clip(tau[:, 1], -most, most, out=tau[:, 1])
+
+
+def swap(a: int, b: int) -> Callable[[Array, np.random.Generator], None]:
+    def change(x: Array, _rng: np.random.Generator) -> None:
+        x[:, [a, b]] = x[:, [b, a]]
+
+    return change
+
+
+def both(one: Fault, other: Fault) -> Fault:
+    return lambda raw, rng, role: other(one(raw, rng, role), rng, role)
+
+
+def gains(*factors: float) -> Convention:
+    return lambda q, tau: (q, tau * np.array([*factors, *[1.0] * (tau.shape[1] - len(factors))]))
+
+
+def zero(*offsets: float) -> Convention:
+    return lambda q, tau: (q + np.array([*offsets, *[0.0] * (q.shape[1] - len(offsets))]), tau)
+
+
+def reversed_position(q: Array, tau: Array) -> tuple[Array, Array]:
+    return q * np.array([1.0, -1.0, *[1.0] * (q.shape[1] - 2)]), tau
+
+
+def time(change: Callable[[Array, np.random.Generator], Array]) -> Fault:
+    return lambda raw, rng, _role: replace(raw, t=change(raw.t, rng))
+
+
+def scaled(factor: float) -> Fault:
+    return lambda raw, _rng, _role: replace(raw, q=raw.q * factor)
+
+
+def late(*seconds: float) -> Fault:
+    """Return torques that were stamped so late, by joint."""
+
+    def fault(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+        shifted = [np.interp(raw.t - by, raw.t, x) for by, x in zip(seconds, raw.tau.T, strict=True)]
+        return replace(raw, tau=np.column_stack(shifted))
+
+    return fault
+
+
+def stale(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+    """Positions at a quarter of the rate of the torques."""
+    return replace(raw, q=raw.q[np.arange(len(raw.t)) // 4 * 4])
+
+
+def joined(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+    """Two pieces one after the other, without the time between: the arm jumps."""
+    keep = np.r_[rows(raw, 0.0, 0.4), rows(raw, 0.62, 1.0)]
+    return Raw(raw.t[: len(keep)], raw.q[keep], raw.tau[keep])
+
+
+def wrapped(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+    q = raw.q.copy()
+    q[:, 0] = (q[:, 0] + 3.0 + np.pi) % (2 * np.pi) - np.pi
+    return replace(raw, q=q)
+
+
+def noisy_fast(raw: Raw, rng: np.random.Generator, _role: str) -> Raw:
+    speed = np.gradient(raw.q, raw.t, axis=0)
+    return replace(raw, tau=raw.tau + 0.5 * np.abs(speed) * rng.standard_normal(raw.tau.shape))
+
+
+def no_gravity(truth: Truth, robot: Robot, _role: str) -> Array:
+    model, theta = robot.model()
+    still = np.zeros_like(truth.q)
+    held, offset = model.torque(truth.q, still, still, theta), theta[-len(robot.links) :]
+    return -(held - offset)
+
+
+def no_friction(truth: Truth, robot: Robot, _role: str) -> Array:
+    return -(truth.dq * _each(robot, "viscous") + np.sign(truth.dq) * _each(robot, "coulomb"))
+
+
+def _each(robot: Robot, name: str) -> Array:
+    return np.array([getattr(one, name) for one in robot.friction[: len(robot.links)]])
+
+
+def spring(truth: Truth, _robot: Robot, _role: str) -> Array:
+    return np.asarray(truth.q * np.array([0.0, 40.0, *[0.0] * (truth.q.shape[1] - 2)]))
+
+
+def load_friction(truth: Truth, robot: Robot, _role: str) -> Array:
+    return np.asarray(0.12 * np.abs(truth.tau) * np.sign(truth.dq) * (np.arange(len(robot.links)) > 0))
+
+
+def stribeck(truth: Truth, robot: Robot, _role: str) -> Array:
+    return np.asarray(1.5 * _each(robot, "coulomb") * np.exp(-((truth.dq / 0.15) ** 2)) * np.sign(truth.dq))
+
+
+def compliance(truth: Truth, _robot: Robot, _role: str) -> Array:
+    """A torsional resonance behind the gear, excited by the torque: what the motor's side sees of it."""
+    step, rate, damping = truth.t[1] - truth.t[0], 2 * np.pi * 6.0, 0.02
+    x = np.zeros((2, truth.q.shape[1]))
+    seen = np.zeros_like(truth.tau)
+    driven = np.gradient(truth.tau, truth.t, axis=0)
+    for k, push in enumerate(driven):
+        x[1] += step * (push - 2 * damping * rate * x[1] - rate**2 * x[0])
+        x[0] += step * x[1]
+        seen[k] = x[1]
+    return np.asarray(0.5 * seen)
+
+
+def warming(truth: Truth, robot: Robot, role: str) -> Array:
+    """Friction falls by 40 % over the first log, and is low in all later ones."""
+    share = truth.t / truth.t[-1] if role == "train" else np.ones_like(truth.t)
+    friction = truth.dq * _each(robot, "viscous") + np.sign(truth.dq) * _each(robot, "coulomb")
+    return np.asarray(-0.4 * share[:, None] * friction)
+
+
+def payload(*roles: str) -> Effect:
+    """Return the torque of 2 kg at the last link in the logs of these roles."""
+
+    def effect(truth: Truth, robot: Robot, role: str) -> Array:
+        model, theta = robot.model()
+        extra = np.zeros_like(theta)
+        last = 10 * (len(robot.links) - 1)
+        extra[last : last + 2] = 2.0, 2.0 * 0.3
+        extra[last + 7 : last + 10 : 2] = 2.0 * 0.09
+        return np.asarray(model.torque(truth.q, truth.dq, truth.ddq, extra) if role in roles else 0.0 * truth.tau)
+
+    return effect
+
+
+def without(name: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    terms = [one for one in ("rotor", "viscous", "coulomb", "offset") if one != name]
+    return lambda config: config | {"model": {"file": config["model"], "terms": terms}}
+
+
+def unit(group: str, name: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    def change(config: dict[str, Any]) -> dict[str, Any]:
+        given = config[group]
+        if group == "time":
+            return config | {group: given | {"unit": name}}
+        return config | {group: {joint: channel | {"unit": name} for joint, channel in given.items()}}
+
+    return change
+
+
+def longer(factor: float) -> Callable[[tuple[Link, ...]], tuple[Link, ...]]:
+    return geometry(2, lambda link: replace(link, xyz=(link.xyz[0] * factor, *link.xyz[1:])))
+
+
+def geometry(k: int, change: Callable[[Link], Link]) -> Callable[[tuple[Link, ...]], tuple[Link, ...]]:
+    return lambda links: (*links[:k], change(links[k]), *links[k + 1 :])
+
+
+def massless(links: tuple[Link, ...]) -> tuple[Link, ...]:
+    return tuple(replace(one, mass=0.0, moments=(0.0, 0.0, 0.0)) for one in links)
+
+
+def turned_round(text: str) -> str:
+    """The elements of a URDF in the opposite order."""
+    head, *rest, tail = text.strip().split("\n")
+    return "\n".join([head.replace('<link name="base"/>', ""), *rest[::-1], '<link name="base"/>', tail])
+
+
+def courses(**changes: Course) -> Callable[[Any], Any]:
+    return lambda known: dict(known) | changes
+
+
+def repeated(start: float) -> Fault:
+    """Return a held-out log that repeats the training's motion, ``start`` s later, with noise of its own."""
+
+    def fault(raw: Raw, _rng: np.random.Generator, role: str) -> Raw:
+        cut = round(start / (raw.t[1] - raw.t[0]))
+        return raw if role == "train" else Raw(raw.t[: len(raw.t) - cut], raw.q[cut:], raw.tau[cut:])
+
+    return fault
+
+
+def twice(config: dict[str, Any]) -> dict[str, Any]:
+    return config | {"validation": [{"file": "train.csv", "name": "again"}]}
+
+
+def simulated(config: dict[str, Any]) -> dict[str, Any]:
+    return config | {"simulation": {"kind": "measured_torque"}}
+
+
+def hung(robot: Robot) -> Robot:
+    return replace(robot, gravity=(0.0, 0.0, 9.81))
+
+
+def wall(robot: Robot) -> Robot:
+    return replace(robot, gravity=(9.81, 0.0, 0.0))
+
+
+def tilted(robot: Robot) -> Robot:
+    angle = np.deg2rad(2.0)
+    return replace(robot, gravity=(9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle)))
+
+
+def tipped(link: Link) -> Link:
+    angle = np.deg2rad(3.0)
+    return replace(link, axis=(float(np.sin(angle)), float(np.cos(angle)), 0.0))

@@ -1,0 +1,113 @@
+"""What of the robot or its model would explain the residual: the likeliest suspect, then the next with it set right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from dynident.checks.alternatives import better_alternative
+from dynident.checks.finding import Finding, Topic
+from dynident.checks.gains import gain_suspects
+from dynident.checks.geometry import geometry_suspects
+from dynident.checks.misfit import Case, Misfit, case_of, misfit
+from dynident.checks.missing import Missing, missing, with_missing
+from dynident.checks.payload import payload_findings
+from dynident.checks.robot_notes import TermKind
+from dynident.checks.suspect import Found, Others, Suspect, promising, refined
+from dynident.errors import Note, Severity
+from dynident.identification import BaseTilt, mounted
+from dynident.log import Motion
+from dynident.models import Model
+from dynident.regression import ParallelFilter
+
+__all__ = ["explained", "robot_findings"]
+
+TRIAL = 400  # samples with which other columns, signs and axes are tried
+MOST = 6  # causes that are looked for one after the other
+TRIED = 4  # suspects whose value is sought, of those that one step explains best
+NEAR = 0.6  # times the largest share by one step: suspects below are not tried
+ALIKE = 0.9  # times the largest share: suspects from here on cannot be told apart
+
+
+def robot_findings(
+    model: Model,
+    motions: Sequence[Motion],
+    held_out: Mapping[str, Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+    tilt: BaseTilt | None = None,
+) -> Iterator[Finding]:
+    """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
+
+    A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best.
+    """
+    large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
+    yield from large or explained(case_of(model, motions, parallel_filter, min_speed), tilt)
+    if not large:
+        yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
+
+
+def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
+    """Yield what would explain much of the training residual, one cause after the other.
+
+    A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
+    those found before set right, so that none is named for what another one causes.
+    """
+    names = tuple(joint.name for joint in case.model.joints)
+    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model)]
+    said: set[tuple[TermKind, int]] = set()
+    for _ in range(MOST):
+        fit = misfit(case)
+        absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
+        share = max((one.evidence.share for one in absent), default=0.0)
+        level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
+        leaning = 1.0 - misfit(level, fit.weight.max(axis=0)).size / fit.size if tilt else 0.0
+        share = max(share, leaning)
+        found, others = _likeliest(fit, suspects, share)
+        if found is not None and ALIKE * found.share > share:
+            yield _finding(found, others)
+            case = found.case
+        elif tilt and share == leaning > fit.worth:
+            yield Finding(Severity.INFO, None, tilt, Topic.BASE_TILT)
+            case, tilt = level, None
+        elif absent:
+            for one in _of_one_kind(absent):
+                yield one.finding(names)
+                said.add((one.kind, one.j))
+                case = with_missing(case, one)
+        else:
+            return
+
+
+def _of_one_kind(absent: Sequence[Missing]) -> list[Missing]:
+    """Return the effect that explains the most, the simplest of those that explain as much, and it at other joints."""
+    kinds = list(TermKind)
+    alike = [one for one in absent if one.evidence.share > ALIKE * absent[0].evidence.share]
+    first = min(alike, key=lambda one: kinds.index(one.kind))
+    return [one for one in absent if one.kind is first.kind and (one is first or one.partner is None)]
+
+
+def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[Found | None, list[Found]]:
+    """Return the suspect that explains the most, the simplest of those that explain as much, and these.
+
+    Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
+    as the first.
+    """
+    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)
+    most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
+    tried = [one for one, evidence in seen[:TRIED] if evidence.share > most]
+    if any(one.topic is Topic.GAIN for one in tried):  # a small gain looks like large ones of the others at first
+        tried += [one for one in suspects if one.topic is Topic.GAIN and one not in tried]
+    found = [one for suspect in tried if (one := refined(fit, suspect)) is not None]
+    most = max((one.share for one in found), default=0.0)
+    alike = sorted((one for one in found if one.share > ALIKE * most), key=lambda one: one.suspect.order)
+    return (alike[0], alike[1:]) if alike else (None, [])
+
+
+def _finding(found: Found, others: Sequence[Found]) -> Finding:
+    also = tuple((one.suspect.joint, _note(one)) for one in others)
+    return Finding(Severity.WARNING, found.suspect.joint, _note(found, also), found.suspect.topic)
+
+
+def _note(found: Found, others: Others = ()) -> Note:
+    return found.suspect.note(found.value, found.std, found.share, others)

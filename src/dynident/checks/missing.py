@@ -1,0 +1,134 @@
+"""Effects that a model lacks: friction of other kinds, springs, rotors, coupled motors; tested joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Finding, Topic
+from dynident.checks.misfit import Case, Evidence, Misfit
+from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.suspect import CERTAIN
+from dynident.errors import Severity, brief
+from dynident.models import INERTIAL
+
+__all__ = ["Missing", "missing", "with_missing"]
+
+Array = NDArray[np.float64]
+STEP = 1e-4  # s, of the differences in time
+SLOW = 0.05  # of the rms speed: width of the sign of a velocity
+STRIBECK = 0.2  # of the rms speed: where friction has fallen
+WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
+LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
+GRAVE = 0.4  # ... and to be warned of
+POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
+
+
+@dataclass(frozen=True, eq=False)
+class Missing:
+    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, by its column."""
+
+    kind: TermKind
+    j: int
+    partner: int | None
+    column: Array
+    evidence: Evidence
+
+    __repr__ = brief
+
+    @property
+    def share(self) -> float:
+        """Share of the joint's own squared residual."""
+        return float(self.evidence.by_joint[self.j])
+
+    def finding(self, names: tuple[str, ...]) -> Finding:
+        """Return the finding."""
+        partner = "" if self.partner is None else names[self.partner]
+        note = MissingTerm(self.kind, self.evidence.value, self.evidence.std, self.share, partner)
+        severity = Severity.WARNING if self.share > GRAVE else Severity.INFO
+        return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
+
+
+def missing(fit: Misfit) -> list[Missing]:
+    """Return the effects that explain much of a joint's residual, the most explaining first."""
+    found = []
+    for kind, j, partner, column in _columns(fit):
+        evidence = fit.evidence(column)
+        if evidence is not None and abs(evidence.value) > CERTAIN * evidence.std:
+            one = Missing(kind, j, partner, column, evidence)
+            sensible = kind not in POSITIVE or evidence.value > 0
+            lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
+            felt = max(one.share, 0.0) ** 0.5 * fit.error[j] > LEAST
+            mutual = partner is None or evidence.by_joint[partner] > WORTH
+            if one.share > WORTH and felt and sensible and lasting and mutual:
+                found.append(one)
+    return sorted(found, key=lambda one: -one.evidence.share)
+
+
+def with_missing(case: Case, found: Missing) -> Case:
+    """Return the case with the effect among its columns."""
+    return replace(case, extra=(*case.extra, found.column))
+
+
+def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
+    """Yield every kind of effect with its joint, the other joint of a coupled motor, and its column (M, n)."""
+    case = fit.case
+    (load, friction), n = _parts(fit), case.q.shape[1]
+    age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
+    rate = _rate(fit)
+    friction_jumps = _has_coulomb(case)
+    speed = np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12)
+    sign = np.tanh(case.dq / (SLOW * speed))
+    shapes: dict[TermKind, Callable[[int], Array]] = {
+        TermKind.VISCOUS: lambda j: case.dq[:, j],
+        TermKind.COULOMB: lambda j: sign[:, j],
+        TermKind.OFFSET: lambda _: np.ones(len(case.q)),
+        TermKind.ROTOR: lambda j: case.ddq[:, j],
+        TermKind.SPRING: lambda j: case.q[:, j],
+        TermKind.ASYMMETRIC: lambda j: np.abs(case.dq[:, j]),
+        TermKind.QUADRATIC: lambda j: np.abs(case.dq[:, j]) * case.dq[:, j],
+        TermKind.STRIBECK: lambda j: sign[:, j] * np.exp(-np.abs(case.dq[:, j]) / (STRIBECK * speed[j])),
+        TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
+        TermKind.DRIFT: lambda j: age * friction[:, j],
+        TermKind.DELAY: lambda j: -rate[:, j],
+    }
+    for kind, shape in shapes.items():
+        for j in range(n):
+            column = np.zeros_like(case.q)
+            column[:, j] = shape(j)
+            known = kind is TermKind.COULOMB and friction_jumps[j]
+            yield TermKind.SMOOTH if known else kind, j, None, column
+    for i in range(n):
+        for j in range(i + 1, n):
+            column = np.zeros_like(case.q)
+            column[:, i], column[:, j] = case.ddq[:, j], case.ddq[:, i]
+            yield TermKind.COUPLED, j, i, column
+
+
+def _parts(fit: Misfit) -> tuple[Array, Array]:
+    """Return the torques (M, n) of the rigid bodies and of friction; without bodies, of all but friction."""
+    parameters, case = fit.case.model.parameters, fit.case
+    rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
+    rubs = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
+    rigid = rigid if rigid.any() else ~rubs
+    load, friction = (case.torque(np.where(part, fit.theta, 0.0)) for part in (rigid, rubs))
+    return load, friction
+
+
+def _has_coulomb(case: Case) -> NDArray[np.bool_]:
+    """Return which joints (n) have Coulomb friction in the model."""
+    coulomb = np.array([parameter.role == "coulomb" for parameter in case.model.parameters])
+    return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
+
+
+def _rate(fit: Misfit) -> Array:
+    """Return the rate of change (M, n) of the fitted torque, in N m/s or N/s."""
+    case = fit.case
+    ahead, behind = (
+        replace(case, q=case.q + h * case.dq, dq=case.dq + h * case.ddq, ddq=case.ddq + h * case.dddq)
+        for h in (STEP, -STEP)
+    )
+    return np.asarray((ahead.torque(fit.theta) - behind.torque(fit.theta)) / (2 * STEP))

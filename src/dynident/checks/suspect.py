@@ -1,0 +1,88 @@
+"""Suspects: single unknowns that a model takes for known, tested one by one and then found by Gauss-Newton steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import Case, Evidence, Misfit, misfit
+from dynident.errors import Note, brief
+
+__all__ = ["Found", "Others", "Suspect", "convincing", "promising", "refined"]
+
+Array = NDArray[np.float64]
+Others = tuple[tuple[str | None, Note], ...]
+
+CERTAIN = 6.0  # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
+STEPS = 8
+SETTLED = 0.1  # of a standard error: a smaller step ends the search
+
+
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """An unknown of a ``joint``: the derivative of the torque by it, at zero, in a fit; the case with it set right;
+    and the note on its value, standard error, share and the others that explain as much.
+
+    ``limit`` is the largest plausible value; of suspects that explain about the same that of the lowest ``order`` is
+    named.
+    """
+
+    joint: str | None
+    topic: Topic
+    derivative: Callable[[Misfit], Array]
+    corrected: Callable[[Case, float], Case]
+    note: Callable[[float, float, float, Others], Note]
+    limit: float
+    order: int
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A suspect with its ``value`` and ``std``, the ``share`` that it explains, and the case with it set right."""
+
+    suspect: Suspect
+    value: float
+    std: float
+    share: float
+    case: Case
+
+    __repr__ = brief
+
+
+def convincing(evidence: Evidence, worth: float) -> bool:
+    """Tell whether an unknown explains enough, in the whole data and in each part, to be no chance."""
+    clear = min(evidence.share, evidence.held_out) > worth and evidence.agreed
+    return clear and abs(evidence.value) > CERTAIN * evidence.std
+
+
+def promising(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, Evidence]]:
+    """Yield the suspects whose one step is convincing, with what it explains."""
+    for one in suspects:
+        evidence = fit.evidence(one.derivative(fit))
+        if evidence is not None and convincing(evidence, fit.worth / 2):
+            yield one, evidence
+
+
+def refined(fit: Misfit, suspect: Suspect) -> Found | None:
+    """Return the value of a suspect by Gauss-Newton steps; None where it is not plausible, or explains too little."""
+    case, value, std = fit.case, 0.0, np.inf
+    weight = fit.weight.max(axis=0)
+    for _ in range(STEPS):
+        now = misfit(case, weight)
+        evidence = now.evidence(suspect.derivative(now))
+        if evidence is None:
+            return None
+        step = float(np.clip(evidence.value, -suspect.limit / 2, suspect.limit / 2))
+        case, value, std = suspect.corrected(case, step), value + step, evidence.std
+        if abs(value) > suspect.limit:
+            return None
+        if abs(step) < SETTLED * std:
+            break
+    share = 1.0 - misfit(case, weight).size / fit.size
+    return Found(suspect, value, std, share, case) if share > fit.worth and abs(value) > CERTAIN * std else None

@@ -1,0 +1,53 @@
+"""How far an estimate is from what its training data alone would have: what physics or a prior holds back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.identification.result import Identification
+from dynident.log import subsample
+
+__all__ = ["Held", "held_back"]
+
+Array = NDArray[np.float64]
+
+SAMPLES = 2000  # of all training motions
+FASTER = 2.0  # times the speed of the training, at which fits are compared
+RANK = 1e-5  # share of the largest singular value below which the data say nothing
+
+
+@dataclass(frozen=True)
+class Held:
+    """By how many % the training residual exceeds that of least squares, and by how many % of the torque the two differ
+    on the training motion at twice its speed."""
+
+    growth: float
+    apart: float
+
+
+def held_back(found: Identification) -> Held:
+    """Compare an estimate with least squares, each joint by its residual, from samples of the training motions."""
+    motions = [log.motion for log in found.validations if log.role == "train"]
+    pairs = list(zip(motions, subsample(motions, SAMPLES), strict=True))
+    q, dq, ddq, tau = (
+        np.concatenate([getattr(one, name)[rows] for one, rows in pairs]) for name in ("q", "dq", "ddq", "tau")
+    )
+    value, model = found.estimate.value, found.model
+    Y = model.regressor(q, dq, ddq)
+    left = tau - Y @ value
+    noise = np.sqrt(np.mean(left**2, axis=0))
+    noise[noise == 0] = 1.0
+    X, y = (Y / noise[:, None]).reshape(-1, len(value)), (left / noise).ravel()
+    size = np.linalg.norm(X, axis=0)
+    size[size == 0] = 1.0
+    change = np.linalg.lstsq(X / size, y, rcond=RANK)[0] / size
+    rest = float(np.linalg.norm(y - X @ change))
+    faster = model.regressor(q, FASTER * dq, FASTER**2 * ddq)
+    torque = float(np.linalg.norm(faster @ value))
+    return Held(
+        100.0 * (float(np.linalg.norm(y)) / rest - 1.0) if rest else 0.0,
+        100.0 * float(np.linalg.norm(faster @ change)) / torque if torque else 0.0,
+    )

@@ -1,0 +1,181 @@
+"""Text for the findings on a log beyond its stamps; one small function per note of ``checks/log_notes.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynident.checks import log_notes as notes
+from dynident.identification.outliers import HeldOutOutliers
+from dynident.report.wording import words
+
+__all__: list[str] = []
+
+CABLE = "Look for a loose cable, a lost message, or a full buffer where it was recorded."
+
+
+def _at(rows: Sequence[int], times: Sequence[float], count: int) -> str:
+    """Return where samples are, numbered from zero."""
+    named = ", ".join(f"{row} (t = {t:.6g} s)" for row, t in zip(rows, times, strict=True))
+    return f"sample {named}" if count == 1 else f"samples {named}{', ...' if count > len(rows) else ''}"
+
+
+def _what(masked: bool, held_out: bool) -> str:
+    if held_out:
+        return (
+            "The error on this log counts them as measured; correct them in the file, or leave them out with a window."
+        )
+    return "They are left out of the fit." if masked else "They are in the fit: `outliers: mask` leaves them out."
+
+
+def _replaced(replaced: bool) -> str:
+    if replaced:
+        return "They are replaced by what is around them, and left out of the fit."
+    return "They are used as they are: `outliers: mask` replaces them."
+
+
+@words.register
+def _(note: notes.PositionSpikes) -> str:
+    return (
+        f"{_number(note.count, 'position')} {'stands' if note.count == 1 else 'stand'} out by up to "
+        f"{note.largest:.3g}: {_at(note.rows, note.times, note.count)}. "
+        f"{_replaced(note.replaced)} {CABLE}"
+    )
+
+
+@words.register
+def _(note: notes.ManyPositionSpikes) -> str:
+    return (
+        f"{note.count} positions stand out by up to {note.largest:.3g}, too many to be replaced: "
+        f"{_at(note.rows, note.times, note.count)}. Correct them in the file. {CABLE}"
+    )
+
+
+@words.register
+def _(note: notes.FrozenPosition) -> str:
+    return (
+        f"the position is {note.value:.6g} for {note.count} samples, from sample {note.row} (t = "
+        f"{note.start:.6g} s) to "
+        f"t = {note.stop:.6g} s, and jumps: it was not read there. {_replaced(note.replaced)} {CABLE}"
+    )
+
+
+@words.register
+def _(note: notes.PositionJump) -> str:
+    more = f", and {note.count - 1} more times" if note.count > 1 else ""
+    return (
+        f"the position jumps by {note.size:.4g} after sample {note.row} (t = {note.time:.6g} s){more}: are "
+        "two recordings "
+        "joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."
+    )
+
+
+@words.register
+def _(note: notes.InterpolatedPositions) -> str:
+    return (
+        f"{100 * note.share:.2g} % of the positions lie exactly on the line between their neighbours: they were "
+        "interpolated from fewer samples, which adds no knowledge and spoils accelerations. Log at the rate of the "
+        "encoder, or keep only its own samples."
+    )
+
+
+@words.register
+def _(note: notes.TorqueSpikes) -> str:
+    return (
+        f"{_number(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to "
+        f"{note.largest:.4g}, unlike the motion: "
+        f"{_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out)} {CABLE}"
+    )
+
+
+@words.register
+def _(note: notes.ManyTorqueOutliers) -> str:
+    return (
+        f"{100 * note.share:.2g} % of the torques look like outliers, first sample {note.row} (t = "
+        f"{note.time:.6g} s): too "
+        "many to be left out, so that none is. Is it the right column, or was it recorded badly?"
+    )
+
+
+@words.register
+def _(note: notes.FrozenTorque) -> str:
+    what = "zero" if note.value == 0 else f"{note.value:.6g}"
+    return (
+        f"the torque is {what} for {note.count} samples, from sample {note.row} (t = {note.start:.6g} s) to "
+        f"t = {note.stop:.6g} s, though the motion needs another: it was not read there, or the drive was off. "
+        f"{_what(note.masked, note.held_out)} {CABLE}"
+    )
+
+
+@words.register
+def _(note: notes.ClippedTorque) -> str:
+    return (
+        f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {note.time:.6g} s), "
+        "where the "
+        "motion needs more: the sensor or the signal is at its limit. "
+        f"{_what(note.masked, note.held_out)} Record with a larger range, or a gentler motion."
+    )
+
+
+@words.register
+def _(note: HeldOutOutliers) -> str:
+    return (
+        f"{note.log}: {_number(note.count, 'torque')} of {', '.join(note.joints)} are outliers; with them the "
+        "error on this "
+        f"held-out log is {note.error:.3g} %, without them {note.without:.3g} %"
+    )
+
+
+@words.register
+def _(note: notes.SameData) -> str:
+    late = f", {note.lag:.4g} s later in it" if abs(note.lag) > 1e-6 else ""
+    return (
+        f"holds the same samples as {note.other!r} of the training{late}: nothing is held out, and its error "
+        "says nothing. "
+        "Give another recording for validation."
+    )
+
+
+@words.register
+def _(note: notes.RepeatedMotion) -> str:
+    late = f", {note.lag:.3g} s later in it" if abs(note.lag) > 1e-3 else ""
+    return (
+        f"repeats the motion of {note.other!r}{late}, to {note.error:.2g} %: its error shows repeatability, "
+        "not how the "
+        "model does on another motion. Hold out a different motion. (Repeats at another speed are not looked for.)"
+    )
+
+
+@words.register
+def _(note: notes.PerhapsRadians) -> str:
+    return (
+        f"no joint moves more than {note.span:.2g} rad; as degrees that should have been radians, the positions leave "
+        f"{note.after:.3g} % of the torque unexplained instead of {note.before:.3g} %. Are they in rad? Set "
+        "`unit: rad`."
+    )
+
+
+@words.register
+def _(note: notes.GravityCompensated) -> str:
+    return (
+        f"the torque shows {note.factor:.2f} +- {note.std:.2g} times the gravity of the arm: without gravity "
+        "the plain fit "
+        f"leaves {note.after:.3g} % instead of {note.before:.3g} %. Was it logged after gravity compensation, "
+        "or is the "
+        "arm mounted so that gravity does not act? Log the whole torque, add the compensation to it by `sum`, or set "
+        "`gravity: [0, 0, 0]` for a model without gravity."
+    )
+
+
+@words.register
+def _(note: notes.SlowMotion) -> str:
+    return (
+        f"accelerations explain only {note.share:.2g} % of the torque, less than the {note.residual:.2g} % "
+        "that the fit "
+        "leaves: the motion is too slow to show inertias, and faster motion would not be predicted. Record "
+        "one at least "
+        f"{note.faster:.2g} times as fast."
+    )
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

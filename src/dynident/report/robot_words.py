@@ -1,0 +1,157 @@
+"""Text for what the checks find wrong with the robot or its model, of ``checks/robot_notes.py``."""
+
+from __future__ import annotations
+
+from dynident.checks import robot_notes
+from dynident.checks.robot_notes import Channel, MissingTerm, TermKind
+from dynident.errors import Note
+from dynident.report.wording import words
+
+__all__: list[str] = []
+
+OWN = "The library has no such term; docs/extending.md shows how to write one."
+EFFECTS = {
+    TermKind.VISCOUS: ("viscous friction", "Add `viscous` to `terms` of the model."),
+    TermKind.COULOMB: ("Coulomb friction", "Add `coulomb` to `terms` of the model."),
+    TermKind.SMOOTH: (
+        "Coulomb friction whose sign changes gradually",
+        "Set `coulomb_width` of the model (rad/s), or `min_speed`, which leaves slow samples out.",
+    ),
+    TermKind.OFFSET: ("a constant torque", "Add `offset` to `terms` of the model."),
+    TermKind.ROTOR: ("rotor inertia", "Add `rotor` to `terms` of the model."),
+    TermKind.SPRING: ("a spring, or a cable that pulls back,", OWN),
+    TermKind.ASYMMETRIC: ("friction that differs between the two directions", OWN),
+    TermKind.QUADRATIC: ("friction that is not proportional to the velocity", OWN),
+    TermKind.STRIBECK: ("friction that is different at low speed", OWN),
+    TermKind.LOAD: ("friction that grows with the load", OWN),
+    TermKind.DRIFT: (
+        "friction that changes over the recording",
+        "Let the robot warm up, and record training and validation in the same state.",
+    ),
+    TermKind.DELAY: (
+        "a torque that is stamped late, by these seconds,",
+        "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
+    ),
+    TermKind.COUPLED: ("a motor that turns with both joints", "Add it to `couplings` of the model."),
+}
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} % of the squared training residual"
+
+
+def _others(others: tuple[tuple[str | None, Note], ...]) -> str:
+    """Return what explains as much, as a sentence."""
+    if not others:
+        return ""
+    listed = "; ".join(f"{'' if joint is None else f'joint {joint}: '}{_short(note)}" for joint, note in others)
+    return f" The data cannot tell this from: {listed}."
+
+
+def _short(note: Note) -> str:
+    if isinstance(note, robot_notes.TorqueGain):
+        return f"a torque {note.factor:.3g} times as large"
+    if isinstance(note, robot_notes.ZeroOff):
+        return f"a zero that is off by {note.offset:.3g}"
+    if isinstance(note, robot_notes.LengthWrong):
+        return f"{note.component} of its origin {note.fitted:.4g} m instead of {note.given:.4g}"
+    if isinstance(note, robot_notes.AxisTilted):
+        return f"its {_turned(note)} turned by {note.angle:.3g} rad about {_vector(note.axis)}"
+    return type(note).__name__
+
+
+def _turned(note: robot_notes.AxisTilted) -> str:
+    return "axis" if note.alone else "frame"
+
+
+def _vector(axis: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{x:.3g}" for x in axis) + ")"
+
+
+def _errors(before: float, after: float) -> str:
+    return f"the mean torque error then falls from {before:.3g} to {after:.3g} %"
+
+
+@words.register
+def _(note: robot_notes.JointsSwapped) -> str:
+    one, other = note.joints
+    what = {
+        Channel.POSITION: "position columns",
+        Channel.TORQUE: "torque columns",
+        Channel.BOTH: "columns of position and torque",
+    }
+    return (
+        f"are the {what[note.channel]} of {one} and {other} exchanged? With them the other way round "
+        f"{_errors(note.before, note.after)}. Check the columns in the configuration."
+    )
+
+
+@words.register
+def _(note: robot_notes.ColumnReversed) -> str:
+    verb = "have" if note.channel is Channel.BOTH else "has"
+    return (
+        f"{note.channel.value} {verb} the opposite sign? With it reversed {_errors(note.before, note.after)}. "
+        "Set a negative `gain`, or reverse the axis in the robot file."
+    )
+
+
+@words.register
+def _(note: robot_notes.OtherAxis) -> str:
+    return (
+        f"is the axis right? With {_vector(note.fitted)} instead of {_vector(note.given)}, in the joint's frame, "
+        f"{_errors(note.before, note.after)}. Check the axis in the robot file, and the columns."
+    )
+
+
+@words.register
+def _(note: robot_notes.TorqueGain) -> str:
+    return (
+        f"the torque is {note.factor:.3g} +- {note.std:.2g} times what the coupling with the other joints asks for; "
+        f"setting it right removes {_percent(note.share)}. Check its `gain`: gear ratio, torque constant, unit."
+        f"{_others(note.others)}"
+    )
+
+
+@words.register
+def _(note: robot_notes.ZeroOff) -> str:
+    return (
+        f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {note.std:.2g} (rad or m), which "
+        f"removes {_percent(note.share)}. Set `zero`, or correct the robot file.{_others(note.others)}"
+    )
+
+
+@words.register
+def _(note: robot_notes.LengthWrong) -> str:
+    return (
+        f"its origin has {note.component} = {note.given:.4g} m in the robot file, the torques ask for "
+        f"{note.fitted:.4g} +- {note.std:.2g} m, which removes {_percent(note.share)}. Measure the link, and correct "
+        f"the file.{_others(note.others)}"
+    )
+
+
+@words.register
+def _(note: robot_notes.AxisTilted) -> str:
+    return (
+        f"its {_turned(note)} seems to be turned by {note.angle:.3g} +- {note.std:.2g} rad about {_vector(note.axis)} "
+        f"of the joint's frame, which removes {_percent(note.share)}. Check the rotations in the robot file."
+        f"{_others(note.others)}"
+    )
+
+
+@words.register
+def _(note: MissingTerm) -> str:
+    effect, remedy = EFFECTS[note.kind]
+    partner = f" together with {note.partner}" if note.partner else ""
+    return (
+        f"{effect}{partner} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain {100 * note.share:.0f} % of "
+        f"the joint's squared residual. {remedy}"
+    )
+
+
+@words.register
+def _(note: robot_notes.OtherPayload) -> str:
+    heavier = "heavier" if note.mass > 0 else "lighter"
+    return (
+        f"the last link is {abs(note.mass):.3g} +- {note.std:.2g} kg {heavier} here than in training, which explains "
+        f"{100 * note.share:.0f} % of the squared residual. Was there another payload? Give each payload its own model."
+    )

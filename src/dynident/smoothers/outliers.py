@@ -1,0 +1,116 @@
+"""Outliers of a log: what its positions and torques alone show, and the log without them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import brief, called
+from dynident.log import Log, Motion
+from dynident.smoothers.smoother import Smoother
+from dynident.splines import bridged, frozen, spikes
+
+__all__ = ["FEW", "MANY", "Suspects", "motion_of", "repaired", "suspects"]
+
+Mask = NDArray[np.bool_]
+
+FEW = 0.01  # share of a joint's samples: if more are spikes, they belong to the signal
+SOME = 0.25  # the same of frozen positions
+MANY = 0.5  # the same of frozen and clipped torques, which the others tell to be wrong
+CLIPPED = 10  # least number of values at exactly the largest or smallest
+AT_ONCE, OFTEN = 3, 2  # of which so many follow each other, so often
+MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the bridge
+
+
+@dataclass(frozen=True, eq=False)
+class Suspects:
+    """Where (N, n) positions and torques of a log look wrong: spikes, frozen stretches, values at a limit.
+
+    The torques are only suspects: whether they are wrong, a model must say.
+    """
+
+    position_spikes: Mask
+    position_frozen: Mask
+    torque_spikes: Mask
+    torque_frozen: Mask
+    torque_clipped: Mask
+
+    __repr__ = brief
+
+    @cached_property
+    def positions(self) -> Mask:
+        """The positions (N, n) that are to be replaced: of joints in which they are few enough to be outliers."""
+        found: Mask = np.logical_or(few(self.position_spikes, FEW), few(self.position_frozen, SOME))
+        return found
+
+    @cached_property
+    def torques(self) -> Mask:
+        """All suspect torques (N, n)."""
+        return self.torque_spikes | self.torque_frozen | self.torque_clipped
+
+
+_SEEN: WeakKeyDictionary[Log, Suspects] = WeakKeyDictionary()
+
+
+def few(found: Mask, most: float) -> Mask:
+    """Return what was found (N, n) in the joints in which its share is at most ``most``."""
+    return np.asarray(found & (found.mean(axis=0) <= most))
+
+
+def suspects(log: Log) -> Suspects:
+    """Return where the positions and torques of a log look wrong; looked for once."""
+    if log not in _SEEN:
+        _SEEN[log] = _suspects(log)
+    return _SEEN[log]
+
+
+def _suspects(log: Log) -> Suspects:
+    clipped = _clipped(log.tau)
+    held = frozen(log.t, log.tau) & ~clipped
+    return Suspects(spikes(log.t, log.q), frozen(log.t, log.q), spikes(log.t, log.tau) & ~clipped, held, clipped)
+
+
+def _clipped(tau: NDArray[np.float64]) -> Mask:
+    """Return which torques (N, n) are exactly the largest or the smallest, other than zero, again and again."""
+    found = np.zeros(tau.shape, dtype=bool)
+    for j, column in enumerate(tau.T):
+        for extreme in {float(column.min()), float(column.max())} - {0.0}:
+            at = column == extreme
+            lengths = np.diff(np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0])))))[::2]
+            if at.sum() >= CLIPPED and not at.all() and (lengths >= AT_ONCE).sum() >= OFTEN:
+                found[:, j] |= at
+    return found
+
+
+def repaired(log: Log, *, torque: bool) -> Log:
+    """Return the log with outliers among the positions replaced by what is around them, and not kept for the fit.
+
+    With ``torque``, suspect torques are not kept either, until a model says that they are right.
+    """
+    seen = suspects(log)
+    wrong = seen.positions
+    q = log.q
+    if wrong.any():
+        columns = (bridged(log.t, x, gone) for x, gone in zip(log.q.T, wrong.T, strict=True))
+        q = np.stack(list(columns), axis=1)
+    stuck: Mask = np.asarray(seen.position_frozen & wrong)
+    lost = np.asarray(_widened(stuck) | wrong).any(axis=1, keepdims=True)
+    out = lost | (seen.torques & torque)
+    keep = ~out if log.keep is None else ~out & log.keep
+    return replace(log, q=q, keep=keep) if out.any() else log
+
+
+def _widened(found: Mask) -> Mask:
+    from scipy.ndimage import binary_dilation
+
+    return np.asarray(binary_dilation(found, np.ones((2 * MARGIN + 1, 1)))) if found.any() else found
+
+
+def motion_of(smoother: Smoother, log: Log) -> Motion:
+    """Return the motion of a log, of which the fit keeps what the log keeps. Raises the errors of the smoother."""
+    motion = called(smoother, log, Motion)
+    return motion if log.keep is None else replace(motion, keep=log.keep)

@@ -1,0 +1,224 @@
+"""Spikes and frozen stretches of a sampled signal: samples that nothing on one side, or on either, leads up to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.splines.noise import median_sigma
+
+__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes"]
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+WIDEST = 5  # samples of the longest spike
+LONG = 10  # samples of the shortest frozen stretch
+SIDE = 8  # samples on each side that say where the signal should be
+LIKELY = 3.5  # deviations of the second difference from which a sample is looked at
+CLEAR = 7.0  # deviations from what both sides together predict: of a normal distribution, one in 4e11
+EDGE = 4.0  # the same from what one side alone predicts, which is less certain
+BLOCK = 50  # samples over which the noise is taken as constant
+PROBES = 2000  # samples that show the usual deviation
+NEARBY = 0.65  # noise over that of the second difference, sqrt(2/3), less as the largest of three blocks is taken
+ROUNDS = 3  # a large spike hides a small one nearby
+REPEATS = 0.001  # share of equal neighbours from which on values are rounded, or read less often than logged
+STEEP = 2 / 3  # share of the height of a spike by which it starts and ends at once
+HIGH = 2.0  # steps of such values that a spike is high
+FINE = 20  # percentile of the steps of such values that is about an increment
+EVEN = 1e-6  # of the step: stamps that vary less are even
+
+
+def spikes(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
+    """Return which values of x (N,) or (N, n), at increasing times t (N), belong to a spike of at most 5 samples.
+
+    A spike stands out from a cubic polynomial through 8 samples on each side by ``clear`` times the usual deviation
+    from it, in the log or nearby, whichever is larger, and its first and last sample also stand out, to the same side,
+    from parabolas through one side alone. So neither steps nor kinks count, which one of the sides leads up to. It must
+    do so at the stamps and with equal spacing alike, or the stamps may be at fault. The first and last 8 samples are
+    not looked at.
+    """
+    times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
+    columns = data.reshape(len(times), -1)
+    if len(times) < 4 * SIDE:
+        return np.zeros(data.shape, dtype=bool)
+    return np.stack([_all(times, column, clear) for column in columns.T], axis=1).reshape(data.shape)
+
+
+def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
+    """Return which values of x (N,) or (N, n), at increasing times t (N), belong to a frozen stretch.
+
+    That is one of at least 10 equal values, at one end of which the value jumps: it stands out from a parabola through
+    the samples beyond by ``clear`` times the usual deviation, and by twice the largest step there. What comes to rest
+    does not jump.
+    """
+    times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
+    columns = data.reshape(len(times), -1)
+    found = np.zeros(columns.shape, dtype=bool)
+    for j, column in enumerate(columns.T):
+        equal = np.concatenate(([False], np.diff(column) == 0, [False]))
+        edges = np.flatnonzero(np.diff(equal.astype(np.int8)))
+        runs = [(a, b + 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b + 1 - a >= LONG]
+        if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
+            usual = _usual(times, column)
+            for start, stop in runs:
+                ends = _ends(times, column, start, stop)
+                found[start:stop, j] = any(off > max(clear * usual, HIGH * pace) for off, pace in ends)
+    return found.reshape(data.shape)
+
+
+def _ends(t: Array, x: Array, start: int, stop: int) -> Iterator[tuple[float, float]]:
+    """Yield for each end of a stretch how far its value is from a parabola through the samples beyond, and their
+    largest step."""
+    for known, end in ((np.arange(start - SIDE, start), start), (np.arange(stop, stop + SIDE), stop - 1)):
+        if known[0] >= 0 and known[-1] < len(t):
+            off = _off(t, x, known[None], np.array([[end]]), 2)
+            yield float(np.abs(off[0, 0])), float(np.abs(np.diff(x[known])).max())
+
+
+def bridged(t: Array, x: Array, gone: Mask) -> Array:
+    """Return x (N) with the values that are ``gone`` (N) replaced: by the cubic that the values and slopes on both
+    sides give, at the ends by the nearest value."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    out, edges = np.array(x), np.flatnonzero(np.diff(np.concatenate(([0], gone.astype(np.int8), [0]))))
+    there = ~gone
+    if gone.all() or not gone.any():
+        return out
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        before, after = np.flatnonzero(there[:start])[-SIDE:], stop + np.flatnonzero(there[stop:])[:SIDE]
+        if len(before) < 3 or len(after) < 3:
+            out[start:stop] = np.interp(t[start:stop], t[there], x[there])
+            continue
+        ends = [(t[k[at]], *_line(t[k], x[k], t[k[at]])) for k, at in ((before, -1), (after, 0))]
+        (a, xa, va), (b, xb, vb) = ends
+        out[start:stop] = CubicHermiteSpline([a, b], [xa, xb], [va, vb])(t[start:stop])
+    return out
+
+
+def _line(t: Array, x: Array, at: float) -> tuple[float, float]:
+    """Return value and slope at a time of the parabola through samples."""
+    scale = float(np.ptp(t))
+    slope, value = np.polyfit((t - at) / scale, x, 2 if len(t) > 3 else 1)[-2:]
+    return float(value), float(slope) / scale
+
+
+def _all(t: Array, x: Array, clear: float) -> Mask:
+    """Return the spikes of one series, the small ones after the large ones are bridged."""
+    found, left = np.zeros(len(t), dtype=bool), np.array(x)
+    for _ in range(ROUNDS):
+        new = _once(t, left, clear) & ~found
+        if not new.any():
+            break
+        found |= new
+        left = bridged(t, x, found)
+    return found
+
+
+def _once(t: Array, x: Array, clear: float) -> Mask:
+    """Return the spikes that can be told with the others still there."""
+    found = np.zeros(len(t), dtype=bool)
+    paces, (starts, nearby) = _paces(x), _candidates(t, x)
+    even, steps = np.arange(len(t), dtype=float), np.diff(t)
+    axes = [even] if np.ptp(steps) < EVEN * float(steps.mean()) else [even, t]
+    usual = [_usual(axis, x) for axis in axes]
+    for width in range(1, WIDEST + 1):
+        first = starts[(starts >= SIDE) & (starts + width + SIDE <= len(t))]
+        for axis, deviation in zip(axes, usual, strict=True):
+            first = _standing_out(axis, x, first, width, np.maximum(deviation, nearby[first]), clear, paces)
+        for k in first:
+            if not found[k : k + width].any():  # a narrower one is a better account of it
+                found[k : k + width] = True
+    return found
+
+
+def _standing_out(
+    t: Array, x: Array, first: Rows, width: int, usual: Array, clear: float, paces: tuple[Array, Array]
+) -> Rows:
+    """Return the starts of spikes of that width, of those given, where the deviation (K) is usually that large."""
+    left, right = _aside(t, x, first, width)
+    jump = np.minimum(np.abs(left), np.abs(right))
+    sure = (jump > EDGE * usual) & (left * right > 0)
+    first, left, jump, usual = first[sure], left[sure], jump[sure], usual[sure]
+    off, rough = _inside(t, x, first, width)
+    same = (off * np.sign(left)[:, None] > EDGE * usual[:, None]).all(axis=1)
+    high = np.abs(off).max(axis=1, initial=0.0)
+    pace = np.maximum(paces[0][first - 1], paces[1][first + width])
+    clearly = high > np.maximum(clear * np.maximum(usual, rough), HIGH * pace)
+    return np.asarray(first[same & clearly & (jump > STEEP * high)])
+
+
+def _usual(t: Array, x: Array) -> float:
+    """Return the usual deviation of a sample from a cubic through its neighbours, at least a third of an increment."""
+    probes = np.unique(np.linspace(SIDE, len(t) - SIDE - 1, PROBES).astype(int))
+    usual = float(median_sigma(_inside(t, x, probes, 1)[0][:, 0]))
+    return max(usual, _increment(x) / 3, 1e-12 * float(np.abs(x).max()))
+
+
+def _increment(x: Array) -> float:
+    """Return about the step of the grid on which values lie that repeat, zero where they do not."""
+    steps = np.abs(np.diff(x))
+    return float(np.percentile(steps[steps > 0], FINE)) if steps.any() and np.mean(steps == 0) > REPEATS else 0.0
+
+
+def _paces(x: Array) -> tuple[Array, Array]:
+    """Return the largest step in the 8 samples up to each, and after each, where values repeat, else zero.
+
+    Values that are rounded, or read late, are off by about a step.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    increment = _increment(x)
+    if not increment:
+        return np.zeros(len(x)), np.zeros(len(x))
+    most = np.maximum(maximum_filter1d(np.abs(np.diff(x, prepend=x[0])), SIDE, origin=(SIDE - 1) // 2), increment)
+    return most, np.append(most[SIDE:], most[-SIDE:])
+
+
+def _candidates(t: Array, x: Array) -> tuple[Rows, Array]:
+    """Return where a spike may start: at or after samples that are far from the line through their neighbours; and the
+    standard deviation (N) that white noise nearby has, by this distance."""
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    bend = np.concatenate(([0.0], x[1:-1] - (1 - share) * x[:-2] - share * x[2:], [0.0]))
+    parts = np.array_split(bend, max(len(t) // BLOCK, 1))
+    sizes = [len(part) for part in parts]
+    middle = np.array([np.median(part) for part in parts])
+    spread = np.array([median_sigma(part - np.median(part)) for part in parts])
+    least = np.maximum(spread, 0.1 * np.median(spread))
+    rows = np.flatnonzero(np.abs(bend - np.repeat(middle, sizes)) > LIKELY * np.repeat(least, sizes))
+    around = np.max([np.roll(spread, shift) for shift in (-1, 0, 1)], axis=0)
+    return np.unique(np.concatenate((rows, rows + 1))), np.repeat(NEARBY * around, sizes)
+
+
+def _aside(t: Array, x: Array, first: Rows, width: int) -> tuple[Array, Array]:
+    """Return how far the first and the last sample of a spike are from parabolas through the samples on their side."""
+    reach = np.arange(1, SIDE + 1)
+    left = _off(t, x, first[:, None] - reach, first[:, None], 2)
+    last = first[:, None] + width - 1
+    return left[:, 0], _off(t, x, last + reach, last, 2)[:, 0]
+
+
+def _inside(t: Array, x: Array, first: Rows, width: int) -> tuple[Array, Array]:
+    """Return how far the samples (K, width) of a spike are from a cubic through those on both sides, and these (K)."""
+    reach = np.concatenate((np.arange(-SIDE, 0), np.arange(width, width + SIDE)))
+    known, asked = first[:, None] + reach, first[:, None] + np.arange(width)
+    off = _off(t, x, known, np.concatenate((asked, known), axis=1), 3)
+    return off[:, :width], np.asarray(median_sigma(off[:, width:].T))
+
+
+def _off(t: Array, x: Array, known: Rows, asked: Rows, degree: int) -> Array:
+    """Return by how much the ``asked`` samples (K, a) differ from polynomials through the ``known`` ones (K, m)."""
+    if not len(known):
+        return np.empty((0, asked.shape[1]))
+    even = t[0] == 0.0 and t[-1] == len(t) - 1.0  # one fit for all
+    rows = slice(0, 1) if even else slice(None)
+    middle, scale = t[known[rows]].mean(axis=1, keepdims=True), np.ptp(t[known[rows]], axis=1)[:, None]
+    base = x[known].mean(axis=1, keepdims=True)
+    powers = np.arange(degree + 1)
+    A, at = (((t[k[rows]] - middle) / scale)[..., None] ** powers for k in (known, asked))
+    turned = A.swapaxes(1, 2)
+    weights = at @ np.linalg.solve(turned @ A, turned)
+    return np.asarray(x[asked] - base - (weights @ (x[known] - base)[..., None])[..., 0])

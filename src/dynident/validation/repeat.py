@@ -1,0 +1,96 @@
+"""Whether two recordings are of the same motion, at any lag between them, or hold the same samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.log import Log, Motion
+
+__all__ = ["REPEATED", "Repeat", "repeat_of"]
+
+Array = NDArray[np.float64]
+
+REPEATED = 10.0  # %, difference of positions and torques below which two recordings are of one motion
+MOST = 2**15  # points of the common time axis of each recording
+LEAST = 0.5  # share of the recording that the other must overlap
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """The ``lag`` (s), counted from both starts, at which another recording resembles one most, and there the relative
+    differences (%) of the torques and of the positions about their mean; infinite where the other is too short."""
+
+    lag: float
+    torque: float
+    position: float
+
+    @property
+    def error(self) -> float:
+        """The larger difference (%)."""
+        return max(self.torque, self.position)
+
+
+def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
+    """Return how far the other recording repeats the motion of the one, at the best lag.
+
+    The squared difference at all lags is a cross-correlation and two running sums of squares; the lag is refined to a
+    tenth of a sample. A motion that is repeated faster, slower or backwards is another motion.
+    """
+    lengths = [float(np.ptp(x.t)) for x in (one, other)]
+    step = max(*(float(np.median(np.diff(x.t))) for x in (one, other)), max(lengths) / MOST)
+    a, b = _even(one, step), _even(other, step)
+    if min(len(a), len(b)) < 10 or len(b) < LEAST * len(a):
+        return Repeat(0.0, np.inf, np.inf)
+    n = a.shape[1] // 2
+    middle = np.concatenate((a[:, :n].mean(axis=0), np.zeros(n)))  # the torque's mean is gravity
+    a, b = a - middle, b - middle
+    parts = [_differences(a[:, part], b[:, part]) for part in (slice(0, n), slice(n, 2 * n))]
+    lags = np.arange(-len(a) + 1, len(b))
+    total = np.maximum(*parts)
+    total[_overlap(len(a), len(b)) < LEAST * len(a)] = np.inf
+    best = float(lags[int(np.argmin(total))])
+    found = [_at(one, other, float((best + part) * step)) for part in np.linspace(-1, 1, 21)]
+    return min(found, key=lambda repeat: repeat.error)
+
+
+def _even(one: Log | Motion, step: float) -> Array:
+    """Return positions and torques (N, 2 n) at equal steps (s) from the start, each divided by its joint's size."""
+    t = np.arange(one.t[0], one.t[-1] + step / 2, step)
+    both = np.column_stack((one.q, one.tau))
+    return np.column_stack([np.interp(t, one.t, x) for x in both.T])
+
+
+def _overlap(a: int, b: int) -> Array:
+    """Return the number of common samples at the lags -a + 1 to b - 1."""
+    lags = np.arange(-a + 1, b)
+    return np.asarray(np.minimum(a, b - lags) - np.maximum(0, -lags), dtype=float)
+
+
+def _differences(a: Array, b: Array) -> Array:
+    """Return sum |a(k) - b(k + lag)|^2 over sum |a(k)|^2 at the lags -a + 1 to b - 1, over the common samples."""
+    from scipy.signal import correlate
+
+    crossed = sum(correlate(y, x, mode="full", method="fft") for x, y in zip(a.T, b.T, strict=True))
+    left, right = (np.concatenate(([0.0], np.cumsum(np.square(x).sum(axis=1)))) for x in (a, b))
+    lags = np.arange(-len(a) + 1, len(b))
+    start, stop = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
+    size = left[stop] - left[start]
+    whole = size + right[stop + lags] - right[start + lags] - 2 * crossed
+    return np.where(size > 1e-12 * left[-1], np.maximum(whole, 0.0) / np.maximum(size, 1e-300), np.inf)
+
+
+def _at(one: Log | Motion, other: Log | Motion, lag: float) -> Repeat:
+    """Return the differences at a lag (s), at the stamps of the one."""
+    t, u = one.t - one.t[0] + lag, other.t - other.t[0]
+    use = (t >= 0) & (t <= u[-1])
+    if use.sum() < LEAST * len(one):
+        return Repeat(lag, np.inf, np.inf)
+    errors = []
+    for mine, its, about in ((one.tau, other.tau, 0.0), (one.q, other.q, one.q.mean(axis=0))):
+        twin = np.column_stack([np.interp(t[use], u, x) for x in its.T])
+        size = float(np.linalg.norm(mine[use] - about))
+        errors.append(100.0 * float(np.linalg.norm(mine[use] - twin)) / size if size > 0 else np.inf)
+    return Repeat(lag, *errors)

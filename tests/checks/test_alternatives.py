@@ -1,0 +1,70 @@
+"""Large faults are found by trying, and a right log has none."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks import notes
+from dynident.checks.alternatives import better_alternative
+from dynident.checks.finding import Topic
+from dynident.checks.robot_notes import Channel, ColumnReversed, JointsSwapped, OtherAxis
+from dynident.models import Model, RigidBodies
+from tests.checks.moving_arm import arm, case, motion, text, truth
+
+MOVED = motion()
+ORDER = [0, 2, 1]
+
+
+def found(moved=MOVED, model: Model | None = None):
+    return list(better_alternative(case(moved, model, samples=400)))
+
+
+def changed(channel: Channel, change):
+    names = {Channel.TORQUE: ("tau",), Channel.POSITION: ("q", "dq", "ddq"), Channel.BOTH: ("tau", "q", "dq", "ddq")}
+    return replace(MOVED, **{name: change(getattr(MOVED, name)) for name in names[channel]})
+
+
+def test_a_right_log_has_none() -> None:
+    assert found() == []
+
+
+@pytest.mark.parametrize("channel", Channel)
+def test_columns_of_two_joints_that_are_exchanged(channel: Channel) -> None:
+    (one,) = found(changed(channel, lambda x: x[:, ORDER]))
+    assert one.topic is Topic.SWAPPED
+    assert isinstance(one.message, JointsSwapped)
+    assert (one.message.joints, one.message.channel) == (("j2", "j3"), channel)
+    assert one.message.after < 0.5 * one.message.before
+
+
+@pytest.mark.parametrize("channel", [Channel.POSITION, Channel.BOTH])
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_column_that_is_reversed(channel: Channel, joint: int) -> None:
+    sign = np.where(np.arange(3) == joint, -1.0, 1.0)
+    (one,) = found(changed(channel, lambda x: sign * x))
+    assert (one.topic, one.joint) == (Topic.SIGN, f"j{joint + 1}")
+    assert isinstance(one.message, ColumnReversed)
+    assert one.message.channel is channel
+
+
+def test_an_axis_that_is_another() -> None:
+    (one,) = found(model=arm(text(axis=(1, 0, 0))))
+    assert (one.topic, one.joint) == (Topic.AXIS, "j3")
+    assert isinstance(one.message, OtherAxis)
+    assert one.message.given == (1, 0, 0)
+    assert np.abs(one.message.fitted).tolist() == [0, 1, 0]
+
+
+def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
+    gravity = (9.81, 0.0, 0.0)
+    bodies = RigidBodies(text(), gravity=gravity)
+    hung = Model((bodies, *arm().terms[1:]))
+    light = arm(re.sub(r'mass value="[^"]*"', 'mass value="0.001"', text()))
+    (one,) = found(motion(model=hung, theta=truth(hung)), light)
+    assert one.topic is Topic.GRAVITY
+    assert isinstance(one.message, notes.OtherGravity)
+    np.testing.assert_allclose(one.message.fitted, np.round(gravity, 1))

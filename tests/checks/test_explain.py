@@ -1,0 +1,59 @@
+"""The causes of a residual, one after the other; and none on right arms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.explain import explained, robot_findings
+from dynident.checks.finding import Topic
+from dynident.errors import Severity
+from dynident.estimators import LeastSquares
+from dynident.identification import BaseTilt, find_base_tilt, mounted
+from tests.checks.moving_arm import arm, case, motion, text, truth
+
+MODEL = arm()
+
+
+def topics(found) -> list[tuple[str, str | None]]:
+    return [(one.topic, one.joint) for one in found]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_right_arm_is_not_asked_about(seed: int) -> None:
+    assert list(robot_findings(MODEL, [motion(seed)], {"other": motion(seed + 100)})) == []
+
+
+def test_two_causes_are_both_found() -> None:
+    moved = motion()
+    tau = moved.tau * np.array([1.0, 1.0, 1.5])
+    tau[:, 0] += 4.0 * moved.q[:, 0]
+    found = topics(explained(case(replace(moved, tau=tau))))
+    assert sorted(found) == [(Topic.GAIN, "j3"), (Topic.MISSING_TERM, "j1")]
+
+
+def test_what_the_data_cannot_tell_apart_is_named_with_it() -> None:
+    moved = motion()
+    found = next(iter(explained(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
+    assert found.topic is Topic.ZERO  # the simplest of them
+    assert {joint for joint, _ in found.message.others} <= {"j2", "j3"}
+
+
+def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> None:
+    tilted = mounted(MODEL, 0.05, -0.04)
+    moved = motion(model=tilted)
+    tilt = find_base_tilt(MODEL, [moved], LeastSquares())
+    (found,) = explained(case(moved), tilt)
+    assert (found.severity, found.topic) == (Severity.INFO, Topic.BASE_TILT)
+    assert isinstance(found.message, BaseTilt)
+
+
+def test_a_large_fault_is_named_alone() -> None:
+    moved = motion()
+    swapped = replace(moved, tau=moved.tau[:, [0, 2, 1]])
+    theta = truth(MODEL)
+    theta[20] += 1.0
+    found = robot_findings(arm(text(0.44)), [swapped], {"loaded": motion(1, theta=theta)})
+    assert topics(found) == [(Topic.SWAPPED, None)]

@@ -1,0 +1,68 @@
+"""Compensated gravity, motion that is too slow, and logs that repeat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.checks import log_notes
+from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
+from dynident.log import Log, Motion
+from dynident.models import Model, RigidBodies
+from tests.robots import ARM
+
+MODEL = Model((RigidBodies(ARM),))
+T = np.arange(1500) * 0.01
+
+
+def motion(seed: int, *, speed: float = 1.0, gravity: bool = True, noise: float = 0.05) -> Motion:
+    """Sums of sines on every joint, with the exact torque of the file's inertias and noise."""
+    rng = np.random.default_rng(seed)
+    n, theta = len(MODEL.joints), np.array([one.value for one in MODEL.parameters], dtype=float)
+    size, rate, phase = rng.uniform(0.1, 0.4, (3, n)), rng.uniform(1, 6, (3, n)) * speed, rng.uniform(0, 6, (3, n))
+    angle = rate * T[:, None, None] + phase
+    q, dq, ddq = (size * np.sin(angle)).sum(1), (size * rate * np.cos(angle)).sum(1), None
+    ddq = -(size * rate**2 * np.sin(angle)).sum(1)
+    tau = MODEL.torque(q, dq, ddq, theta)
+    if not gravity:
+        tau = tau - MODEL.torque(q, 0 * q, 0 * q, theta)
+    tau = tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    joints = tuple(one.name for one in MODEL.joints)
+    return Motion(T, q, dq, ddq, tau, joints, np.ones(len(T), dtype=bool))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_whole_torques_of_fast_motion_have_no_findings(seed: int) -> None:
+    one = [motion(seed)]
+    assert list(compensation_findings(MODEL, one, None)) == []
+    assert list(slow_findings(MODEL, one)) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
+    (found,) = compensation_findings(MODEL, [motion(seed, gravity=False)], None)
+    note = found.message
+    assert isinstance(note, log_notes.GravityCompensated)
+    assert abs(note.factor) < max(5 * note.std, 0.02)
+    assert note.after < 0.8 * note.before
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_slow_motion_is_said(seed: int) -> None:
+    (found,) = slow_findings(MODEL, [motion(seed, speed=0.02)])
+    assert isinstance(found.message, log_notes.SlowMotion)
+    assert found.message.share < found.message.residual / 3
+    assert found.message.faster > 3
+
+
+def test_repeats_are_said_with_their_lag() -> None:
+    one, other = motion(1), motion(2)
+    train = Log(one.t, one.q, one.tau, one.joints)
+    late = Log(one.t[40:], one.q[40:], one.tau[40:] * 1.01, one.joints)
+    new = Log(other.t, other.q, other.tau, other.joints)
+    held = {"again": train, "late": late, "new": new}
+    found = {one.source: one.message for one in repeat_findings({"train": {"a": train}, "validation": held})}
+    assert found.keys() == {"again", "late"}
+    assert found["again"] == log_notes.SameData("a", 0.0)
+    assert isinstance(found["late"], log_notes.RepeatedMotion)
+    assert found["late"].lag == pytest.approx(0.4, abs=1e-3)

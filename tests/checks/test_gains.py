@@ -1,0 +1,32 @@
+"""A torque that is too large at one joint, as the other joints show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.explain import explained
+from dynident.checks.finding import Topic
+from dynident.checks.gains import gain_suspects
+from dynident.checks.robot_notes import TorqueGain
+from dynident.models.gallery import slider
+from tests.checks.moving_arm import case, motion
+
+
+@pytest.mark.parametrize(("joint", "gain"), [(1, 2.0), (1, 1.1), (2, 0.5), (2, 1.2)])
+def test_a_gain_is_found_with_its_joint(joint: int, gain: float) -> None:
+    moved, factor = motion(), np.ones(3)
+    factor[joint] = gain
+    (found,) = explained(case(replace(moved, tau=factor * moved.tau)))
+    assert (found.topic, found.joint) == (Topic.GAIN, f"j{joint + 1}")
+    assert isinstance(found.message, TorqueGain)
+    assert found.message.factor == pytest.approx(gain, abs=4 * found.message.std)
+    assert found.message.std < 0.05 * gain
+
+
+def test_a_gain_of_all_joints_cannot_be_seen() -> None:
+    moved = motion()
+    assert list(explained(case(replace(moved, tau=1.1 * moved.tau)))) == []
+    assert gain_suspects(slider()) == []

@@ -1,0 +1,77 @@
+"""Effects that the torque has and the model lacks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.explain import explained
+from dynident.checks.finding import Topic
+from dynident.checks.misfit import misfit
+from dynident.checks.missing import missing, with_missing
+from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.errors import Severity
+from tests.checks.moving_arm import arm, case, motion
+
+MOVED = motion()
+
+
+def with_effect(effect: np.ndarray, joint: int = 0):
+    tau = MOVED.tau.copy()
+    tau[:, joint] += effect
+    return case(replace(MOVED, tau=tau))
+
+
+EFFECTS = {
+    TermKind.SPRING: (4.0, lambda q, dq, ddq: 4.0 * q[:, 0]),
+    TermKind.ASYMMETRIC: (1.0, lambda q, dq, ddq: np.abs(dq[:, 0])),
+    TermKind.QUADRATIC: (0.8, lambda q, dq, ddq: 0.8 * dq[:, 0] * np.abs(dq[:, 0])),
+    TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
+    TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
+}
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
+    size, effect = EFFECTS[kind]
+    found = next(iter(explained(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
+    assert (found.topic, found.joint) == (Topic.MISSING_TERM, "j1")
+    assert isinstance(found.message, MissingTerm)
+    assert found.message.kind is kind
+    assert found.message.value == pytest.approx(size, rel=0.25)
+    assert found.severity is (Severity.WARNING if found.message.share > 0.4 else Severity.INFO)
+
+
+@pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR])
+def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
+    found = [one.message for one in explained(case(MOVED, arm(without=kind.value)))]
+    assert found
+    assert {note.kind for note in found} == {kind}
+
+
+def test_a_coupled_motor_is_named_with_both_joints() -> None:
+    tau = MOVED.tau.copy()
+    tau[:, 0] += 0.2 * MOVED.ddq[:, 2]
+    tau[:, 2] += 0.2 * MOVED.ddq[:, 0]
+    found = next(iter(explained(case(replace(MOVED, tau=tau)))))
+    assert found.joint == "j3"
+    assert found.message.kind is TermKind.COUPLED
+    assert found.message.partner == "j1"
+    assert found.message.value == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_late_torque_is_named_with_its_delay() -> None:
+    tau = MOVED.tau.copy()
+    tau[:, 1] = np.interp(MOVED.t - 0.05, MOVED.t, tau[:, 1])
+    found = next(iter(explained(case(replace(MOVED, tau=tau)))))
+    assert (found.joint, found.message.kind) == ("j2", TermKind.DELAY)
+    assert found.message.value == pytest.approx(0.05, rel=0.25)
+
+
+def test_a_complete_model_lacks_nothing_and_an_effect_is_missed_once() -> None:
+    assert missing(misfit(case(MOVED))) == []
+    stiff = with_effect(4.0 * MOVED.q[:, 0])
+    first = missing(misfit(stiff))[0]
+    assert missing(misfit(with_missing(stiff, first))) == []

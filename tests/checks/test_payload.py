@@ -1,0 +1,46 @@
+"""Another payload in a held-out log than in training."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.checks.payload import payload_findings
+from dynident.checks.robot_notes import OtherPayload
+from dynident.models.gallery import slider
+from tests.checks.moving_arm import arm, motion, truth
+
+MODEL = arm()
+
+
+def loaded(seed: int, mass: float):
+    theta = truth(MODEL)
+    theta[20] += mass
+    theta[21] += 0.2 * mass
+    theta[[26, 29]] += 0.04 * mass
+    return motion(seed, theta=theta)
+
+
+@pytest.mark.parametrize("mass", [1.0, -0.5])
+def test_another_payload_is_found_with_its_mass(mass: float) -> None:
+    logs = {"same": motion(2), "other": loaded(3, mass)}
+    (found,) = payload_findings(MODEL, [motion(1)], logs)
+    assert found.source == "other"
+    assert isinstance(found.message, OtherPayload)
+    assert found.message.mass == pytest.approx(mass, abs=5 * found.message.std)
+    assert found.message.std < 0.1
+
+
+def test_a_payload_in_training_is_missing_in_the_other_log() -> None:
+    (found,) = payload_findings(MODEL, [loaded(1, 1.0)], {"bare": motion(2)})
+    assert found.message.mass == pytest.approx(-1.0, abs=5 * found.message.std)
+
+
+def test_a_model_without_bodies_carries_nothing() -> None:
+    assert list(payload_findings(slider(), [], {"any": motion()})) == []
+
+
+def test_rougher_friction_is_no_payload() -> None:
+    theta = truth(MODEL)
+    theta[33:39] *= 1.3
+    assert list(payload_findings(MODEL, [motion(1)], {"cold": motion(2, theta=np.array(theta))})) == []

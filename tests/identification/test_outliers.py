@@ -1,0 +1,90 @@
+"""Wrong torques are left out of the fit, true ones are not, and held-out ones are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood
+from dynident.identification import Identification, Recipe, identify
+from dynident.identification.outliers import HeldOutOutliers
+from dynident.log import Log
+from dynident.models import simulate
+from dynident.models.gallery import pendulum
+from dynident.models.simulation import record
+from dynident.regression import ParallelFilter
+from dynident.smoothers import Spline
+
+ARM = pendulum()
+T = np.arange(2000) * 0.005
+
+
+def log(seed: int, rate: float = 9.0) -> Log:
+    motion = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
+    return record(motion, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
+
+
+TRAIN, HELD = log(1), log(2, 8.0)
+
+
+def put(one: Log, rows: list[int] | slice, value: float) -> Log:
+    tau = one.tau.copy()
+    tau[rows] = value
+    return replace(one, tau=tau)
+
+
+def fitted(one: Log, held: Log = HELD, **changes) -> Identification:
+    return identify(ARM, {"a": one}, {"b": held}, replace(Recipe(Spline(sigma=1e-4)), **changes))
+
+
+WRONG = {
+    "one of 5000 N m": put(TRAIN, [777], 5000.0),
+    "spikes": put(TRAIN, list(range(100, 1900, 120)), -30.0),
+    "frozen": put(TRAIN, slice(800, 1100), 0.7),
+    "zeroed": put(TRAIN, slice(800, 1100), 0.0),
+    "clipped": replace(TRAIN, tau=np.clip(TRAIN.tau, -0.8, 0.8)),
+}
+
+
+@pytest.mark.parametrize("one", WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize("changes", [{}, {"filter": ParallelFilter(4)}, {"time_offset": "estimate"}], ids=str)
+def test_the_fit_is_that_without_them(one: Log, changes: dict) -> None:
+    """Within 5 standard errors of the fit to the clean log."""
+    clean, found = fitted(TRAIN, **changes), fitted(one, **changes)
+    assert np.all(
+        np.abs(found.estimate.value - clean.estimate.value) < 5 * np.maximum(clean.errors.best, found.errors.best)
+    )
+
+
+@pytest.mark.parametrize("estimator", [LeastSquares(), MaximumLikelihood()], ids=["least squares", "likelihood"])
+def test_every_estimator_leaves_them_out(estimator: Estimator) -> None:
+    clean, found = (fitted(one, estimator=estimator) for one in (TRAIN, WRONG["one of 5000 N m"]))
+    assert found.estimate.value == pytest.approx(clean.estimate.value, rel=1e-3)
+
+
+def test_they_can_be_kept() -> None:
+    clean, kept = fitted(TRAIN), fitted(WRONG["one of 5000 N m"], outliers="keep")
+    assert np.any(np.abs(kept.estimate.value - clean.estimate.value) > 50 * clean.errors.best)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_clean_log_loses_nothing(seed: int) -> None:
+    (one, _) = fitted(log(seed)).validations
+    assert one.motion.keep is None
+
+
+def test_an_arm_let_go_is_no_outlier() -> None:
+    motion = simulate(ARM, ARM.values, lambda t: [0.8 * (t < 4.0)], T)
+    swing = record(motion, sigma_q=1e-4, sigma_tau=0.0, rng=np.random.default_rng(3)).log
+    (one, _) = fitted(swing).validations
+    assert one.motion.keep is None or one.motion.keep.all()
+
+
+def test_a_held_out_log_is_judged_as_measured_and_its_outliers_told() -> None:
+    found = fitted(TRAIN, put(HELD, [500, 900], 40.0))
+    (note,) = (one for one in found.warnings if isinstance(one, HeldOutOutliers))
+    assert (note.log, note.joints, note.count) == ("b", ("pivot",), 2)
+    assert note.error == found.validations[1].errors.relative_error > 80
+    assert note.without == pytest.approx(fitted(TRAIN).validations[1].errors.relative_error, rel=0.01)

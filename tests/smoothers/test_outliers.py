@@ -1,0 +1,72 @@
+"""A log without its outliers: positions replaced, and rows that are not kept for the fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.log import Log
+from dynident.smoothers import Spline, motion_of, repaired
+from dynident.smoothers.outliers import suspects
+
+T = np.arange(3000) * 0.002
+
+
+def log(seed: int = 0) -> Log:
+    rng = np.random.default_rng(seed)
+    q = np.column_stack([np.sin(3 * T), np.cos(2 * T)]) + 1e-5 * rng.standard_normal((len(T), 2))
+    tau = np.column_stack([4 * np.sin(3 * T), np.cos(2 * T)]) + 0.02 * rng.standard_normal((len(T), 2))
+    return Log(T, q, tau, ("a", "b"))
+
+
+def changed(name: str, rows: slice | list[int], joint: int, value: float, *, add: bool = False) -> Log:
+    one = log()
+    x = getattr(one, name).copy()
+    x[rows, joint] = x[rows, joint] + value if add else value
+    return Log(T, x if name == "q" else one.q, x if name == "tau" else one.tau, one.joints)
+
+
+def test_a_clean_log_is_left_alone() -> None:
+    one = log()
+    assert repaired(one, torque=True) is one
+
+
+def test_a_spike_of_the_position_is_replaced_and_its_row_not_fitted_for_any_joint() -> None:
+    clean = repaired(changed("q", [900], 1, 0.5, add=True), torque=True)
+    assert clean.keep is not None
+    assert np.argwhere(~clean.keep).tolist() == [[900, 0], [900, 1]]
+    assert np.abs(clean.q - log().q).max() < 1e-4
+    motion = motion_of(Spline(), clean)
+    assert motion.keep is not None
+    assert not motion.keep[900].any()
+    assert motion.mask[900]  # no gap: a filter or a simulation runs on
+
+
+def test_a_frozen_position_is_bridged() -> None:
+    clean = repaired(changed("q", slice(900, 950), 0, 0.1), torque=False)
+    assert np.abs(clean.q - log().q).max() < 0.01
+    assert clean.keep is not None
+    assert not clean.keep[892:958].any()
+    assert clean.keep[:890].all()
+
+
+def test_too_many_spikes_belong_to_the_signal() -> None:
+    rows = list(range(100, 2900, 20))
+    one = changed("q", rows, 0, 0.5, add=True)
+    assert suspects(one).position_spikes[rows, 0].mean() > 0.9
+    assert np.array_equal(repaired(one, torque=False).q, one.q)
+
+
+def test_suspect_torques_are_not_kept_where_asked() -> None:
+    one = changed("tau", [700], 0, 5000.0)
+    clean = repaired(one, torque=True)
+    assert clean.keep is not None
+    assert np.argwhere(~clean.keep).tolist() == [[700, 0]]
+    assert np.array_equal(clean.tau, one.tau)
+    assert repaired(one, torque=False) is one
+
+
+def test_clipped_torques_are_suspects() -> None:
+    one = log()
+    tau = np.clip(one.tau, -3.0, 3.0)
+    seen = suspects(Log(T, one.q, tau, one.joints))
+    assert np.array_equal(seen.torque_clipped, np.abs(tau) == 3.0)

@@ -1,0 +1,43 @@
+"""Recordings of the same motion, at any lag, and of others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dynident.log import Log
+from dynident.validation import repeat_of
+
+T = np.arange(4000) * 0.0025
+
+
+def log(start: float, seed: int, scale: float = 1.0, noise: float = 0.01) -> Log:
+    t = scale * (T + start)
+    rng = np.random.default_rng(seed)
+    x = np.sin(3 * t) + 0.7 * np.sin(4.1 * t + 1) + 0.4 * np.sin(1.7 * t * np.sqrt(2) + 2)
+    q = x + 1e-4 * rng.standard_normal(len(t))
+    return Log(T, q[:, None], (20 + 3 * np.cos(x) + noise * rng.standard_normal(len(t)))[:, None], ("a",))
+
+
+@pytest.mark.parametrize("lag", [-1.3, -0.04, 0.0, 0.04, 0.0013, 2.5])
+def test_a_repeat_is_found_at_its_lag(lag: float) -> None:
+    found = repeat_of(log(lag, 1), log(0.0, 2))
+    assert found.lag == pytest.approx(lag, abs=3e-4)
+    assert found.error < 1
+
+
+def test_the_same_samples_are_told_from_a_repeat() -> None:
+    whole = log(0.0, 1)
+    assert repeat_of(whole.window(4.0), whole).error < 1e-6
+    assert repeat_of(log(0.0, 2), whole).error > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_another_motion_is_none(seed: int) -> None:
+    """A heavy arm, whose torque hardly varies: the positions tell."""
+    other = log(0.0, seed, scale=0.6 + 0.03 * seed if seed < 10 else 1.1 + 0.03 * seed)
+    assert repeat_of(log(0.0, 100), other).error > 30
+
+
+def test_the_other_may_be_too_short() -> None:
+    assert repeat_of(log(0.0, 1), log(0.0, 1).window(stop=2.0)).error == np.inf

@@ -215,6 +215,33 @@ def test_joints_that_help_only_together() -> None:
     assert (missing.together, missing.still) == (True, ())
 
 
+class InUnits(Drag):
+    """A friction in another unit."""
+
+    def __init__(self, joints: tuple[Joint, ...], unit: float) -> None:
+        super().__init__(joints, "viscous")
+        object.__setattr__(self, "unit", unit)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("again", ""),)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.unit * super().regressor(q, dq, ddq)
+
+
+@pytest.mark.parametrize("unit", [np.pi * 1e-10, np.pi, np.pi * 1e10])
+def test_missing_excitation_is_the_same_in_any_unit(unit: float) -> None:
+    """Rounding of a combination with large factors is no missing excitation, and a small effect is one."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Drag(joints, "viscous"), InUnits(joints, unit), Drag(joints, "viscous", 1)))
+    structural = structural_base_parameters(model)
+    assert compare(structural, on_data(model, motion(model)), model) == ()
+    for still, kept in ((0, "viscous_a"), (1, "viscous_b")):
+        (missing,) = compare(structural, on_data(model, motion(model, still=(still,))), model)
+        assert [one.split(" ")[0] for one in missing.groupings] == [kept]
+
+
 class Product(Drag):
     """A torque dq_a dq_b on the first joint."""
 

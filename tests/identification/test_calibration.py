@@ -12,7 +12,7 @@ from dynident.estimators import LeastSquares, PhysicallyConsistent
 from dynident.identification import Pairing, Recipe, find_base_tilt, find_time_offset, identify, mounted, pair
 from dynident.log import Motion
 from dynident.models import Model, RigidBodies, Viscous, record, simulate
-from dynident.models.gallery import two_link_arm
+from dynident.models.gallery import slider, two_link_arm
 from dynident.smoothers import Spline, TimeShifted
 from tests.robots import joint, link, urdf
 
@@ -74,6 +74,59 @@ def test_a_given_time_offset_is_used_as_it_is() -> None:
     assert pair(arm, [log], [Spline()], 0.004, LeastSquares()) == Pairing(TimeShifted(Spline(), 0.004))
 
 
+def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
+    """A slider whose positions are ``late``, without noise, under a torque with white noise."""
+    t = np.arange(n) * 0.0025
+
+    def states(at: np.ndarray) -> tuple[np.ndarray, ...]:
+        angle = np.array([[3.0], [8.0]]) * at + np.array([[0.0], [1.0]])
+        rate = np.array([[3.0], [8.0]])
+        parts = (0.2 * np.sin(angle), 0.2 * rate * np.cos(angle), -0.2 * rate**2 * np.sin(angle))
+        return tuple(part.sum(axis=0)[:, None] for part in parts)
+
+    force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
+    force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
+    return Motion(t, *states(t - late), force, ("slider",), np.ones(n, dtype=bool))
+
+
+def left(motion: Motion) -> float:
+    """The error of least squares in %, by hand."""
+    Y = slider().regressor(motion.q, motion.dq, motion.ddq)[:, 0]
+    rest = motion.tau[:, 0] - Y @ np.linalg.lstsq(Y, motion.tau[:, 0], rcond=None)[0]
+    return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
+
+
+@pytest.mark.parametrize("late", [-0.018, -0.004, -0.0006, 0.0006, 0.0018, 0.02])
+def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
+    motion = sliding(late, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares())
+    assert found.seconds == pytest.approx(late, abs=1e-4)
+    assert found.before == pytest.approx(left(motion), rel=0.02)
+    assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
+
+
+def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
+    """Half a percent of the error decides, whatever the noise."""
+    small, large = (find_time_offset(slider(), [sliding(0.004, noise)], LeastSquares()) for noise in (60.0, 1.0))
+    assert small.seconds == 0.0
+    assert small.after == small.before == pytest.approx(left(sliding(0.004, 60.0)), rel=0.02)
+    assert large.seconds == pytest.approx(0.004, abs=3e-4)
+
+
+def test_two_hundred_samples_are_enough_for_an_offset() -> None:
+    """Without those at the ends, which no trial may reach beyond."""
+    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)], LeastSquares()) for n in (199, 300))
+    assert few.seconds == 0.0
+    assert np.isnan([few.before, few.after]).all()
+    assert enough.seconds == pytest.approx(0.004, abs=1e-4)
+
+
+def test_without_torque_there_is_no_error_and_no_offset() -> None:
+    motion = sliding(0.004, 0.0)
+    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
+
+
 ARM = urdf(
     link("base"),
     link("shoulder", 3.0, (0.1, 0.02, 0.05)),
@@ -115,6 +168,47 @@ def test_a_tilt_is_found_within_its_standard_errors(estimator: LeastSquares | Ph
     assert found.after < 0.7 * found.before
 
 
+def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_problem() -> None:
+    model, motion = tilted(0.02, -0.035)
+    found = find_base_tilt(model, [motion], LeastSquares())
+
+    def regressor(x: float, y: float) -> np.ndarray:
+        Y = mounted(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
+        return Y.reshape(-1, Y.shape[-1])
+
+    tau, best = motion.tau.ravel(), regressor(found.x, found.y)
+    value = np.linalg.lstsq(best, tau, rcond=1e-9)[0]
+    slopes = [(regressor(found.x + a, found.y + b) - best) @ value / 1e-4 for a, b in ((1e-4, 0.0), (0.0, 1e-4))]
+    J = np.column_stack(slopes)
+    J -= best @ np.linalg.lstsq(best, J, rcond=1e-9)[0]
+    rest = tau - best @ value
+    std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * (rest @ rest) / len(rest))
+    np.testing.assert_allclose(found.std, std, rtol=0.1)
+    level = regressor(0.0, 0.0)
+    before = tau - level @ np.linalg.lstsq(level, tau, rcond=1e-9)[0]
+    size = np.linalg.norm(tau) / 100
+    assert (found.before, found.after) == pytest.approx(
+        (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.17, 0.0), (0.0, -0.17)])
+def test_a_tilt_of_ten_degrees_is_one(x: float, y: float) -> None:
+    model, motion = tilted(x, y)
+    found = find_base_tilt(model, [motion], LeastSquares())
+    assert (found.x, found.y) == pytest.approx((x, y), abs=5e-3)
+
+
+def test_a_tilt_within_its_standard_errors_is_none() -> None:
+    """Two of them decide: here the noise is so large that the tilt put in is about one."""
+    model, motion = tilted(0.0, -0.035)
+    noisy = replace(motion, tau=motion.tau + np.abs(motion.tau).max() * np.random.default_rng(1).normal(size=(3000, 3)))
+    found = find_base_tilt(model, [noisy], LeastSquares())
+    assert (found.x, found.y) == (0.0, 0.0)
+    assert found.after == found.before
+    assert min(found.std) > 0.0175
+
+
 def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
     model, motion = tilted(0.0, 0.0)
     found = find_base_tilt(model, [motion], LeastSquares())
@@ -129,7 +223,10 @@ def test_only_robot_files_can_tilt() -> None:
 
 def test_a_base_that_lies_on_its_side_is_not_a_tilt() -> None:
     model, motion = tilted(0.6, 0.0)
-    with pytest.raises(ConfigError, match="set `gravity`, and check the zeros"):
+    with pytest.raises(ConfigError, match=r"3\d\.?\d* deg about x.*set `gravity`, and check the zeros"):
+        find_base_tilt(model, [motion], LeastSquares())
+    model, motion = tilted(0.0, -0.3)
+    with pytest.raises(ConfigError, match=r"-1\d\.?\d* deg about y"):
         find_base_tilt(model, [motion], LeastSquares())
 
 

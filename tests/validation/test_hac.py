@@ -169,6 +169,16 @@ def test_is_the_printed_formula_with_its_own_bandwidth(weights: tuple[float, flo
     np.testing.assert_allclose(part, expected, rtol=1e-9)
 
 
+def test_of_two_samples_one_parameter_leaves_one() -> None:
+    """n / (n - p) sum u^2 / n^2 of a mean of two, and n / 1 where no sample is left."""
+    joint = (Joint("a"),)
+    t = np.arange(2.0)
+    still = np.zeros((2, 1))
+    one = Motion(t, still, still, still, np.array([[1.0], [3.0]]), ("a",), np.ones(2, dtype=bool))
+    found = robust_covariance(Regression(Model((Offset(joint),)), (one,)), [2.0])
+    np.testing.assert_allclose(found, [[2 / 1 * 2 / 4]])
+
+
 def test_does_not_depend_on_units_or_blocks_or_unused_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     regression = Regression(MODEL, (motion(5, 0.7),), ParallelFilter(decimate=3), (0.1, 0.2))
     theta = fit(regression)

@@ -63,7 +63,11 @@ class Part:
 
 
 PARTS = {
-    "splines": Part(("splines/*.py",), ("tests/splines", "tests/smoothers/test_spline.py")),
+    "splines": Part(
+        tuple(f"splines/{name}.py" for name in ("banded", "bspline", "noise", "rules", "spline")),
+        ("tests/splines/test_spline.py", "tests/splines/test_rules.py", "tests/smoothers/test_spline.py"),
+    ),
+    "spikes": Part(("splines/spikes.py",), ("tests/checks/test_channels.py",)),
     "regression": Part(("regression/linear_problem.py", "regression/rank.py"), (*RANK, "tests/laws/test_rank.py")),
     "base parameters": Part(("regression/base_parameters.py",), (*RANK, "tests/laws/test_rank.py")),
     "estimators": Part(

@@ -17,6 +17,59 @@ from dynident.smoothers import Spline, TimeShifted
 from tests.robots import joint, link, urdf
 
 
+def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
+    """A slider whose positions are ``late``, without noise, under a torque with white noise."""
+    t = np.arange(n) * 0.0025
+
+    def states(at: np.ndarray) -> tuple[np.ndarray, ...]:
+        angle = np.array([[3.0], [8.0]]) * at + np.array([[0.0], [1.0]])
+        rate = np.array([[3.0], [8.0]])
+        parts = (0.2 * np.sin(angle), 0.2 * rate * np.cos(angle), -0.2 * rate**2 * np.sin(angle))
+        return tuple(part.sum(axis=0)[:, None] for part in parts)
+
+    force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
+    force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
+    return Motion(t, *states(t - late), force, ("slider",), np.ones(n, dtype=bool))
+
+
+def left(motion: Motion) -> float:
+    """The error of least squares in %, by hand."""
+    Y = slider().regressor(motion.q, motion.dq, motion.ddq)[:, 0]
+    rest = motion.tau[:, 0] - Y @ np.linalg.lstsq(Y, motion.tau[:, 0], rcond=None)[0]
+    return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
+
+
+@pytest.mark.parametrize("late", [-0.018, -0.004, -0.0006, 0.0006, 0.0018, 0.02])
+def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
+    motion = sliding(late, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares())
+    assert found.seconds == pytest.approx(late, abs=1e-4)
+    assert found.before == pytest.approx(left(motion), rel=0.02)
+    assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
+
+
+def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
+    """Half a percent of the error decides, whatever the noise."""
+    small, large = (find_time_offset(slider(), [sliding(0.004, noise)], LeastSquares()) for noise in (60.0, 1.0))
+    assert small.seconds == 0.0
+    assert small.after == small.before == pytest.approx(left(sliding(0.004, 60.0)), rel=0.02)
+    assert large.seconds == pytest.approx(0.004, abs=3e-4)
+
+
+def test_two_hundred_samples_are_enough_for_an_offset() -> None:
+    """Without those at the ends, which no trial may reach beyond."""
+    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)], LeastSquares()) for n in (199, 300))
+    assert few.seconds == 0.0
+    assert np.isnan([few.before, few.after]).all()
+    assert enough.seconds == pytest.approx(0.004, abs=1e-4)
+
+
+def test_without_torque_there_is_no_error_and_no_offset() -> None:
+    motion = sliding(0.004, 0.0)
+    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
+
+
 def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
     arm, t = two_link_arm(), np.arange(n) * h
     return arm, simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s + 1)), t)
@@ -72,59 +125,6 @@ def test_a_given_time_offset_is_used_as_it_is() -> None:
     arm, motion = swing()
     log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
     assert pair(arm, [log], [Spline()], 0.004, LeastSquares()) == Pairing(TimeShifted(Spline(), 0.004))
-
-
-def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
-    """A slider whose positions are ``late``, without noise, under a torque with white noise."""
-    t = np.arange(n) * 0.0025
-
-    def states(at: np.ndarray) -> tuple[np.ndarray, ...]:
-        angle = np.array([[3.0], [8.0]]) * at + np.array([[0.0], [1.0]])
-        rate = np.array([[3.0], [8.0]])
-        parts = (0.2 * np.sin(angle), 0.2 * rate * np.cos(angle), -0.2 * rate**2 * np.sin(angle))
-        return tuple(part.sum(axis=0)[:, None] for part in parts)
-
-    force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
-    force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
-    return Motion(t, *states(t - late), force, ("slider",), np.ones(n, dtype=bool))
-
-
-def left(motion: Motion) -> float:
-    """The error of least squares in %, by hand."""
-    Y = slider().regressor(motion.q, motion.dq, motion.ddq)[:, 0]
-    rest = motion.tau[:, 0] - Y @ np.linalg.lstsq(Y, motion.tau[:, 0], rcond=None)[0]
-    return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
-
-
-@pytest.mark.parametrize("late", [-0.018, -0.004, -0.0006, 0.0006, 0.0018, 0.02])
-def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
-    motion = sliding(late, 0.2)
-    found = find_time_offset(slider(), [motion], LeastSquares())
-    assert found.seconds == pytest.approx(late, abs=1e-4)
-    assert found.before == pytest.approx(left(motion), rel=0.02)
-    assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
-
-
-def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
-    """Half a percent of the error decides, whatever the noise."""
-    small, large = (find_time_offset(slider(), [sliding(0.004, noise)], LeastSquares()) for noise in (60.0, 1.0))
-    assert small.seconds == 0.0
-    assert small.after == small.before == pytest.approx(left(sliding(0.004, 60.0)), rel=0.02)
-    assert large.seconds == pytest.approx(0.004, abs=3e-4)
-
-
-def test_two_hundred_samples_are_enough_for_an_offset() -> None:
-    """Without those at the ends, which no trial may reach beyond."""
-    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)], LeastSquares()) for n in (199, 300))
-    assert few.seconds == 0.0
-    assert np.isnan([few.before, few.after]).all()
-    assert enough.seconds == pytest.approx(0.004, abs=1e-4)
-
-
-def test_without_torque_there_is_no_error_and_no_offset() -> None:
-    motion = sliding(0.004, 0.0)
-    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())
-    assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
 
 
 ARM = urdf(

@@ -190,10 +190,10 @@ def files(part: Part) -> list[str]:
 
 
 def tests_of(part: Part, path: str) -> tuple[str, ...]:
-    """Return the tests to run: first those that mirror the file, or its folder, then those of the part."""
+    """Return the tests to run: those that mirror the file, or its folder, its examples, and those of the part."""
     inner = Path(path).relative_to(SOURCE)
     mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
-    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), *part.tests]))
+    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests]))
 
 
 def digest(*paths: str) -> str:

@@ -64,6 +64,29 @@ def test_two_hundred_samples_are_enough_for_an_offset() -> None:
     assert enough.seconds == pytest.approx(0.004, abs=1e-4)
 
 
+@pytest.mark.parametrize("late", [-0.045, 0.045])
+def test_an_offset_beyond_the_range_is_none(late: float) -> None:
+    motion = sliding(late, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares())
+    assert found.seconds == 0.0
+    assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
+
+
+def test_the_unit_of_the_torque_does_not_matter() -> None:
+    motion = sliding(0.004, 0.2)
+    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)], LeastSquares())
+    whole = find_time_offset(slider(), [motion], LeastSquares())
+    assert (small.seconds, small.before, small.after) == pytest.approx(
+        (whole.seconds, whole.before, whole.after), rel=1e-4
+    )
+
+
+def test_a_log_of_one_usable_sample_is_left_out() -> None:
+    motion = sliding(0.004, 0.2)
+    lone = replace(motion, mask=np.arange(len(motion)) == 2000)
+    assert find_time_offset(slider(), [motion, lone], LeastSquares()).seconds == pytest.approx(0.004, abs=1e-4)
+
+
 def test_without_torque_there_is_no_error_and_no_offset() -> None:
     motion = sliding(0.004, 0.0)
     found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())

@@ -66,6 +66,12 @@ def test_groupings_read_as_in_the_literature() -> None:
     assert found.without_effect == ()
 
 
+def test_signs_and_factors_of_a_grouping() -> None:
+    X = noise(5)
+    X[:, 1], X[:, 2], X[:, 3], X[:, 4] = -0.5 * X[:, 0], -X[:, 0], X[:, 0], 1.00001 * X[:, 0]
+    assert read(X, columns(*"abcde")).groupings == ("a - 0.5*b - c + d + e",)
+
+
 def test_later_bodies_lead() -> None:
     X = noise(3)
     X[:, 0] = X[:, 2]

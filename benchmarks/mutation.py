@@ -37,6 +37,7 @@ ESTIMATORS = (
     "tests/laws/test_estimators.py",
     "tests/laws/test_rank.py",
 )
+EVERY = ("tests/meta/test_nouns.py",)
 TERMS = ("tests/models/test_model.py", "tests/laws/test_rigid_bodies.py", "tests/laws/test_models.py")
 OPERATORS = tuple(
     f"core/{name}"
@@ -193,7 +194,7 @@ def tests_of(part: Part, path: str) -> tuple[str, ...]:
     """Return the tests to run: those that mirror the file, or its folder, its examples, and those of the part."""
     inner = Path(path).relative_to(SOURCE)
     mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
-    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests]))
+    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests, *EVERY]))
 
 
 def digest(*paths: str) -> str:

@@ -205,6 +205,7 @@ def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_proble
     J = np.column_stack(slopes)
     J -= best @ np.linalg.lstsq(best, J, rcond=1e-9)[0]
     rest = tau - best @ value
+    assert (np.abs(np.linalg.lstsq(J, rest)[0]) < 0.05 * np.array(found.std)).all()  # no step is left
     std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * (rest @ rest) / len(rest))
     np.testing.assert_allclose(found.std, std, rtol=0.1)
     level = regressor(0.0, 0.0)

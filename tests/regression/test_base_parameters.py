@@ -140,6 +140,13 @@ def test_wrong_shapes() -> None:
         found.to_standard([1])
 
 
+def test_factors_that_are_not_those_of_the_base_parameters() -> None:
+    found = read(noise(3), columns("a", "b", "c"))
+    other = triangularise(iter([RegressorBlock(noise(2)[:, None], np.zeros((50, 1)))]), 1, 2)
+    with pytest.raises(ModelError, match=r"factors have shape \(3, 3\), expected \(4, 4\)\."):
+        base_std(found, other, np.ones(1))
+
+
 def test_structural_rank_of_known_models() -> None:
     """All of the article's parameters; all ten of a free body; those but the mass where moments alone are felt."""
     assert structural_base_parameters(two_link_arm()).rank == len(two_link_arm().names)

@@ -136,6 +136,7 @@ def test_interpolation_is_the_natural_cubic_spline() -> None:
     zero = smooth(t, y, Constraint(S=0.0), sigma=1.0)
     np.testing.assert_array_equal(zero.c, fit.c)
     assert (fit.p, fit.lam, fit.S, fit.edf) == (np.inf, 0.0, 0.0, len(t))
+    assert (fit.residual, fit.accuracy) == (0.0, 0.0)
 
 
 def test_large_S_gives_the_regression_line() -> None:
@@ -143,6 +144,7 @@ def test_large_S_gives_the_regression_line() -> None:
     fit = smooth(t, y, Constraint(S=1e9), sigma=1e-2)
     np.testing.assert_allclose(fit.values, np.polyval(np.polyfit(t, y, 1), t), atol=1e-12)
     assert (fit.p, fit.lam, fit.edf) == (0.0, np.inf, pytest.approx(2.0))
+    assert (fit.residual, fit.accuracy) == (0.0, 0.0)
     assert not fit.c.any()
     weights = np.linspace(0.5, 3, len(t))
     weighted = smooth(t, y, Fixed(p=0.0), weights=weights)

@@ -128,7 +128,9 @@ def andrews(series: list[np.ndarray]) -> int:
 def test_bandwidth_is_andrews_formula_over_stretches_and_columns(rho: tuple[float, ...]) -> None:
     rng = np.random.default_rng(1)
     series = [
-        np.column_stack([10.0**k * lfilter([1.0], [1.0, -r], rng.standard_normal(rows)) for k, r in enumerate(rho)])
+        np.column_stack(
+            [10.0 ** (-4 * k) * lfilter([1.0], [1.0, -r], rng.standard_normal(rows)) for k, r in enumerate(rho)]
+        )
         for rows in (3000, 1700)
     ]
     assert 1 < andrews(series) < 470

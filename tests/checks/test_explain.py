@@ -38,7 +38,7 @@ def test_what_the_data_cannot_tell_apart_is_named_with_it() -> None:
     moved = motion()
     found = next(iter(explained(case(replace(moved, q=moved.q - np.array([0.0, 0.1, 0.0]))))))
     assert found.topic is Topic.ZERO  # the simplest of them
-    assert {joint for joint, _ in found.message.others} <= {"j2", "j3"}
+    assert {one.joint for one in found.message.others} <= {"j2", "j3"}
 
 
 def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> None:

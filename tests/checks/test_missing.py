@@ -39,7 +39,7 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     found = next(iter(explained(with_effect(effect(MOVED.q, MOVED.dq, MOVED.ddq)))))
     assert (found.topic, found.joint) == (Topic.MISSING_TERM, "j1")
     assert isinstance(found.message, MissingTerm)
-    assert found.message.kind is kind
+    assert found.message.effect is kind
     assert found.message.value == pytest.approx(size, rel=0.25)
     assert found.severity is (Severity.WARNING if found.message.share > 0.4 else Severity.INFO)
 
@@ -48,7 +48,7 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
 def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
     found = [one.message for one in explained(case(MOVED, arm(without=kind.value)))]
     assert found
-    assert {note.kind for note in found} == {kind}
+    assert {note.effect for note in found} == {kind}
 
 
 def test_a_coupled_motor_is_named_with_both_joints() -> None:
@@ -57,7 +57,7 @@ def test_a_coupled_motor_is_named_with_both_joints() -> None:
     tau[:, 2] += 0.2 * MOVED.ddq[:, 0]
     found = next(iter(explained(case(replace(MOVED, tau=tau)))))
     assert found.joint == "j3"
-    assert found.message.kind is TermKind.COUPLED
+    assert found.message.effect is TermKind.COUPLED
     assert found.message.partner == "j1"
     assert found.message.value == pytest.approx(0.2, abs=0.02)
 
@@ -66,7 +66,7 @@ def test_a_late_torque_is_named_with_its_delay() -> None:
     tau = MOVED.tau.copy()
     tau[:, 1] = np.interp(MOVED.t - 0.05, MOVED.t, tau[:, 1])
     found = next(iter(explained(case(replace(MOVED, tau=tau)))))
-    assert (found.joint, found.message.kind) == ("j2", TermKind.DELAY)
+    assert (found.joint, found.message.effect) == ("j2", TermKind.DELAY)
     assert found.message.value == pytest.approx(0.05, rel=0.25)
 
 

@@ -16,13 +16,15 @@ SINE = np.sin(6e-3 * np.arange(2000))
 
 def test_a_sound_configuration(tmp_path: Path) -> None:
     write_log(tmp_path)
-    done = run("check", configure(tmp_path), "--json", tmp_path / "out" / "found.json")
+    write_log(tmp_path, "held.csv", rate=4.0)
+    path = configure(tmp_path, validation=[{"file": "held.csv"}])
+    done = run("check", path, "--json", tmp_path / "out" / "found.json")
     assert done.exit_code == 0, done.output
     assert "No errors and no warnings" in done.output
     ((name, told),) = json.loads((tmp_path / "out" / "found.json").read_text()).items()
     assert name.endswith("identify.yaml")
     assert [one["topic"] for one in told["findings"]] == ["time offset"]
-    assert told["logs"]["log 0-3 s"]["rate"] == pytest.approx(500)
+    assert told["logs"]["log"]["rate"] == pytest.approx(500)
     assert told["joints"][0]["peak_speed"] == pytest.approx(0.9, rel=0.05)
     assert told["rank"]["on_data"] == 4
 

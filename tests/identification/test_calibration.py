@@ -9,7 +9,16 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import Pairing, Recipe, find_base_tilt, find_time_offset, identify, mounted, pair
+from dynident.identification import (
+    Pairing,
+    Recipe,
+    calibration,
+    find_base_tilt,
+    find_time_offset,
+    identify,
+    mounted,
+    pair,
+)
 from dynident.log import Motion
 from dynident.models import Model, RigidBodies, Viscous, record, simulate
 from dynident.models.gallery import slider, two_link_arm
@@ -258,3 +267,28 @@ def test_gravity_turns_the_other_way() -> None:
     model, _ = tilted(0.0, 0.0)
     turned = mounted(model, 0.1, 0.0)
     np.testing.assert_allclose(turned.terms[0].gravity, 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]), atol=1e-12)
+
+
+def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over 24 runs offsets over their standard errors have a mean square of one, within five of its deviations."""
+    monkeypatch.setattr(calibration, "GAIN", -1.0)
+    monkeypatch.setattr(calibration, "SURE", 0.0)
+    arm, motion = swing(1001, 0.01)
+    ratios = []
+    for seed in range(24):
+        noise = 0.3 * np.random.default_rng(seed).standard_normal(motion.tau.shape)
+        found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
+        assert found.std is not None
+        ratios.append(found.seconds / found.std)
+    assert abs(np.mean(np.square(ratios)) - 1) < 5 * np.sqrt(2 / 24)
+    assert np.std(ratios) > 0.3
+
+
+def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, motion = swing(1001, 0.01)
+    noise = 0.3 * np.random.default_rng(2).standard_normal(motion.tau.shape)
+    monkeypatch.setattr(calibration, "GAIN", -1.0)
+    found = find_time_offset(arm, [replace(motion, tau=motion.tau + noise)], LeastSquares())
+    assert found.seconds == 0.0
+    assert found.std is not None
+    assert 0 < found.std < 0.1

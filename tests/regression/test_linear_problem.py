@@ -302,3 +302,27 @@ def test_block_of_a_wrong_width_is_an_error() -> None:
     block = RegressorBlock(np.ones((5, 1, 3)), np.ones((5, 1)))
     with pytest.raises(ValueError, match="must match"):
         triangularise(iter([block]), joints=1, parameters=2)
+
+
+@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4)], ids=repr)
+def test_a_bias_is_taken_off_the_solution_alone(parallel_filter: ParallelFilter | None) -> None:
+    plain = Regression(ARM, (motion(), motion(seed=1)), parallel_filter)
+    bias = np.linspace(0.1, 0.7, len(THETA))
+    less = plain.unbiased(bias)
+    found, before = (solve(one.triangular_factors.stacked()) for one in (less, plain))
+    np.testing.assert_allclose(found.value, before.value - bias, rtol=1e-8)
+    assert found.rss == pytest.approx(before.rss)
+    streamed = solve(replace(plain, bias=bias).triangular_factors.stacked())
+    np.testing.assert_allclose(streamed.value, found.value, rtol=1e-8)
+    np.testing.assert_allclose(solve(less.unbiased(-bias).triangular_factors.stacked()).value, before.value, rtol=1e-8)
+
+
+@pytest.mark.parametrize("weights", [None, np.array([2.0, 0.5])])
+def test_pulls_are_the_products_with_the_rows(weights: Array | None) -> None:
+    one = motion(noise=0.0)
+    regression = Regression(ARM, (one,), min_speed=(0.5, 0.0))
+    c = np.random.default_rng(2).normal(size=(*one.tau.shape, 3))
+    w2 = np.ones(2) if weights is None else weights**2
+    kept = (np.abs(one.dq) >= (0.5, 0.0)) * one.mask[:, None] * w2
+    Y = ARM.regressor(one.q, one.dq, one.ddq)
+    np.testing.assert_allclose(regression.pulls([c], weights), np.einsum("bjp,bj,bjk->pk", Y, kept, c), rtol=1e-10)

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import pytest
+from pydantic import TypeAdapter
 
 from dynident.checks import Finding, robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, TermKind
 from dynident.errors import Note, Severity
 from dynident.report.finding_words import finding_words
 
-OTHERS = (
-    ("j1", robot_notes.TorqueGain(1.25, 0.01, 0.2)),
-    ("j2", robot_notes.ZeroOff(0.1, 0.01, 0.2)),
-    ("j3", robot_notes.LengthWrong("x", 0.4, 0.5, 0.01, 0.2)),
-    ("j4", robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2)),
-)
+OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.Quantity))
 NOTES = [
     *(robot_notes.JointsSwapped(("a", "b"), channel, 30.0, 2.0) for channel in Channel),
     *(robot_notes.ColumnReversed(channel, 30.0, 2.0) for channel in Channel),
     robot_notes.OtherAxis((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 30.0, 2.0),
     robot_notes.TorqueGain(1.25, 0.01, 0.2, OTHERS),
-    *(note for _, note in OTHERS[1:]),
+    robot_notes.ZeroOff(0.1, 0.01, 0.2),
+    robot_notes.LengthWrong("x", 0.4, 0.5, 0.01, 0.2),
+    robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2),
     *(MissingTerm(kind, 0.5, 0.01, 0.6, "j1" if kind is TermKind.COUPLED else "") for kind in TermKind),
     robot_notes.OtherPayload(2.0, 0.1, 0.9),
     robot_notes.OtherPayload(-2.0, 0.1, 0.9),
@@ -42,15 +41,22 @@ def test_a_note_is_said_in_sentences(note: Note) -> None:
 
 
 def test_all_kinds_of_notes_are_said() -> None:
-    kinds = {one for one in map(robot_notes.__dict__.get, robot_notes.__all__) if dataclasses.is_dataclass(one)}
+    named = [getattr(robot_notes, name) for name in robot_notes.__all__]
+    kinds = {one for one in named if issubclass(one, Note)}
     assert {type(note) for note in NOTES} == kinds
 
 
 def test_what_cannot_be_told_apart_is_listed() -> None:
     text = said(NOTES[7])
     assert "1.25 +- 0.01 times" in text
-    for words in ("cannot tell this from", "joint j2: a zero", "x of its origin 0.5 m instead of 0.4", "axis turned"):
+    for words in ("cannot tell this from", "joint j1: a zero", "origin moved by 0.1 m", "frame turned by 0.1 rad"):
         assert words in text
-    assert "+0.1 +- 0.01" in said(OTHERS[1][1])
+    assert "+0.1 +- 0.01" in said(NOTES[8])
     assert "lighter" in said(NOTES[-1])
     assert "together with j1" in said(MissingTerm(TermKind.COUPLED, 0.2, 0.01, 0.5, "j1"))
+
+
+@pytest.mark.parametrize("note", NOTES, ids=lambda note: type(note).__name__)
+def test_a_note_is_saved_and_read_as_it_was(note: Note) -> None:
+    saved = json.loads(json.dumps(dataclasses.asdict(note)))
+    assert TypeAdapter(type(note)).validate_python(saved) == note

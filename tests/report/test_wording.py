@@ -162,6 +162,28 @@ def test_a_noun_without_words_is_an_error() -> None:
         ),
         (TimeOffset(0.0, 4.0, 4.0), "none: no time offset lowers the training error (4 %)"),
         (
+            TimeOffset(0.0, 4.0, 4.0, 1e-4),
+            "none: no time offset lowers the training error (4 %) significantly; its standard error would be 0.1 ms",
+        ),
+        (
+            TimeOffset(0.0021, 4.0, 2.0, 2e-4),
+            "positions are stamped 2.1 +- 0.2 ms later than torques; with it, the training error is 2 % instead of 4 %",
+        ),
+        (
+            notes.MotionCorrected("Izz1 + Ia1", 3.21),
+            (
+                "smoothing and the noise left in the motion bias least squares, Izz1 + Ia1 by 3.2 standard errors; "
+                "predicted by a second smoothing with noise, this bias was subtracted"
+            ),
+        ),
+        (
+            notes.MotionTooNoisy("Izz1 + Ia1", 3.21),
+            (
+                "standard errors are too small: smoothing and the noise left in the motion bias Izz1 + Ia1 by about "
+                "3.2 of them, too much to be corrected; use the estimator maximum_likelihood"
+            ),
+        ),
+        (
             BaseTilt(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0),
             (
                 "the base is tilted by 1.15 deg about x and -2.01 deg about y (+- 0.06 and 0.11); with it, the "

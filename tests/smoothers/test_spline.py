@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
 from dynident.log import Log
-from dynident.smoothers import Difference, Spline
+from dynident.smoothers import Difference, Spline, TimeShifted, as_used
 from dynident.splines import Fixed
 
 
@@ -64,3 +66,13 @@ def test_a_joint_that_stands_still_has_no_velocity(kind: str, size: float) -> No
     assert not made.dq[:, 0].any()
     assert not made.ddq[:, 0].any()
     assert np.abs(made.dq[made.mask, 1] - 3 * size * np.cos(3 * t[made.mask])).max() < 0.01 * size
+
+
+def test_a_spline_as_used_smooths_as_much_and_is_linear() -> None:
+    one, late = log(), TimeShifted(Spline(factor=1.4), 1e-3)
+    for smoother in (Spline(), late):
+        made, again = smoother(one), as_used(smoother, smoother(one))
+        np.testing.assert_allclose(again(one).ddq, made.ddq, rtol=1e-9, atol=1e-9)
+        double = replace(one, q=2 * one.q)
+        np.testing.assert_allclose(again(double).ddq, 2 * made.ddq, rtol=1e-9, atol=1e-9)
+    assert as_used(Difference(), Difference()(one)) == Difference()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.special import ndtri
 
 from dynident.errors import InputError
-from dynident.splines import NORMAL_95, median_sigma, noise_sigma, steady_noise
+from dynident.splines import NORMAL_95, coloured_noise, median_sigma, noise_sigma, smooth, steady_noise
 
 
 def bound(n: int) -> float:
@@ -86,3 +87,24 @@ def test_median_sigma_does_not_see_outliers() -> None:
 
 def test_the_critical_value_is_the_normal_distributions() -> None:
     assert pytest.approx(ndtri(0.975), abs=1e-6) == NORMAL_95
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_coloured_noise_is_seen_in_what_was_smoothed_away(rho: float) -> None:
+    """Five deviations of an estimate of rho from 8000 samples, (1 - rho^2) / 8000, and of the deviation at 0.9."""
+    rng, t = np.random.default_rng(1), np.arange(8000) * 4e-3
+    fresh = np.sqrt(1 - rho**2) * rng.standard_normal((9000, 2))
+    noise = lfilter([1.0], [1.0, -rho], fresh, axis=0)[1000:]
+    y = np.stack([np.sin(t), np.cos(2 * t)], axis=1) + 1e-3 * noise
+    fitted = smooth(t, y, sigma=np.full(2, 1e-3))
+    sigma, found = coloured_noise(t, y, y - fitted.values, fitted.bandwidth)
+    np.testing.assert_allclose(found, rho, atol=5 * np.sqrt((1 - rho**2) / 8000) + 0.02)
+    np.testing.assert_allclose(sigma, 1e-3, rtol=0.15)
+
+
+def test_where_nothing_was_smoothed_away_the_noise_is_white() -> None:
+    t = np.arange(500) * 0.01
+    y = np.sin(t)[:, None] + 1e-3 * np.random.default_rng(0).standard_normal((500, 1))
+    sigma, rho = coloured_noise(t, y, 0 * y, np.zeros(1))
+    np.testing.assert_array_equal(sigma, noise_sigma(t, y))
+    assert rho == 0.0

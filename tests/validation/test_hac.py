@@ -214,14 +214,14 @@ def test_pieces_of_a_long_log_say_about_the_same(monkeypatch: pytest.MonkeyPatch
     whole = robust_covariance(regression, fit(regression))
     monkeypatch.setattr(hac, "MOST", 8000)
     monkeypatch.setattr(hac, "PIECE", 2000)
-    assert len(hac._stretches(regression)) == 4
+    assert len(hac.stretches_of(regression, hac.MOST, hac.PIECE)) == 4
     pieces = robust_covariance(regression, fit(regression))
     np.testing.assert_allclose(np.sqrt(np.diag(pieces)), np.sqrt(np.diag(whole)), rtol=0.3)
 
 
 def test_pieces_are_spread_over_the_stretch() -> None:
-    parts = hac._pieces(slice(100, 100_100), 0.5)
+    parts = hac._pieces(slice(100, 100_100), 0.5, hac.PIECE)
     assert len(parts) == 2 or sum(part.stop - part.start for part in parts) == 50_000
     assert all(100 <= part.start < part.stop <= 100_100 for part in parts)
     assert parts[-1].start > 40_000
-    assert hac._pieces(slice(0, 30), 1.0) == [slice(0, 30)]
+    assert hac._pieces(slice(0, 30), 1.0, hac.PIECE) == [slice(0, 30)]

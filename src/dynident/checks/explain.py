@@ -13,8 +13,8 @@ from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import TermKind
-from dynident.checks.suspect import Found, Others, Suspect, promising, refined
-from dynident.errors import Note, Severity
+from dynident.checks.suspect import Found, Suspect, promising, refined
+from dynident.errors import Severity
 from dynident.identification import BaseTilt, mounted
 from dynident.log import Motion
 from dynident.models import Model
@@ -105,9 +105,6 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
 
 
 def _finding(found: Found, others: Sequence[Found]) -> Finding:
-    also = tuple((one.suspect.joint, _note(one)) for one in others)
-    return Finding(Severity.WARNING, found.suspect.joint, _note(found, also), found.suspect.topic)
-
-
-def _note(found: Found, others: Others = ()) -> Note:
-    return found.suspect.note(found.value, found.std, found.share, others)
+    one = found.suspect
+    note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
+    return Finding(Severity.WARNING, one.joint, note, one.topic)

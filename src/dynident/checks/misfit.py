@@ -18,7 +18,7 @@ from dynident.errors import brief
 from dynident.log import Motion, subsample
 from dynident.models import Model, Parameter
 from dynident.regression import ParallelFilter, Rank, fast_enough, rank_of, stretches
-from dynident.validation import long_run_covariance
+from dynident.validation import long_run
 
 __all__ = ["Case", "Evidence", "Misfit", "case_of", "misfit"]
 
@@ -133,7 +133,7 @@ class Misfit:
         value = inner / norm
         left = r - value * z
         scores = np.split((z * left).sum(axis=1)[:, None], np.cumsum(self.case.lengths)[:-1])
-        std = float(np.sqrt(long_run_covariance(scores)[0, 0])) / norm
+        std = float(np.sqrt(long_run(scores)[0, 0])) / norm
         before = np.square(r).sum(axis=0)
         by_joint = 1.0 - np.square(left).sum(axis=0) / np.where(before > 0, before, 1.0)
         return Evidence(value, std, inner**2 / norm / self.size, by_joint, *self._in_parts(z))

@@ -12,19 +12,8 @@ from typing import ClassVar
 
 from dynident.errors import Note, Use
 
-__all__ = [
-    "AxisTilted",
-    "Channel",
-    "ColumnReversed",
-    "JointsSwapped",
-    "LengthWrong",
-    "MissingTerm",
-    "OtherAxis",
-    "OtherPayload",
-    "TermKind",
-    "TorqueGain",
-    "ZeroOff",
-]  # fmt: skip
+__all__ = ["AxisTilted", "Channel", "ColumnReversed", "JointsSwapped", "LengthWrong", "MissingTerm", "OtherAxis",
+           "OtherPayload", "Quantity", "Rival", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
 
 
 class Channel(StrEnum):
@@ -51,6 +40,24 @@ class TermKind(StrEnum):
     DRIFT = "friction that drifts"
     DELAY = "delay of the torque"
     COUPLED = "coupled motor"
+
+
+class Quantity(StrEnum):
+    """What an unknown is, and what its value means."""
+
+    GAIN = "gain"
+    ZERO = "zero"
+    LENGTH = "length"
+    AXIS = "axis"
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another unknown that explains the residual as well: the factor of a gain, else a change in rad or m."""
+
+    joint: str
+    quantity: Quantity
+    value: float
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,7 @@ class TorqueGain(Note):
     factor: float
     std: float
     share: float
-    others: tuple[tuple[str | None, Note], ...] = ()
+    others: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,7 @@ class ZeroOff(Note):
     offset: float
     std: float
     share: float
-    others: tuple[tuple[str | None, Note], ...] = ()
+    others: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,7 @@ class LengthWrong(Note):
     fitted: float
     std: float
     share: float
-    others: tuple[tuple[str | None, Note], ...] = ()
+    others: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,7 +137,7 @@ class AxisTilted(Note):
     alone: bool
     std: float
     share: float
-    others: tuple[tuple[str | None, Note], ...] = ()
+    others: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,7 @@ class MissingTerm(Note):
     """An effect that the model lacks at a joint: its value in SI units, and the share of that joint's own residual
     (squared) that it removes; ``partner`` is the other joint of a coupled motor."""
 
-    kind: TermKind
+    effect: TermKind
     value: float
     std: float
     share: float

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Evidence, Misfit, misfit
+from dynident.checks.robot_notes import Quantity, Rival
 from dynident.errors import Note, brief
 
 __all__ = ["Found", "Others", "Suspect", "convincing", "promising", "refined"]
 
 Array = NDArray[np.float64]
-Others = tuple[tuple[str | None, Note], ...]
+Others = tuple[Rival, ...]
 
 CERTAIN = 6.0  # standard errors from zero: many unknowns are tested, and the errors are themselves uncertain
 STEPS = 8
@@ -31,7 +32,7 @@ class Suspect:
     named.
     """
 
-    joint: str | None
+    joint: str
     topic: Topic
     derivative: Callable[[Misfit], Array]
     corrected: Callable[[Case, float], Case]
@@ -53,6 +54,12 @@ class Found:
     case: Case
 
     __repr__ = brief
+
+    @property
+    def rival(self) -> Rival:
+        """The same in short, for the note of another one."""
+        quantity = Quantity(self.suspect.topic.value)
+        return Rival(self.suspect.joint, quantity, float(np.exp(self.value)) if quantity == "gain" else self.value)
 
 
 def convincing(evidence: Evidence, worth: float) -> bool:

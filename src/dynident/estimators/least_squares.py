@@ -138,8 +138,8 @@ class LeastSquares:
     >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=dy.LeastSquares())
     >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
     ...     print(f"{name} = {value:.4f} +- {std:.5f}")
-    J = 0.0825 +- 0.00007
-    h = 0.2498 +- 0.00021
+    J = 0.0824 +- 0.00007
+    h = 0.2498 +- 0.00022
     """
 
     tolerance: Annotated[float, Gt(0), Le(COARSEST)] | None = None

@@ -12,6 +12,8 @@ __all__ = [
     "DecidedByPrior",
     "Failed",
     "HeldByConstraints",
+    "MotionCorrected",
+    "MotionTooNoisy",
     "MovingStart",
     "NotAlone",
     "NotByData",
@@ -85,6 +87,23 @@ class HeldByConstraints(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     moved: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class MotionCorrected(Note):
+    """Errors of the smoothed motion would bias a base ``parameter`` by ``size`` standard errors; they are corrected."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    parameter: str
+    size: float
+
+
+@dataclass(frozen=True)
+class MotionTooNoisy(Note):
+    """Errors of the smoothed motion bias a base ``parameter`` by ``size`` standard errors: too much to correct."""
+
+    parameter: str
+    size: float
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,11 +16,13 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, Severity, called
 from dynident.estimators import Estimate, Estimator, Problem, quick
+from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, Model
-from dynident.regression import Regression, triangularise
+from dynident.regression import Regression, fitted_rows, triangularise
 from dynident.smoothers import Smoother, TimeShifted, motion_of, unshifted
+from dynident.validation import long_run
 
 __all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_offset", "mounted", "pair"]
 
@@ -27,20 +30,25 @@ Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
 FEWEST = 200  # least number of samples to estimate a time offset
 TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032)  # s, of either sign; the search refines the best
-FINE = 2e-5  # s
+FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 GAIN = 0.005  # share of the error that a time offset must remove to be accepted
+SURE = 3.0  # standard errors that it must differ from zero by
 STEEPEST = 0.2  # rad: a larger tilt is intended mounting
 START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
 @dataclass(frozen=True)
 class TimeOffset(Note):
-    """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction."""
+    """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction.
+
+    ``std`` (s) is the standard error, that of the best offset where none is significant; None where it is not known.
+    """
 
     severity: ClassVar[Severity] = Severity.INFO
     seconds: float
     before: float
     after: float
+    std: float | None = None
 
 
 @dataclass(frozen=True)
@@ -110,38 +118,69 @@ def pair(
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
     progress("estimating the time offset")
-    found = find_time_offset(model, [motion_of(best, log) for log in excerpts(logs)], estimator, min_speed)
+    some = excerpts(logs)
+    motions = [motion_of(best, log) for log in some]
+
+    def again(theta: Array) -> Sequence[Sequence[Motion]]:
+        return repeated(model, some, motions, best, theta)
+
+    found = find_time_offset(model, motions, estimator, min_speed, repeat=again)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
 
 
 def find_time_offset(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+    model: Model,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    min_speed: tuple[float, ...] | None = None,
+    repeat: Callable[[Array], Sequence[Sequence[Motion]]] = lambda _: (),
 ) -> TimeOffset:
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
-    It is zero where it removes less than 0.5 % of the error, and where the best value is at the end of the range, which
-    indicates another fault. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and the
-    estimator.
+    It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
+    is at the end of the range, which indicates another fault. Noise in the motion, which is less between samples, and
+    accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
+    without an offset and their torque for the parameters found, and what is found in these is subtracted. ``min_speed``
+    (n) is that of the fit. Raises the errors of ``Regression`` and the estimator.
     """
-    from scipy.optimize import minimize_scalar
-
     rows = subsample(motions, _samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return TimeOffset(0.0, np.nan, np.nan)
     fast = quick(estimator)
 
-    def error(time_offset: float) -> float:
+    def error(time_offset: float, motions: Sequence[Motion] = motions) -> float:
         return _error(Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed), fast)
+
+    best, after, before = _least(error)
+    if np.isnan(best):
+        return TimeOffset(0.0, before, before)
+    std = _offset_std(model, motions, rows, best, fast, min_speed)
+    none = TimeOffset(0.0, before, before, std)
+    if not after < (1.0 - GAIN) * before or abs(best) < SURE * std:
+        return none
+    at = _shifted(motions, rows, best)
+    theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
+    invented = [_least(partial(error, motions=one))[0] for one in repeat(theta)]
+    if invented:  # either sign is as likely where it is noise that is less between samples
+        best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
+    after = error(best)
+    significant = after < (1.0 - GAIN) * before and not abs(best) < SURE * std
+    return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
+
+
+def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
+    """Return the offset with the least error, nan at the end of the range, its error, and that without offset."""
+    from scipy.optimize import minimize_scalar
 
     grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
     errors = [error(time_offset) for time_offset in grid]
     k, before = int(np.argmin(errors)), errors[grid.index(0.0)]
     if k in (0, len(grid) - 1):
-        return TimeOffset(0.0, before, before)
+        return np.nan, before, before
     found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
     after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
-    return TimeOffset(best, before, after) if after < (1.0 - GAIN) * before else TimeOffset(0.0, before, before)
+    return best, after, before
 
 
 def find_base_tilt(
@@ -185,6 +224,45 @@ def find_base_tilt(
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:
     return tuple(one.shifted(time_offset, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1)
+
+
+def _offset_std(
+    model: Model,
+    motions: Sequence[Motion],
+    rows: Sequence[NDArray[np.intp]],
+    best: float,
+    estimator: Estimator,
+    min_speed: tuple[float, ...] | None,
+) -> float:
+    """Return the standard error (s) of a time offset, for correlated residuals; inf where the torque does not show it.
+
+    It is that of the zero of f', for f half the sum of squares e'e that the estimator leaves: sqrt(S) / f'', with S the
+    long-run covariance of the samples' shares in f'. Derivatives are differences over a few ms, over which noise in the
+    motion counts for nothing in f''.
+    """
+    step = max(float(np.median(np.diff(one.t))) for one in motions)
+    wide = step * float(np.ceil(WIDE / step))  # whole samples: between two, interpolation makes noise less
+    late, at, early = (
+        _squares(model, _shifted(motions, rows, best + side * wide), estimator, min_speed) for side in (1.0, 0.0, -1.0)
+    )
+    curvature = (sum(map(np.sum, late)) + sum(map(np.sum, early)) - 2 * sum(map(np.sum, at))) / (2 * wide**2)
+    shares = [(a - b)[:, None] / (4 * wide) for a, b in zip(late, early, strict=True)]
+    return float(np.sqrt(long_run(shares)[0, 0]) / curvature) if curvature > 0 else np.inf
+
+
+def _squares(
+    model: Model, motions: tuple[Motion, ...], estimator: Estimator, min_speed: tuple[float, ...] | None
+) -> list[Array]:
+    """Return what the estimator leaves of the torque, squared and summed over the joints, for each motion (N)."""
+    regression = Regression(model, motions, min_speed=min_speed)
+    value = called(estimator, Problem(model, motions, regression), Estimate).value
+    found = []
+    for motion in motions:
+        left = motion.tau - model.torque(motion.q, motion.dq, motion.ddq, value)
+        keep = fitted_rows(motion, min_speed)
+        used = motion.mask[:, None] & (True if keep is None else keep)
+        found.append(np.square(left * used).sum(axis=1))
+    return found
 
 
 def _error(regression: Regression, estimator: Estimator) -> float:

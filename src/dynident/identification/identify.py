@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, ModelError, Note, called
 from dynident.estimators import Estimate, Problem
-from dynident.estimators.notes import Undetermined
-from dynident.identification.calibration import BaseTilt, find_base_tilt, mounted, pair
+from dynident.estimators.least_squares import weighted
+from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
+from dynident.identification.calibration import BaseTilt, TimeOffset, find_base_tilt, mounted, pair
+from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import (
@@ -36,11 +38,22 @@ from dynident.regression import (
     structural_base_parameters,
 )
 from dynident.smoothers import Smoother, motion_of, unshifted
-from dynident.validation import FreeRun, LogValidation, Signals, check_mass, free_run, robust_covariance, validate
+from dynident.validation import (
+    FreeRun,
+    LogValidation,
+    Signals,
+    check_mass,
+    correlated_std,
+    free_run,
+    plain_std,
+    validate,
+)
 
 __all__ = ["identify"]
 
 Array = NDArray[np.float64]
+FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
+SHORT = 1e-4  # s, to differentiate by the time offset
 ROLES: tuple[Literal["train", "validation"], ...] = ("train", "validation")
 
 
@@ -93,9 +106,19 @@ def _identify(
     estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
     if estimate.residual.sample_weights:
         regression = replace(regression, weights=estimate.residual.sample_weights)
+    more = _late(model, regression, estimate, pairing.time_offset)
+    noted: tuple[Note, ...] = ()
+    if estimate.information is None:
+        progress("repeating the smoothing")
+        found = motion_errors(model, trained, regression, smoother, estimate)
+        if found is not None:
+            more, noted = more + found.covariance, _noted(found)
+        if found is not None and found.matter and found.share < FAR:
+            regression = regression.unbiased(found.bias)
+            estimate = called(recipe.estimator, Problem(model, fitted, regression, trained, late), Estimate)
     progress("validating")
     judged = _judged(model, estimate, roles, motions, used, progress)
-    errors, base = _identifiability(model, regression, estimate, progress)
+    errors, base = _identifiability(model, regression, estimate, more, progress)
     return Identification(
         model,
         used,
@@ -106,7 +129,11 @@ def _identify(
         check_mass(model, estimate.value, [log.motion for log in judged]),
         Calibration(pairing.choice, pairing.time_offset, tilt),
         Sources(versions=versions()),
-        (*_warnings(model, estimate, base), *(held_out_outliers(judged) if recipe.outliers == "mask" else ())),
+        (
+            *_warnings(model, estimate, base),
+            *noted,
+            *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
+        ),
     )
 
 
@@ -156,6 +183,30 @@ def _mounted(
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)
 
 
+def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None) -> Array:
+    """Return what the standard error of a time offset adds to the covariance (p, p) of the parameters."""
+    p = len(model.parameters)
+    if found is None or not found.seconds or found.std is None:
+        return np.zeros((p, p))
+    torques = []
+    for motion in regression.motions:
+        ends = [motion.shifted(side * SHORT) for side in (1.0, -1.0)]
+        late, early = (model.torque(one.q, one.dq, one.ddq, estimate.value) for one in ends)
+        torques.append((late - early)[:, :, None] / (2 * SHORT))
+    weights = estimate.residual.weights
+    ones = np.ones(len(model.joints)) if weights is None else weights
+    _, rank = weighted(regression.triangular_factors, ones, model.parameters)
+    moved = found.std * rank.inverse @ regression.pulls(torques, weights)
+    return np.asarray(moved @ moved.T)
+
+
+def _noted(found: MotionErrors) -> tuple[Note, ...]:
+    """Return the note on errors of the motion, where they matter."""
+    if not found.matter:
+        return ()
+    return ((MotionCorrected if found.share < FAR else MotionTooNoisy)(found.parameter, found.size),)
+
+
 def _judged(
     model: Model,
     estimate: Estimate,
@@ -179,11 +230,14 @@ def _judged(
 
 
 def _identifiability(
-    model: Model, regression: Regression, estimate: Estimate, progress: Callable[[str], None]
+    model: Model, regression: Regression, estimate: Estimate, more: Array, progress: Callable[[str], None]
 ) -> tuple[StandardErrors, Identifiability]:
-    """Return the standard errors, and base parameters where not all parameters are determined."""
+    """Return the standard errors, and base parameters where not all parameters are determined.
+
+    ``more`` (p, p) is the covariance by the errors of the motion and of its time offset.
+    """
     if estimate.determined.rank == len(model.parameters):
-        return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std)), Identifiability()
+        return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std, more)), Identifiability()
     progress("finding base parameters")
     shown = estimate.determined.directions  # where the estimator says them, so that both have one rank
     on_data = base_parameters(
@@ -192,7 +246,7 @@ def _identifiability(
     structural = structural_base_parameters(model)
     missing = compare(structural, on_data, model, regression.motions)
     own = _base_std(on_data, regression, estimate)
-    robust = _robust_std(regression, estimate, own, on_data)
+    robust = _robust_std(regression, estimate, own, more, on_data)
     std_hac = None if robust is None else _of_determined(on_data, robust)
     return StandardErrors(estimate.std, std_hac, own, robust), Identifiability(on_data, structural, missing)
 
@@ -230,18 +284,25 @@ def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate)
 
 
 def _robust_std(
-    regression: Regression, estimate: Estimate, own: Array, basis: BaseParameters | None = None
+    regression: Regression, estimate: Estimate, own: Array, more: Array, basis: BaseParameters | None = None
 ) -> Array | None:
-    """Return standard errors that allow for correlated residuals, at least ``own`` where these count the motion's."""
+    """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
+
+    Where the estimator counts the errors of the motion, its ``own`` are made larger in the ratio of those of least
+    squares, to these at most.
+    """
     columns = None if basis is None else basis.independent
+    value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
     try:
-        covariance = robust_covariance(
-            regression, estimate.value, estimate.residual.weights, columns, estimate.residual.slopes
-        )
-        robust = np.hypot(np.sqrt(np.diag(covariance)), _moved(estimate, basis))
+        robust = correlated_std(regression, value, weights, columns, slopes)
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
-    return robust if estimate.information is None else np.maximum(robust, own)
+    if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
+        alone = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
+        robust = np.minimum(own * np.maximum(robust / alone, 1.0), np.maximum(robust, own))
+    B = np.eye(len(more)) if basis is None else basis.combination
+    others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
+    return np.asarray(np.hypot(np.hypot(robust, others), _moved(estimate, basis)))
 
 
 def _moved(estimate: Estimate, basis: BaseParameters | None) -> Array:

@@ -46,8 +46,9 @@ Array = NDArray[np.float64]
 class StandardErrors:
     """Standard errors of the parameters, ``std`` (p), and of the base parameters on the data, ``base_std`` (r).
 
-    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, infinite
-    for what the data do not determine. None where they cannot be had, or where there are no base parameters.
+    These hold for independent residuals. ``std_hac`` (p) and ``base_std_hac`` (r) allow for correlated ones, for the
+    noise left in the motion and the error of a time offset, infinite for what the data do not determine; 1.96 of them
+    hold 95 %. None where they cannot be had, or where there are no base parameters.
     """
 
     std: Array

@@ -106,7 +106,7 @@ def identify(
     <Identification of 'pendulum': good for control
       torque error, training: monday 1.60 %
       torque error, held out: tuesday 1.73 %
-      J = 0.08247 +- 4.9e-5 kg m^2, h = 0.2498 +- 0.00014 kg m>
+      J = 0.08247 +- 4.9e-5 kg m^2, h = 0.2499 +- 0.00015 kg m>
     """
     model = _model(robot)
     known = [field.name for field in fields(Recipe)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -143,6 +143,12 @@ class TriangularFactors:
         """Return the sum of squared residuals of each joint (n) at theta (p)."""
         return np.asarray(np.square(self.factors @ np.append(-theta, 1.0)).sum(axis=1))
 
+    def less(self, theta: Array) -> TriangularFactors:
+        """Return the factors of the torque less that of theta (p)."""
+        factors = self.factors.copy()
+        factors[:, :, -1] -= self.factors[:, :, :-1] @ theta
+        return TriangularFactors(factors, self.rows)
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -152,6 +158,7 @@ class Regression:
     ``triangular_factors`` caches its triangular factors. ``min_speed`` (n), in rad/s or m/s, leaves out of each joint's
     equation the samples at which that joint is slower, where the friction model is poor; None leaves none out.
     ``weights`` multiply the rows of each motion, one (N, n) for each, after any filter; empty: all rows count the same.
+    ``bias`` (p) is taken off the solution: the torque is that of the motions less Y bias.
     """
 
     model: Model
@@ -159,6 +166,7 @@ class Regression:
     filter: ParallelFilter | None = None
     min_speed: tuple[float, ...] | None = None
     weights: tuple[Array, ...] = ()
+    bias: Array | None = None
 
     __repr__ = brief
 
@@ -182,11 +190,35 @@ class Regression:
 
     def blocks(self) -> Iterator[RegressorBlock]:
         """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""
+        for _, _, block in self._placed():
+            yield block if self.bias is None else replace(block, tau=block.tau - block.Y @ self.bias)
+
+    def unbiased(self, bias: Array) -> Regression:
+        """Return the regression whose solution is less by ``bias`` (p), with the factors that follow from these."""
+        found = replace(self, bias=bias if self.bias is None else self.bias + bias)
+        found.__dict__["triangular_factors"] = self.triangular_factors.less(bias)
+        return found
+
+    def pulls(self, torques: Sequence[Array], weights: Array | None = None) -> Array:
+        """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n)."""
+        w2 = np.ones(len(self.model.joints)) if weights is None else np.square(weights)
+        total = np.zeros((len(self.model.parameters), torques[0].shape[2]))
+        for k, kept, block in self._placed():
+            c = torques[k]
+            if self.filter is not None:  # as far as it matters: the ends of a stretch are not treated apart
+                c = self.filter.apply(self.filter.sections(self.motions[k]), c)
+            Y = block.Y * (w2 if block.keep is None else block.keep * w2)[..., None]
+            rows = c[kept] * self.weights[k][kept][:, :, None] if self.weights else c[kept]
+            total += np.einsum("bjp,bjk->pk", Y, rows, optimize=True)
+        return total
+
+    def _placed(self) -> Iterator[tuple[int, slice, RegressorBlock]]:
+        """Yield each block with the place of its motion, and of its rows in this motion."""
         for k, motion in enumerate(self.motions):
             for part in stretches(motion.mask):
                 rows = self._plain if self.filter is None else partial(self._filtered, parallel_filter=self.filter)
                 for kept, block in rows(motion, part):
-                    yield block.times(self.weights[k][kept]) if self.weights else block
+                    yield k, kept, block.times(self.weights[k][kept]) if self.weights else block
 
     @cached_property
     def triangular_factors(self) -> TriangularFactors:

@@ -38,8 +38,8 @@ FRICTION = {"viscous": "viscous friction", "coulomb": "Coulomb friction", "rotor
 
 _CAPTION = "95 % intervals (1.96 standard errors to both sides) in % of the values. Hollow: not determined, or zero."
 _ROBUST = (
-    "Standard errors allow for residuals that are correlated in time (Newey and West); those in grey assume "
-    "independent ones, and are then too small."
+    "Standard errors allow for residuals that are correlated in time, for noise left in the motion and for the error "
+    "of the time offset; those in grey assume independent residuals and an exact motion, and are then too small."
 )
 _VERDICT = (
     "Determined by: data, the measured torques; prior, the nominal values where the data leave a choice; at a bound, a "

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dynident.checks import robot_notes
-from dynident.checks.robot_notes import Channel, MissingTerm, TermKind
-from dynident.errors import Note
+from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
 from dynident.report.wording import words
 
 __all__: list[str] = []
@@ -40,24 +39,18 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} % of the squared training residual"
 
 
-def _others(others: tuple[tuple[str | None, Note], ...]) -> str:
+RIVALS = {
+    Quantity.GAIN: "a torque {:.3g} times as large",
+    Quantity.ZERO: "a zero that is off by {:.3g}",
+    Quantity.LENGTH: "an origin moved by {:.3g} m",
+    Quantity.AXIS: "an axis or frame turned by {:.3g} rad",
+}
+
+
+def _others(others: tuple[Rival, ...]) -> str:
     """Return what explains as much, as a sentence."""
-    if not others:
-        return ""
-    listed = "; ".join(f"{'' if joint is None else f'joint {joint}: '}{_short(note)}" for joint, note in others)
-    return f" The data cannot tell this from: {listed}."
-
-
-def _short(note: Note) -> str:
-    if isinstance(note, robot_notes.TorqueGain):
-        return f"a torque {note.factor:.3g} times as large"
-    if isinstance(note, robot_notes.ZeroOff):
-        return f"a zero that is off by {note.offset:.3g}"
-    if isinstance(note, robot_notes.LengthWrong):
-        return f"{note.component} of its origin {note.fitted:.4g} m instead of {note.given:.4g}"
-    if isinstance(note, robot_notes.AxisTilted):
-        return f"its {_turned(note)} turned by {note.angle:.3g} rad about {_vector(note.axis)}"
-    return type(note).__name__
+    listed = "; ".join(f"joint {one.joint}: {RIVALS[one.quantity].format(one.value)}" for one in others)
+    return f" The data cannot tell this from: {listed}." if listed else ""
 
 
 def _turned(note: robot_notes.AxisTilted) -> str:
@@ -140,7 +133,7 @@ def _(note: robot_notes.AxisTilted) -> str:
 
 @words.register
 def _(note: MissingTerm) -> str:
-    effect, remedy = EFFECTS[note.kind]
+    effect, remedy = EFFECTS[note.effect]
     partner = f" together with {note.partner}" if note.partner else ""
     return (
         f"{effect}{partner} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain {100 * note.share:.0f} % of "

@@ -151,6 +151,22 @@ def _(note: notes.HeldByConstraints) -> str:
 
 
 @words.register
+def _(note: notes.MotionCorrected) -> str:
+    return (
+        f"smoothing and the noise left in the motion bias least squares, {note.parameter} by {note.size:.2g} standard "
+        "errors; predicted by a second smoothing with noise, this bias was subtracted"
+    )
+
+
+@words.register
+def _(note: notes.MotionTooNoisy) -> str:
+    return (
+        f"standard errors are too small: smoothing and the noise left in the motion bias {note.parameter} by about "
+        f"{note.size:.2g} of them, too much to be corrected; use the estimator maximum_likelihood"
+    )
+
+
+@words.register
 def _(note: notes.PriorApproached) -> str:
     return f"the prior was not reached exactly: the barrier method stopped at a duality gap of {note.gap:.1e}"
 
@@ -248,10 +264,13 @@ def _(choice: Choice) -> str:
 
 @words.register
 def _(time_offset: TimeOffset) -> str:
+    error = np.inf if time_offset.std is None else 1e3 * time_offset.std
     if not time_offset.seconds:
-        return f"none: no time offset lowers the training error ({time_offset.before:.3g} %)"
+        known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
+        return f"none: no time offset lowers the training error ({time_offset.before:.3g} %){known}"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
-    return f"{late} are stamped {1e3 * abs(time_offset.seconds):.2g} ms later than {early}; {_better(time_offset)}"
+    size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
+    return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"
 
 
 @words.register

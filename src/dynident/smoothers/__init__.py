@@ -3,7 +3,7 @@
 from dynident.smoothers.butterworth import Butterworth
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.outliers import motion_of, repaired
-from dynident.smoothers.smoother import BY_JOINT, Smoother, ends_mask
+from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import LONGEST, TimeShifted, unshifted
 
@@ -15,6 +15,7 @@ __all__ = [
     "Smoother",
     "Spline",
     "TimeShifted",
+    "as_used",
     "ends_mask",
     "motion_of",
     "repaired",

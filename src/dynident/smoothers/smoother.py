@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.log import Log, Motion
 
-__all__ = ["BY_JOINT", "KnowsNoise", "Smoother", "ends_mask"]
+__all__ = ["BY_JOINT", "Adapts", "KnowsNoise", "Smoother", "as_used", "ends_mask"]
 
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
@@ -36,6 +36,19 @@ class KnowsNoise(Protocol):
     @property
     def sigma(self) -> float | Mapping[str, float] | None:
         """Standard deviation of the position noise (rad, m): one value or by joint; None where it is estimated."""
+
+
+@runtime_checkable
+class Adapts(Protocol):
+    """A smoother that chooses by the log how much to smooth."""
+
+    def as_used(self, motion: Motion) -> Smoother:
+        """Return the smoother that smooths any log as much as it has smoothed that of ``motion``: a linear one."""
+
+
+def as_used(smoother: Smoother, motion: Motion) -> Smoother:
+    """Return the linear smoother that has made ``motion``: the smoother itself where it does not adapt to the log."""
+    return smoother.as_used(motion) if isinstance(smoother, Adapts) else smoother
 
 
 def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:

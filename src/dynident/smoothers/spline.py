@@ -147,6 +147,11 @@ class Spline:
             )
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
+    def as_used(self, motion: Motion) -> Spline:
+        """Return the spline with the lam, for each joint, that it has used for a motion."""
+        lam, sigma = (motion.smoothing[name] for name in ("lam", "sigma"))
+        return Spline(Fixed(lam=tuple(lam)), dict(zip(motion.joints, sigma, strict=True)), self.ends)
+
     def _sigma(self, log: Log) -> list[float] | float | None:
         if not isinstance(self.sigma, Mapping):
             if self.factor == 1.0:

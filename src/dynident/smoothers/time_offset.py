@@ -9,7 +9,7 @@ from annotated_types import Ge, Le
 
 from dynident.errors import ConfigError, InputError, called
 from dynident.log import Log, Motion
-from dynident.smoothers.smoother import Smoother
+from dynident.smoothers.smoother import Smoother, as_used
 
 __all__ = ["LONGEST", "TimeShifted", "unshifted"]
 
@@ -42,6 +42,10 @@ class TimeShifted:
             )
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
         return replace(shifted, smoothing=smoothing)
+
+    def as_used(self, motion: Motion) -> TimeShifted:
+        """Return the same shift of the smoother as it was used for a motion."""
+        return TimeShifted(as_used(self.smoother, motion), self.time_offset)
 
 
 def unshifted(smoother: Smoother) -> Smoother:

@@ -1,6 +1,6 @@
 """Natural cubic smoothing splines after Reinsch (1967): pure numerics, usable alone."""
 
-from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
+from dynident.splines.noise import NORMAL_95, coloured_noise, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
 from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
 from dynident.splines.spline import SmoothingSpline, smooth
@@ -16,6 +16,7 @@ __all__ = [
     "Rule",
     "SmoothingSpline",
     "bridged",
+    "coloured_noise",
     "frozen",
     "median_sigma",
     "noise_sigma",

@@ -2,6 +2,7 @@
 
 ``noise_sigma`` is for smooth signals, positions above all: efficient, at uneven times, but sensitive to jumps.
 ``steady_noise`` is for torques and other signals that may step: its median ignores the few samples around a jump.
+``coloured_noise`` is for positions whose noise may be correlated, after they have been smoothed.
 ``median_sigma`` is for residuals with outliers or transients. From the residuals of a fit and its degrees of freedom,
 the noise is ``SmoothingSpline.noise``; maximum likelihood has its own estimate.
 """
@@ -13,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
 
-__all__ = ["NORMAL_95", "median_sigma", "noise_sigma", "steady_noise"]
+__all__ = ["NORMAL_95", "coloured_noise", "median_sigma", "noise_sigma", "steady_noise"]
 
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
+TWICE = 16 * (np.sqrt(2.0) - 1.0)  # (2 pi f bandwidth)^4 at twice the cut-off
+FREQUENCIES, FEWEST = 4000, 20
 MEDIAN = 1.4826  # standard deviation of a normal distribution over the median of its absolute value
 
 
@@ -53,6 +56,39 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
     found = np.sqrt(np.mean(difference**2 / variance, axis=0))
     rounding = 4 * np.finfo(float).eps * np.abs(data).max(axis=0)
     return np.asarray(np.maximum(found, np.maximum(rounding, 1e-100)))
+
+
+def coloured_noise(
+    t: ArrayLike, y: ArrayLike, left: ArrayLike, bandwidth: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return deviation (k) and correlation of neighbours (k, 0 to 0.98) of the noise in y (N, k), taken as AR(1).
+
+    ``left`` (N, k) is what splines of these bandwidths (k, s) have smoothed away. Its spectrum is compared with that of
+    AR(1) (Whittle's likelihood) above twice the cut-off, where it is noise alone, and nearly all of it. Where too few
+    frequencies are left, nothing was smoothed away, or the spectrum is none of AR(1), the noise is that of
+    ``noise_sigma``, and white.
+    """
+    time, rest, width = (np.asarray(x, dtype=float) for x in (t, left, bandwidth))
+    sigma, rho = noise_sigma(time, y), np.zeros(rest.shape[1])
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    trial = np.linspace(0.0, 0.98, 99)
+    power = np.square(np.abs(np.fft.rfft(rest * np.hanning(len(rest))[:, None], axis=0)))
+    power /= np.square(np.hanning(len(rest))).sum()
+    angle = 2 * np.pi * np.arange(len(power)) / len(rest)
+    for k in range(rest.shape[1]):
+        lost = (angle * width[k] / step) ** 4
+        used = np.flatnonzero(lost > TWICE)
+        used = used[:: max(1, len(used) // FREQUENCIES)]
+        if len(used) < FEWEST or not power[used, k].any():
+            continue
+        clean = power[used, k] * (1 + 1 / lost[used]) ** 2
+        shape = 1 + trial[:, None] ** 2 - 2 * trial[:, None] * np.cos(angle[used])
+        fresh = (clean * shape).mean(axis=1)
+        best = int(np.argmin(np.log(fresh) - np.log(shape).mean(axis=1)))
+        if best == len(trial) - 1:  # not noise, but motion that was smoothed away
+            continue
+        sigma[k], rho[k] = np.sqrt(fresh[best] / (1 - trial[best] ** 2)), trial[best]
+    return sigma, rho
 
 
 def median_sigma(x: ArrayLike) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
+from dynident.validation.coloured import coloured_std, correlated_std
 from dynident.validation.free_run import (
     Broken,
     CascadePD,
@@ -11,7 +12,7 @@ from dynident.validation.free_run import (
     Singular,
     free_run,
 )
-from dynident.validation.hac import bandwidth, long_run_covariance, robust_covariance
+from dynident.validation.hac import bandwidth, long_run, plain_std, robust_covariance
 from dynident.validation.prediction import (
     SEED,
     LogValidation,
@@ -63,10 +64,13 @@ __all__ = [
     "autocorrelation",
     "bandwidth",
     "check_mass",
+    "coloured_std",
+    "correlated_std",
     "decorrelation",
     "free_run",
     "ljung_box",
-    "long_run_covariance",
+    "long_run",
+    "plain_std",
     "relative_error",
     "repeat_of",
     "residual_test",

@@ -16,7 +16,7 @@ from dynident.errors import ModelError
 from dynident.log import pieces
 from dynident.regression import Regression, RegressorBlock, rank_of, stretches
 
-__all__ = ["bandwidth", "long_run_covariance", "robust_covariance"]
+__all__ = ["bandwidth", "bread", "long_run", "plain_std", "robust_covariance", "samples_of", "stretches_of"]
 
 Array = NDArray[np.float64]
 MOST, PIECE = 200_000, 20_000  # samples of all logs whose scores are looked at, and of one piece of them
@@ -50,26 +50,20 @@ def robust_covariance(
     if value.shape != (p,) or w.shape != (n,):
         raise ModelError(f"theta has shape {value.shape} and weights {w.shape}, expected ({p},) and ({n},).")
     curved = replace(regression, weights=tuple(np.sqrt(np.maximum(one, 0.0)) for one in slopes))
-    scale, inverse = _bread(curved if slopes else regression, w, kept)
+    scale, inverse = bread(curved if slopes else regression, w, kept)
 
     def scores(part: Regression) -> Iterator[Array]:
         return (_scores(block, value, w, kept, scale) for block in part.blocks())
 
-    parts = _stretches(regression)
+    parts = stretches_of(regression, MOST, PIECE)
     length = bandwidth(scores(part) for part in parts)
     rows, total = 0, np.zeros((len(kept), len(kept)))
     for part in parts:
         count, one = _bartlett(scores(part), length, len(kept))
         rows, total = rows + count, total + one
     small_sample = rows / max(rows - len(kept) / n, 1.0)
-    total = total * (_samples(regression) / sum(map(_samples, parts)))
+    total = total * (samples_of(regression) / sum(map(samples_of, parts)))
     return small_sample * inverse @ total @ inverse / np.outer(scale, scale)
-
-
-def long_run_covariance(series: Sequence[Array]) -> Array:
-    """Return the covariance (r, r) of the sum of correlated scores (B, r), of each uninterrupted stretch."""
-    length, width = bandwidth(iter([one]) for one in series), series[0].shape[1]
-    return np.asarray(np.sum([_bartlett(iter([one]), length, width)[1] for one in series], axis=0))
 
 
 def bandwidth(series: Iterator[Iterator[Array]]) -> int:
@@ -93,7 +87,23 @@ def bandwidth(series: Iterator[Iterator[Array]]) -> int:
     return int(np.clip(np.ceil(1.1447 * (alpha * rows) ** (1 / 3)), 1, max(rows // 10, 1)))
 
 
-def _bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Array]:
+def long_run(series: Sequence[Array]) -> Array:
+    """Return the sum S (r, r) of ``robust_covariance`` for scores u (N, r), a series for each uninterrupted stretch."""
+    length = bandwidth(iter([u]) for u in series)
+    return np.asarray(sum(_bartlett(iter([u]), length, u.shape[1])[1] for u in series))
+
+
+def plain_std(regression: Regression, theta: Array, weights: Array, columns: Sequence[int]) -> Array:
+    """Return the standard errors (r) of the same fit for residuals at ``theta`` (p) that are independent."""
+    kept, triangular = list(columns), regression.triangular_factors
+    scale, inverse = bread(regression, weights, kept)
+    R = triangular.factors[:, :-1, :-1][:, :, kept] / scale
+    size = weights**4 * triangular.residual(theta) / np.maximum(triangular.rows, 1)
+    S = np.einsum("j,jik,jil->kl", size, R, R, optimize=True)
+    return np.asarray(np.sqrt(np.diag(inverse @ S @ inverse)) / scale)
+
+
+def bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Array]:
     """Return the norms of the columns and the inverse of A in columns scaled by them."""
     found = rank_of(np.asarray(np.linalg.qr(regression.triangular_factors.stacked(w)[:, [*kept, -1]], mode="r")))
     if found.groups:
@@ -129,30 +139,31 @@ def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Ar
     return rows, total / length
 
 
-def _stretches(regression: Regression) -> list[Regression]:
+def stretches_of(regression: Regression, most: int, size: int) -> list[Regression]:
     """Return the regression of each uninterrupted stretch: samples on both sides of a gap are independent.
 
-    Long stretches are represented by a few pieces, evenly spread.
+    Of more than ``most`` samples in all, a few pieces of about ``size``, evenly spread, represent each stretch.
     """
-    share = min(1.0, MOST / max(_samples(regression), 1))
+    share = min(1.0, most / max(samples_of(regression), 1))
     found = []
     for k, motion in enumerate(regression.motions):
         weights = regression.weights[k : k + 1]
         for part in stretches(motion.mask):
-            for piece in _pieces(part, share):
+            for piece in _pieces(part, share, size):
                 mask = np.zeros(len(motion), dtype=bool)
                 mask[piece] = True
                 found.append(replace(regression, motions=(replace(motion, mask=mask),), weights=weights))
     return found
 
 
-def _pieces(part: slice, share: float) -> list[slice]:
-    """Return about that share of a stretch, in pieces of about PIECE samples; all of it where the share is 1."""
+def _pieces(part: slice, share: float, size: int) -> list[slice]:
+    """Return about that share of a stretch, in pieces of about ``size`` samples; all of it where the share is 1."""
     length = part.stop - part.start
     if share == 1.0 or share * length < 100:
         return [part]
-    return pieces(part, max(1, round(share * length / PIECE)), share)
+    return pieces(part, max(1, round(share * length / size)), share)
 
 
-def _samples(regression: Regression) -> int:
+def samples_of(regression: Regression) -> int:
+    """Return the number of usable samples."""
     return sum(int(motion.mask.sum()) for motion in regression.motions)

@@ -80,8 +80,8 @@ class PhysicallyConsistent:
     >>> found = dy.identify(arm, log, smoother=dy.Spline(sigma=1e-4), estimator=bounded)
     >>> for name, value, std in zip(arm.names, found.estimate.value, found.estimate.std):
     ...     print(f"{name} = {value:.4f} +- {std:.5f}")
-    J = 0.0900 +- 0.00753
-    h = 0.2710 +- 0.02120
+    J = 0.0900 +- 0.00756
+    h = 0.2711 +- 0.02129
     """
 
     inertia: bool = True

@@ -1,0 +1,180 @@
+"""Standard errors for residuals that are correlated over a good part of the log: each joint's as AR(1).
+
+The long-run covariance of ``hac`` needs many spans of correlation in a log. Where there are few, two figures of each
+joint can still be had from the residual, its variance v and its correlation rho at one sample, and the rest follows
+from the regressor: S = sum_j Y_j' R_j Y_j with R_j = v_j rho_j^|t - s|. The fit takes above all what is slow out of the
+residual; v and rho are those for which the expected residual has the variance and the correlation that are seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.regression import Regression
+from dynident.splines import NORMAL_95
+from dynident.validation.hac import bread, robust_covariance, samples_of, stretches_of
+
+__all__ = ["coloured_std", "correlated_std"]
+
+Array = NDArray[np.float64]
+MOST, PIECE = 10_000, 2_500  # samples of all logs that are looked at, and of one piece of them
+ROUNDS, CLOSE = 12, 1e-3
+LEAST = 2.0  # degrees of freedom
+
+
+def correlated_std(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+    slopes: Sequence[Array] = (),
+) -> Array:
+    """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured."""
+    longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
+    try:
+        return np.maximum(longrun, coloured_std(regression, theta, weights, columns))
+    except np.linalg.LinAlgError:  # nearly dependent columns
+        return longrun
+
+
+def coloured_std(
+    regression: Regression,
+    theta: ArrayLike,
+    weights: ArrayLike | None = None,
+    columns: Sequence[int] | None = None,
+) -> Array:
+    """Return standard errors (r) of a least-squares fit whose residual is AR(1) in each joint, in SI units.
+
+    ``theta`` (p), ``weights`` (n) and ``columns`` (r) are those of ``robust_covariance``, whose errors are raised. 1.96
+    of these standard errors hold 95 %: they are multiplied by Student's quantile over the normal one, for the degrees
+    of freedom that v and rho of few independent samples leave (Satterthwaite). Joints are taken as independent.
+    """
+    p, n = len(regression.model.parameters), len(regression.model.joints)
+    w = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
+    kept = list(range(p)) if columns is None else list(columns)
+    scale, inverse = bread(regression, w, kept)
+    half: Array = np.asarray(np.linalg.cholesky((inverse + inverse.T) / 2), dtype=np.float64)
+    parts = stretches_of(regression, MOST, PIECE)
+    share = sum(map(samples_of, parts)) / samples_of(regression)
+    value = np.asarray(theta, dtype=float)
+    series = [_series(part, value, w, kept, half / scale[:, None]) for part in parts]
+    joints = [_Joint.of([one[0][:, j] for one in series], [one[1][:, j] for one in series]) for j in range(n)]
+    v, rho = _matched(joints, share)
+    variance = _diagonal(half, _spread(joints, v, rho) / share)
+    wide = np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
+    return np.asarray(wide / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """One joint's pieces: rows Y (N, r), in units in which all rows of the fit are orthonormal, with their residuals.
+
+    ``samples`` and ``pairs`` of neighbours that count; sums of squares and products of the residuals (``square``,
+    ``product``) and of the rows (``gram``, ``lagged``; (r, r)).
+    """
+
+    rows: tuple[Array, ...]
+    samples: int
+    pairs: int
+    square: float
+    product: float
+    gram: Array
+    lagged: Array
+
+    @classmethod
+    def of(cls, rows: Sequence[Array], left: Sequence[Array]) -> _Joint:
+        """Return a joint; rows of zeros do not count."""
+        used = [np.abs(e) > 0 for e in left]
+        return cls(
+            tuple(rows),
+            max(sum(int(x.sum()) for x in used), 1),
+            max(sum(int((x[1:] & x[:-1]).sum()) for x in used), 1),
+            sum(float(e @ e) for e in left),
+            sum(float(e[1:] @ e[:-1]) for e in left),
+            np.sum([y.T @ y for y in rows], axis=0),
+            np.sum([y[1:].T @ y[:-1] for y in rows], axis=0),
+        )
+
+    def ahead(self, rho: float) -> Array:
+        """Return sum_(s < t) rho^(t - s) y_t y_s' (r, r)."""
+        from scipy.signal import lfilter
+
+        return np.asarray(sum(y.T @ lfilter([0.0, rho], [1.0, -rho], y, axis=0) for y in self.rows))
+
+    def spread(self, v: float, rho: float) -> Array:
+        """Return Y' R Y (r, r)."""
+        ahead = self.ahead(rho)
+        return v * (self.gram + ahead + ahead.T)
+
+    def expected(self, v: float, rho: float, total: Array) -> tuple[float, float]:
+        """Return what the fit takes from the sums of squares and of products of this joint's residuals."""
+        ahead = float(np.trace(self.ahead(rho)))
+        own = v * (float(np.trace(self.gram)) + 2 * ahead)
+        next_to = v * ((1 / rho + rho) * ahead + rho * float(np.trace(self.gram)))
+        return 2 * own - float((self.gram * total).sum()), 2 * next_to - float((self.lagged * total).sum())
+
+
+def _series(part: Regression, theta: Array, w: Array, kept: list[int], turn: Array) -> tuple[Array, Array]:
+    """Return the weighted rows (N, n, r), turned to be orthonormal, and residuals (N, n) of a stretch."""
+    rows, left = [], []
+    for block in part.blocks():
+        used = w if block.keep is None else w * block.keep
+        rows.append((block.Y[:, :, kept] @ turn) * used[..., None])
+        left.append((block.tau - block.Y @ theta) * used)
+    return np.concatenate(rows), np.concatenate(left)
+
+
+def _matched(joints: Sequence[_Joint], share: float) -> tuple[Array, Array]:
+    """Return variance and correlation (n) for which the residuals are as expected; ``share`` of the rows is here."""
+    seen = np.array([one.square / one.samples for one in joints])
+    limit = 1.0 - 2.0 / np.array([one.samples for one in joints])
+    v = np.maximum(seen, 1e-300)
+    rho = _away(np.clip([one.product / one.pairs / x for one, x in zip(joints, v, strict=True)], -0.99, limit))
+    for _ in range(ROUNDS):
+        total = _spread(joints, v, rho) / share
+        taken = [one.expected(a, b, total) for one, a, b in zip(joints, v, rho, strict=True)]
+        squares = [(one.square + more) / one.samples for one, (more, _) in zip(joints, taken, strict=True)]
+        products = [(one.product + more) / one.pairs for one, (_, more) in zip(joints, taken, strict=True)]
+        v = np.maximum(squares, np.maximum(seen, 1e-300))
+        before, rho = rho, _away(np.clip(np.array(products) / v, -0.99, limit))
+        if (np.abs(rho - before) < CLOSE * (1 - rho)).all():
+            break
+    return v, rho
+
+
+def _spread(joints: Sequence[_Joint], v: Array, rho: Array) -> Array:
+    """Return the sum of Y' R Y (r, r) over the joints."""
+    return np.asarray(np.sum([one.spread(a, b) for one, a, b in zip(joints, v, rho, strict=True)], axis=0))
+
+
+def _away(rho: Array) -> Array:
+    """Return rho, moved from zero, where 1 / rho times the sum that it multiplies is not defined."""
+    return np.where(np.abs(rho) < 1e-6, 1e-6, rho)
+
+
+def _doubt(joints: Sequence[_Joint], v: Array, rho: Array, half: Array) -> Array:
+    """Return the variance (r) of the estimated variances, from that of v and rho of each joint."""
+    out = np.zeros(len(half))
+    for one, a, b in zip(joints, v, rho, strict=True):
+        fresh, step = a * (1 - b * b), 0.5 * np.sqrt((1 - b * b) / one.samples)
+        ends = np.clip([b - step, b + step], -0.99, 1 - 0.5 / one.samples)
+        low, high = (_diagonal(half, one.spread(fresh / (1 - x * x), x)) for x in _away(ends))
+        out += (high - low) ** 2 + 2.0 / one.samples * _diagonal(half, one.spread(a, b)) ** 2
+    return out
+
+
+def _diagonal(half: Array, middle: Array) -> Array:
+    """Return the diagonal of half middle half'."""
+    return np.asarray(np.maximum(np.einsum("ij,jk,ik->i", half, middle, half, optimize=True), 0.0))
+
+
+def _quantile(variance: Array, doubt: Array) -> Array:
+    """Return Student's 97.5 % quantiles for variances with a variance of their own (Satterthwaite)."""
+    from scipy.special import stdtrit
+
+    free = np.divide(2 * variance**2, doubt, out=np.full_like(variance, 1e6), where=doubt > 0)
+    return np.asarray(stdtrit(np.maximum(free, LEAST), 0.975))

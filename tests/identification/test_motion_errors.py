@@ -1,0 +1,126 @@
+"""What errors of the smoothed motion do to an estimate: predicted, corrected, counted, and said."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.estimators import LeastSquares, PhysicallyConsistent, Problem
+from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
+from dynident.identification import Identification, Recipe, find_time_offset, identify, pair
+from dynident.identification.motion_errors import MotionErrors, motion_errors
+from dynident.log import Log, Motion
+from dynident.models import Coulomb, Model, Viscous, record, simulate
+from dynident.models.gallery import pendulum
+from dynident.regression import ParallelFilter, Regression
+from dynident.smoothers import Smoother, Spline, TimeShifted
+from dynident.splines import NORMAL_95
+
+ARM = pendulum()
+MODEL = Model((*ARM.terms, Viscous(ARM.joints, values=(0.05,)), Coulomb(ARM.joints, values=(0.1,), width=0.1)))
+TRUTH = np.asarray(MODEL.values)
+SIGMA = 3e-3  # rad
+WIDE = Spline(factor=1.4)
+
+
+@cache
+def truth() -> Motion:
+    """A smooth motion; where friction bends a free one sharply, only part of what smoothing takes can be predicted."""
+    t = np.arange(2000)[:, None] * 0.005
+    parts = ((1.5, 2.0, 0.0), (0.8, 5.0, 1.0), (0.3, 9.0, 2.0))
+    q = sum(a * np.sin(w * t + c) for a, w, c in parts)
+    dq = sum(a * w * np.cos(w * t + c) for a, w, c in parts)
+    ddq = -sum(a * w**2 * np.sin(w * t + c) for a, w, c in parts)
+    names = tuple(joint.name for joint in MODEL.joints)
+    return Motion(t[:, 0], q, dq, ddq, MODEL.torque(q, dq, ddq, TRUTH), names, np.ones(len(t), dtype=bool))
+
+
+def log(seed: int, sigma: float = SIGMA) -> Log:
+    return record(truth(), sigma, 0.02, np.random.default_rng(seed)).log
+
+
+def predicted(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> MotionErrors:
+    motions = (smoother(one),)
+    regression = Regression(MODEL, motions, parallel_filter)
+    found = motion_errors(MODEL, [one], regression, smoother, LeastSquares()(Problem(MODEL, motions, regression)))
+    assert found is not None
+    return found
+
+
+def plain(one: Log, smoother: Smoother, parallel_filter: ParallelFilter | None = None) -> np.ndarray:
+    motions = (smoother(one),)
+    return LeastSquares()(Problem(MODEL, motions, Regression(MODEL, motions, parallel_filter))).value
+
+
+@pytest.mark.parametrize(
+    ("smoother", "parallel_filter"),
+    [
+        (WIDE, None),
+        (WIDE, ParallelFilter(decimate=4)),
+        (TimeShifted(WIDE, 0.0), None),
+    ],
+    ids=["spline", "filter", "shifted"],
+)
+def test_the_bias_is_that_of_many_runs(smoother: Smoother, parallel_filter: ParallelFilter | None) -> None:
+    """Over 25 runs the mean error, less what is predicted, is a third of the mean error or chance (5 deviations)."""
+    errors = np.array([plain(log(seed), smoother, parallel_filter) - TRUTH for seed in range(25)])
+    bias = np.array([predicted(log(seed), smoother, parallel_filter).bias for seed in range(6)]).mean(axis=0)
+    chance = 5 * errors.std(axis=0) / np.sqrt(25)
+    assert (np.abs(errors.mean(axis=0)) > chance).any(), "there is a bias to predict"
+    assert (np.abs(errors.mean(axis=0) - bias) < 0.33 * np.abs(errors.mean(axis=0)) + chance).all()
+
+
+@pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=["least squares", "consistent"])
+def test_intervals_of_an_identification_hold(estimator: LeastSquares | PhysicallyConsistent) -> None:
+    """Of 30 x 4 intervals at least 85 % hold (five deviations below 95 % for 120), and far fewer of the plain ones."""
+    held, before = [], []
+    for seed in range(30):
+        one = log(seed)
+        found = identify(MODEL, [one], recipe=Recipe(WIDE, estimator))
+        held.append(np.abs(found.estimate.value - TRUTH) < NORMAL_95 * found.errors.best)
+        before.append(np.abs(plain(one, WIDE) - TRUTH) < NORMAL_95 * found.estimate.std)
+    assert np.mean(held) > 0.85
+    assert np.mean(held, axis=0).min() > 0.75
+    assert np.mean(before) < 0.75
+
+
+def notes(found: Identification) -> list[type]:
+    return [type(one) for one in found.warnings if isinstance(one, MotionCorrected | MotionTooNoisy)]
+
+
+def test_the_correction_is_said_and_only_made_where_it_matters() -> None:
+    noisy = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
+    assert notes(noisy) == [MotionCorrected]
+    assert not np.array_equal(noisy.estimate.value, plain(log(1), WIDE))
+    quiet = identify(MODEL, [log(1, 1e-6)], recipe=Recipe(WIDE))
+    assert notes(quiet) == []
+    np.testing.assert_array_equal(quiet.estimate.value, plain(log(1, 1e-6), WIDE))
+
+
+def test_a_bias_too_large_to_correct_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["dynident.identification.identify"], "FAR", 1e-6)
+    found = identify(MODEL, [log(1)], recipe=Recipe(WIDE))
+    assert notes(found) == [MotionTooNoisy]
+    np.testing.assert_array_equal(found.estimate.value, plain(log(1), WIDE))
+
+
+def test_noise_that_the_residual_rules_out_is_not_believed() -> None:
+    """Of a fast motion without noise the differences look like noise, but the torque fits."""
+    one = record(truth(), 0.0, 0.0, np.random.default_rng(0)).log
+    coarse = one.rows(np.arange(len(one)) % 4 == 0, "coarse")
+    found = identify(MODEL, [coarse], recipe=Recipe(WIDE))
+    np.testing.assert_allclose(found.estimate.value, plain(coarse, WIDE), rtol=0.05)
+
+
+def test_noise_that_is_less_between_samples_is_no_time_offset() -> None:
+    """At 100 Hz and with known noise, a search alone finds an offset of 1 ms, six standard errors from zero."""
+    t, rng = np.arange(1001) * 0.01, np.random.default_rng(0)
+    motion = simulate(ARM, np.asarray(ARM.values), lambda s: [np.sin(5 * s)], t)
+    one, known = record(motion, 1e-4, 0.01, rng).log, Spline(sigma=1e-4)
+    assert abs(find_time_offset(ARM, [known(one)], LeastSquares()).seconds) > 5e-4
+    found = pair(ARM, [one], [known], "estimate", LeastSquares()).time_offset
+    assert found is not None
+    assert found.seconds == 0.0

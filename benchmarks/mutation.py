@@ -197,6 +197,11 @@ def tests_of(part: Part, path: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests, *EVERY]))
 
 
+def all_tests(part: Part) -> tuple[str, ...]:
+    """Return the tests of all files of a part."""
+    return tuple(dict.fromkeys(test for path in files(part) for test in tests_of(part, path)))
+
+
 def digest(*paths: str) -> str:
     """Return a hash of files, and of the Python files of folders."""
     found = [one for path in paths for one in (sorted((ROOT / path).rglob("*.py")) or [ROOT / path])]
@@ -232,9 +237,9 @@ class Copy:
             self._seconds[tests] = time.monotonic() - start
         return SLOWER * self._seconds[tests] + AT_LEAST
 
-    def try_out(self, mutant: Mutant, tests: tuple[str, ...]) -> str:
+    def try_out(self, mutant: Mutant, tests: tuple[str, ...], limit: float) -> str:
         """Return what becomes of a mutant, and put its file back."""
-        limit, target = self.limit(tests), self.root / mutant.path
+        target = self.root / mutant.path
         try:
             self._write(target, mutant.code)
             return self.run(tests, limit)
@@ -272,8 +277,9 @@ def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, list[Out
                 source, checks = digest(mutant.path), digest(*tests)
                 old = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
                 if old is None or not holds(old, source, checks):
-                    start = time.monotonic()
-                    result, place = copy.try_out(mutant, tests), (mutant.path, mutant.line, mutant.was, mutant.becomes)
+                    limit, start = copy.limit(all_tests(PARTS[name])), time.monotonic()
+                    place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
+                    result = copy.try_out(mutant, tests, limit)
                     old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1))
                     with out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(asdict(old)) + "\n")

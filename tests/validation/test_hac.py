@@ -171,6 +171,30 @@ def test_is_the_printed_formula_with_its_own_bandwidth(weights: tuple[float, flo
     np.testing.assert_allclose(part, expected, rtol=1e-9)
 
 
+def test_the_long_run_sum_is_the_double_sum_over_all_stretches() -> None:
+    rng = np.random.default_rng(3)
+    series = [lfilter([1.0], [1.0, -0.8], rng.standard_normal((rows, 2)), axis=0) for rows in (400, 150)]
+    length, expected = andrews(series), np.zeros((2, 2))
+    for u in series:
+        k = np.arange(len(u))
+        expected += u.T @ np.maximum(0, 1 - np.abs(k[:, None] - k) / length) @ u
+    np.testing.assert_allclose(hac.long_run(series), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("weights", [(1.0, 1.0), (2.0, 0.5)])
+def test_plain_errors_are_those_of_independent_residuals_of_each_joint(weights: tuple[float, float]) -> None:
+    """A^-1 (sum w_j^4 s_j^2 Y_j' Y_j) A^-1 with s_j^2 the mean square of joint j."""
+    regression = Regression(MODEL, (motion(0, 0.0, 300), motion(1, 0.0, 500)))
+    theta, w2 = np.array([2.0, 3.0, 1.0, -1.0]), np.square(weights)
+    Y = np.concatenate([MODEL.regressor(one.q, one.dq, one.ddq) for one in regression.motions])
+    tau = np.concatenate([one.tau for one in regression.motions])
+    square = np.mean((tau - Y @ theta) ** 2, axis=0)
+    inverse = np.linalg.inv(np.einsum("j,bji,bjk->ik", w2, Y, Y))
+    expected = inverse @ np.einsum("j,bji,bjk->ik", w2**2 * square, Y, Y) @ inverse
+    found = hac.plain_std(regression, theta, np.asarray(weights), range(4))
+    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-9)
+
+
 def test_of_two_samples_one_parameter_leaves_one() -> None:
     """n / (n - p) sum u^2 / n^2 of a mean of two, and n / 1 where no sample is left."""
     joint = (Joint("a"),)

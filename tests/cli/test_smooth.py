@@ -24,13 +24,43 @@ class TestSmooth:
         assert np.abs(table["dd_pos"].to_numpy() + 2.7 * np.sin(3 * t))[inner].max() < 0.1
         assert "pos" in (tmp_path / "out" / "report.html").read_text()
 
-    @pytest.mark.parametrize(("name", "warned"), [("time_ms", True), ("time_s", False), ("time", False)])
-    def test_a_time_named_in_another_unit_is_warned_of(self, tmp_path: Path, name: str, warned: bool) -> None:
+    @pytest.mark.parametrize(
+        ("name", "options", "factor"),
+        [
+            ("time_ms", (), 1000), ("time_s", (), 1), ("time", (), 1), ("time", ("--time-unit", "ms"), 1000),
+            ("time_ms", ("--time-unit", "s"), 1),
+        ],
+    )  # fmt: skip
+    def test_derivatives_are_per_second_whatever_the_unit_of_the_time(
+        self, tmp_path: Path, name: str, options: tuple[str, ...], factor: int
+    ) -> None:
         log = write_log(tmp_path)
-        pl.read_csv(log).rename({"time": name}).write_csv(log)
-        done = run("smooth", log, "--time", name, "--column", "pos", "--out", tmp_path / "out")
+        pl.read_csv(log).with_columns(pl.col("time") * factor).rename({"time": name}).write_csv(log)
+        done = run("smooth", log, "--time", name, "--column", "pos", *options, "--out", tmp_path / "out")
         assert done.exit_code == 0, done.output
-        assert ("its name says ms" in done.output) is warned
+        assert ("as its name says" in done.output) is (factor > 1 and not options)
+        table = pl.read_csv(tmp_path / "out" / "smoothed.csv")
+        np.testing.assert_array_equal(table[name], pl.read_csv(log)[name])
+        found = table["d_pos"].to_numpy() - 0.9 * np.cos(3 * table[name].to_numpy() / factor)
+        assert np.abs(found[100:-100]).max() < 0.01
+
+    def test_dates_are_read_in_seconds(self, tmp_path: Path) -> None:
+        log = write_log(tmp_path)
+        day = pl.datetime(2024, 5, 1, 12, 0, 0)
+        stamps = (
+            (day + pl.duration(microseconds=(pl.col("time") * 1e6).round().cast(pl.Int64)))
+            .dt.to_string("iso")
+            .alias("time")
+        )
+        pl.read_csv(log).with_columns(stamps).write_csv(log)
+        words = ("smooth", log, "--time", "time", "--column", "pos", "--out", tmp_path / "out")
+        done = run(*words, "--time-unit", "ms")
+        assert done.exit_code == 1
+        assert "holds dates, times or durations, read in s: not 'ms'" in done.output
+        assert run(*words).exit_code == 0
+        t = pl.read_csv(tmp_path / "out" / "smoothed.csv")["time"].to_numpy()
+        assert t[0] == 12 * 3600
+        assert "seconds" not in run(*words, "--time-unit", "h").output
 
     @pytest.mark.parametrize("rule", ["constraint", "gcv", "reml", "interpolate"])
     def test_rules_on_all_columns(self, tmp_path: Path, rule: str) -> None:
@@ -45,6 +75,7 @@ class TestSmooth:
             (("--time", "time", "--column", "poss"), "did you mean 'pos'"),
             (("--time", "time", "--sigma", "-1"), "sigma is -1"),
             (("--time", "pos"), "does not exceed"),
+            (("--time", "time", "--time-unit", "rad"), "a unit of angle, not of time"),
             (("--time", "time", "--lam", "1", "--rule", "gcv"), "--lam and --rule gcv"),
         ],
     )

@@ -190,6 +190,39 @@ def test_joints_that_are_not_identified_are_locked():
     assert "it moves by 0.02 m" in moving.lock["finger"][1]
 
 
+def test_recorded_joints_that_do_not_move_in_any_log_are_locked():
+    finger = JointFacts("finger", "prismatic", Limits(lower=0.01, upper=0.04))
+    columns = signals(("shoulder_q", "elbow_q"), ("shoulder_tau", "elbow_tau"))
+    first, later = ({**columns, "finger_q": np.full(N, x), "finger_tau": wave(1.0)} for x in (0.02, 0.035))
+    found = map_columns(table(**first), (*ARM, finger))
+    assert list(found.position) == list(found.torque) == ["shoulder", "elbow"]
+    assert (found.lock, found.still) == ({"finger": (0.02, "")}, ("finger",))
+    assert map_columns(table(**first), (*ARM, finger), others=[table(**first)]).still == ("finger",)
+    opened = map_columns(table(**first), (*ARM, finger), others=[table(**later)])  # at rest, but elsewhere
+    assert (opened.lock, opened.still) == ({}, ())
+    assert list(opened.position) == ["shoulder", "elbow", "finger"]
+    assert map_columns(table(**first), (*ARM, finger), lockable=False).still == ()
+    rest = map_columns(table(**{name: np.full(N, 0.1) for name in first}), (*ARM, finger))
+    assert rest.still == ()  # a log at rest has no joint to identify at all
+    assert len(rest.position) == 3
+
+
+def test_dates_are_the_time_whatever_their_column_is_called():
+    columns = {"Datum": T + 43200, **signals()}
+    found = map_columns(DataTable(columns, {}, "a.csv", units={"Datum": "s"}), NUMBERED).time
+    assert (found.column, found.unit, found.question) == ("Datum", "s", "")
+
+
+def test_states_of_robot_learning_are_positions():
+    state = {f"observation.state[{k}]": wave(1.0, k) for k in range(2)}
+    state |= {f"observation.effort[{k}]": wave(9.0, k) for k in range(2)} | {
+        f"action[{k}]": wave(1.1, k) for k in (0, 1)
+    }
+    found = map_columns(DataTable({"timestamp": T.copy(), **state}, {}, "a.parquet"), NUMBERED)
+    assert [one.column for one in found.position.values()] == ["observation.state[0]", "observation.state[1]"]
+    assert [one.column for one in found.torque.values()] == ["observation.effort[0]", "observation.effort[1]"]
+
+
 def test_channels_of_one_mapping_are_equally_long():
     short = {f"q{k}": wave(1.0, k)[:50] for k in (1, 2)} | {f"q_meas{k}": wave(1.0, k) for k in (1, 2)}
     found = map_columns(table(**short, tau1=wave(9.0), tau2=wave(9.0)), NUMBERED)

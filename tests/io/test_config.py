@@ -125,6 +125,12 @@ def test_several_windows_and_files():
 
 MISTAKES = {
     "unknown key": (changed(smother={}), ("unknown key 'smother'", "did you mean 'smoother'")),
+    "former key": (changed(parallel={"decimate": 2}), ("unknown key 'parallel'; it is called 'filter' now",)),
+    "former key of slow motion": (changed(slow=0.1), ("unknown key 'slow'; it is called 'min_speed' now",)),
+    "former key of the base": (
+        changed(model={"file": "arm.urdf", "lean": "estimate"}),
+        ("model: unknown key 'lean'; it is called 'base_tilt' now",),
+    ),
     "unknown inner key": (with_train(windw=[0, 1]), ("train[0]: unknown key 'windw'", "did you mean 'window'")),
     "missing": (changed(time=...), ("time: is missing",)),
     "missing unit": (changed(position={"slider": {"column": "q"}}), ("position.slider.unit: is missing",)),

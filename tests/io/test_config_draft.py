@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from pathlib import Path
 
@@ -309,3 +310,25 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
 
         estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares
         """)  # noqa: E501
+
+
+def test_a_finger_that_does_not_move_is_locked_where_it_stands(tmp_path):
+    """Its column of efforts is no reason to identify it; the model that is fitted has the arm's joints only."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    columns = {"finger.effort": np.full(N, 0.4), "finger.position": 0.02 + 1e-7 * np.sin(9 * T)}
+    logs = [write(tmp_path / f"{name}.csv", **columns) for name in "ab"]
+    done = run("init", tmp_path / "arm.urdf", *logs, "-o", tmp_path / "drafted.yaml")
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "drafted.yaml").read_text()
+    assert "    finger: 0.02  # does not move in the logs" in text
+    assert "`model.lock`): 'finger'" in done.output
+    assert f"dynident check {tmp_path / 'drafted.yaml'}" in done.output.replace("\n", "")
+    settings = yaml.safe_load(text)
+    assert settings["model"]["lock"] == {"finger": pytest.approx(0.02)}
+    assert list(settings["torque"]) == ["shoulder", "elbow"]
+    done = run("identify", tmp_path / "drafted.yaml", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [joint["name"] for joint in result["model"]["joints"]] == ["shoulder", "elbow"]
+    notes = [note for one in result["report"]["exports"] for note in one["notes"]]
+    assert any("'finger'" in note and "were fixed" in note for note in notes)

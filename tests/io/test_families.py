@@ -7,13 +7,15 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynident.cli import main
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
-from dynident.io.parts import build, schemas
+from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
 from dynident.models import Coulomb, Joint, Offset, RotorInertia, Viscous
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
@@ -365,3 +367,16 @@ def test_a_package_adds_a_part_by_an_entry_point():
         build(SMOOTHERS, {"kind": "ends"}, "smoother")
     with pytest.raises(ConfigError, match=r"silent is no smoother: it lacks __call__"):
         build(SMOOTHERS, {"kind": "silent"}, "smoother")
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_schema_is_made_where_an_installed_part_cannot_be_loaded():
+    found = schemas(SMOOTHERS)
+    assert {"spline", "savitzky_golay", "lost", "ends", "silent"} <= found.keys()
+    assert "cannot be loaded" in found["lost"]["description"]
+    assert found["lost"]["properties"] == {"kind": {"const": "lost"}}
+    assert len(list(unusable(SMOOTHERS))) == 3
+    done = CliRunner().invoke(main, ["schema"])
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["title"] == "dynident configuration"
+    assert done.stderr.count("Warning: its settings are not in the schema: ") == 3

@@ -72,6 +72,77 @@ def test_matlab_arrays_are_as_matlab_shows_them(tmp_path):
     }
 
 
+def as_matlab(file, name, value, kind="double"):
+    """Write an array as MATLAB does: by columns, with its class."""
+    file[name] = np.asarray(value).T
+    file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+
+
+def as_struct(file, name):
+    group = file.create_group(name)
+    group.attrs["MATLAB_class"] = np.bytes_("struct")
+    return group
+
+
+@pytest.fixture
+def structs(tmp_path):
+    """Structs, structs in structs, an array of structs, cells, texts and objects, as MATLAB 7.3 keeps them."""
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        log = as_struct(file, "log")
+        as_matlab(log, "t", np.arange(3.0)[:, None])
+        as_matlab(log, "rate", np.array([[100.0]]), "single")
+        as_matlab(log, "name", np.array([[65, 66]], np.uint16), "char")
+        arm = as_struct(log, "arm")
+        as_matlab(arm, "q", Q)
+        as_matlab(arm, "on", np.array([[1], [0], [1]], np.uint8), "logical")
+        runs = as_struct(file, "runs")  # 1 x 2: each field is an array of references
+        for k in range(2):
+            as_matlab(file, f"#refs#/{k}", np.arange(3.0)[:, None])
+        runs["q"] = np.array([[file["#refs#/0"].ref], [file["#refs#/1"].ref]], h5py.ref_dtype)
+        file["cells"] = np.array([[file["#refs#/0"].ref]], h5py.ref_dtype)
+        file["cells"].attrs["MATLAB_class"] = np.bytes_("cell")
+        for name in ("timeseries", "timetable", "table", "datetime", "Robot"):
+            as_matlab(file, f"a_{name}", np.array([[0xDD000000, 2, 1, 1, 1, 1]], np.uint32), name)
+        as_matlab(file, "plain", Q, "int16")
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    return path
+
+
+def test_fields_of_structs_are_columns_as_in_older_files(structs):
+    table = read_columns(structs)
+    assert {name: list(column) for name, column in table.columns.items()} == {
+        "log.t": [0, 1, 2],
+        "log.arm.q[0]": [0, 2, 4],
+        "log.arm.q[1]": [1, 3, 5],
+        "log.arm.on": [1, 0, 1],
+        "plain[0]": [0, 2, 4],
+        "plain[1]": [1, 3, 5],
+    }
+    assert dict(table.constants) == {"log.rate": 100.0}
+    assert set(read_columns(structs, needed={"log.arm.q[1]"}).columns) == {"log.arm.q[0]", "log.arm.q[1]"}
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("log.name", "holds text"),
+        ("cells", "holds a cell array"),
+        ("runs.q", "an array of structs or cells (in MATLAB, take one: x = s(1).field;"),
+        ("a_timeseries", "a timeseries object, which only MATLAB can read (there: t = x.Time; q = squeeze(x.Data);"),
+        ("a_timetable", "q = x.Variables; and save those"),
+        ("a_table", "table2array(x)"),
+        ("a_datetime", "t = seconds(x - x(1));"),
+        ("a_Robot", "a Robot object, which only MATLAB can read (there: take its numbers out as arrays, and save"),
+    ],
+)
+def test_what_is_no_array_of_matlab_says_how_to_export_it(structs, name, words):
+    with pytest.raises(InputError) as caught:
+        read_columns(structs).column(name)
+    assert words in str(caught.value)
+
+
 def test_other_files_are_not_opened(tmp_path):
     write_hdf5(tmp_path / "other.h5")
     (tmp_path / "raw").write_bytes(np.arange(3.0).tobytes())

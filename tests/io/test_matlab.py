@@ -87,6 +87,18 @@ def test_the_other_byte_order():
     np.testing.assert_array_equal(scipy.io.loadmat(io.BytesIO(data))["t"], [[0, 0.5, 1]])
 
 
+def test_objects_say_how_their_numbers_become_arrays():
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    parts = [element(6, struct.pack("<II", 17, 0)), *(element(1, one) for one in (b"recorded", b"MCOS", b"timeseries"))]
+    data = b"MATLAB 5.0".ljust(124) + b"\0\1IM" + element(14, b"".join([*parts, element(14, b"")]))
+    found = parse_mat(data)["recorded"]
+    assert isinstance(found, str)
+    assert "a timeseries object" in found
+    assert "t = x.Time;" in found
+
+
 def test_every_truncation_is_an_error_or_leaves_whole_variables_only():
     data = saved(t=np.arange(20.0), q=np.ones(3))
     whole = parse_mat(data)

@@ -118,6 +118,13 @@ class TestIdentify:
         assert [[one.name for one in found.validations] for found in values] == [["monday"]] * 3
         assert values[0].estimate.value[0] == pytest.approx(5.0, rel=0.05)
 
+    def test_no_progress_may_be_asked_for(self) -> None:
+        log = sliding()
+        found = dy.identify("gallery:slider", log, estimator=dy.LeastSquares(), progress=None)
+        assert found.estimate.value[0] == pytest.approx(5.0, rel=0.05)
+        assert not dy.check("gallery:slider", log, progress=None).failed
+        assert dy.accuracy_bound("gallery:slider", log, sigma_q=1e-4, sigma_tau=0.1, progress=None).names
+
     def test_keywords_replace_fields_of_the_recipe(self) -> None:
         recipe = dy.Recipe(dy.Difference(), min_speed=0.1)
         found = dy.identify("gallery:slider", sliding(), recipe=recipe, smoother=dy.Difference("central"))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import datetime as dt
+
 import numpy as np
+import polars as pl
 import pytest
 
 from dynident.errors import ConfigError, InputError
 from dynident.io.config import parse_config
-from dynident.io.logs import read_logs
+from dynident.io.logs import read_logs, read_recording
 from dynident.io.recipe import build_recipe
+from dynident.io.settings import LogSpec
 from dynident.models import Joint
 from tests.io.files import npz, written
 
@@ -55,6 +59,42 @@ def test_feedforward_is_that_of_the_recording_that_has_one_in_all_its_windows(tm
     for log, t in ((early, 0.2), (late, 0.8)):
         at_rest = log.controller(t, np.array([np.sin(t)]), np.zeros(1))
         assert at_rest == pytest.approx(-2 * t)
+
+
+def dated(folder, unit, **columns):
+    t = np.arange(101) * 0.01
+    stamps = pl.Series([dt.datetime(2024, 5, 1, 23, 59, 59, 500_000) + dt.timedelta(seconds=x) for x in t])
+    pl.DataFrame({"t": stamps, "x": np.sin(t), "u": np.cos(t)} | columns).write_parquet(folder / "a.parquet")
+    text = f"""
+    model: gallery:slider
+    time: {{column: t, unit: {unit}}}
+    position: {{slider: {{column: x, unit: m}}}}
+    torque: {{slider: {{column: u, unit: N}}}}
+    train: [{{file: a.parquet}}]
+    """
+    config = parse_config(text, folder)
+    return read_logs(config.train[0], config, SLIDER).logs[0]
+
+
+def test_dates_are_in_seconds_and_no_other_unit(tmp_path):
+    log = dated(tmp_path, "s")
+    np.testing.assert_allclose(log.t - log.t[0], np.arange(101) * 0.01, atol=1e-9)
+    with pytest.raises(ConfigError, match=r"time\.unit: 'ms', but column 't' of .* holds dates, times or durations"):
+        dated(tmp_path, "ms")
+
+
+def test_dates_of_one_file_among_several_are_in_seconds(tmp_path):
+    dated(tmp_path, "s")
+    table = read_recording(LogSpec(file={"a": tmp_path / "a.parquet", "b": tmp_path / "a.parquet"}))
+    assert dict(table.units) == {"a.t": "s", "b.t": "s"}
+
+
+def test_episodes_in_one_file_are_named_where_the_time_runs_back(tmp_path):
+    stamps = np.append(np.arange(51), np.arange(50)) * 0.01
+    with pytest.raises(InputError, match=r"several recordings, by 'episode_index'\? Then write each to a file"):
+        dated(tmp_path, "s", t=stamps, episode_index=[0] * 51 + [1] * 50)
+    with pytest.raises(InputError, match=r"such rows\); sort the rows by time"):
+        dated(tmp_path, "s", t=stamps)
 
 
 def test_a_measured_torque_needs_no_controller(tmp_path):

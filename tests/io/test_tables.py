@@ -57,7 +57,7 @@ BINARIES = {
     ".npz": npz(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd=np.array(["a"]), deep=np.ones((2, 2, 2))),
     ".mat": mat(t=np.arange(3), q=np.arange(6.0).reshape(3, 2), gain=2.5, odd="text", deep=np.ones((2, 2, 2))),
     ".parquet": parquet(
-        t=[0, 1, 2], odd=["a", "b", "c"], deep=[[1], [2], [3]], **{"q[0]": [0, 2, 4], "q[1]": [1, 3, 5]}
+        t=[0, 1, 2], odd=["a", "b", "c"], deep=[[1], [2, 3], [3]], **{"q[0]": [0, 2, 4], "q[1]": [1, 3, 5]}
     ),
 }
 

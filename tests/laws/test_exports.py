@@ -23,6 +23,7 @@ from dynident.export import (
     prove,
 )
 from dynident.export.identified import link_inertias
+from dynident.export.placement import placed
 from dynident.models import (
     Coulomb,
     CoupledMotor,
@@ -35,6 +36,7 @@ from dynident.models import (
     from_physical,
     moved,
 )
+from dynident.regression import structural_base_parameters
 from tests.laws.test_damaged_robot_files import RICH_MJCF, RICH_URDF
 from tests.laws.test_rigid_bodies import Peer, few, random_body, random_robot, states
 from tests.robots import ARM, ARM_MJCF, words
@@ -162,6 +164,27 @@ def with_rotors(bodies, rng):
     joints = bodies.joints
     model = Model((*one.model.terms, RotorInertia(joints)), name="arm")
     return Identified(model, np.concatenate([one.value, rng.uniform(0, 1, len(joints))]))
+
+
+@few
+@given(seeds, sizes)
+def test_rotors_go_into_links_as_far_as_the_torque_and_physics_allow(seed, count):
+    rng = np.random.default_rng(seed)
+    text, joints = random_robot(rng, count, massless=0.0)
+    one = with_rotors(RigidBodies(text, joints, gravity=tuple(rng.normal(scale=9.81, size=3))), rng)
+    best, state = placed(one, armature=False), states(rng, len(joints), 20)
+    assert_same(best.model.torque(*state, best.value), one.model.torque(*state, one.value))
+    assert all(consistency_violations(body) == () for body in best.bodies[1])
+    n = len(joints)
+    assert (best.value[-n:] >= 0).all()
+    effect = structural_base_parameters(one.model).scale[-n:]
+    assert np.linalg.norm(effect * best.value[-n:]) <= np.linalg.norm(effect * one.value[-n:])
+    written = identified_urdf(one)
+    assert prove(written, one, state, Urdf()).proven
+    lost = {line.split(" = ")[0] for line in written.left_out if line.startswith("Ia_")}
+    assert lost == {
+        name for name, value in zip(one.model.names, best.value, strict=True) if name[:3] == "Ia_" and value
+    }
 
 
 @few

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynident.export import Urdf, export, random_states
+from dynident.export import FileError, Urdf, export, random_states
 from dynident.models import from_physical
 from dynident.report.exports import export_notes, export_results, export_section
 from dynident.report.page import render
@@ -27,7 +27,21 @@ def test_a_proven_file_with_what_it_leaves_out() -> None:
     assert result["proven"]
     assert result["agreement"] == made.proof.agreement
     assert result["left_out"] == list(made.written.left_out)
-    assert export_notes([made]) == ["robot.identified.urdf cannot hold 7 items, which the report lists."]
+    first, second = export_notes([made])
+    assert first == "robot.identified.urdf cannot hold 6 items, which the report lists."
+    assert second.startswith("robot.identified.urdf: Ia_shoulder (0.5 kg m^2): part of other parameters")
+
+
+def test_what_is_left_out_has_its_cost() -> None:
+    errors = (FileError("fast", "train", 1.0, 9.0), FileError("slow", "validation", 2.0, 3.25))
+    made = replace(export(arm(), Urdf(), STATES), errors=errors)
+    assert export_notes([made])[0].endswith("a torque error of 3.25 % on 'slow', the model 2 %.")
+    assert "3.25" in page([made])
+    assert export_results([made])[0]["errors"] == [
+        {"log": "fast", "role": "train", "model": 1.0, "file": 9.0},
+        {"log": "slow", "role": "validation", "model": 2.0, "file": 3.25},
+    ]
+    assert "3.25" not in page([replace(made, written=replace(made.written, left_out=()))])
 
 
 def test_a_refusal_is_shown() -> None:

@@ -33,7 +33,8 @@ SAID = [
         notes.NeverMoves(2, 0.0),
         (
             "the position never moves (2 distinct values near 0): nothing about this joint's own motion can be "
-            "identified. Check that the right column is named, or use another window."
+            "identified. Check that the right column is named, or use another window; a joint of a robot file that is "
+            "to stand still goes under `model.lock`."
         ),
     ),
     (

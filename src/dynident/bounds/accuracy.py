@@ -142,7 +142,7 @@ def accuracy_bound(
     sigma_q: Mapping[str, float] | float | None = None,
     sigma_tau: Mapping[str, float] | float | None = None,
     torque: TorqueNoise = "residual",
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> AccuracyBound:
     """Return the bound for a model and its training logs; the smoothed motion is taken for the true one.
 
@@ -170,7 +170,8 @@ def accuracy_bound(
     if sigma_q is None:
         sigma_q = _spline_noise(recipe)
     sensors = noise_of(found, [log.select(joints) for log in plain.values()], torque, sigma_q, sigma_tau)
-    progress("computing the bound")
+    if progress:
+        progress("computing the bound")
     motions = tuple(one.motion for one in found.validations)
     directions = found.estimate.determined.directions
     shown = Regression(found.model, motions).triangular_factors.stacked() if directions is None else directions

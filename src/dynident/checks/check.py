@@ -73,7 +73,7 @@ def run_checks(
     multi_turn: Set[str] = frozenset(),
     found: Sequence[Finding] = (),
     motions: Mapping[str, Mapping[str, Motion]] | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
@@ -95,15 +95,15 @@ def run_checks(
     >>> result.failed, result.rank.on_data
     (False, 2)
     """
-    joints = tuple(joint.name for joint in model.joints)
+    joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    whole, sound = _recorded(model, logs, multi_turn, recipe, findings, progress)
+    whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say)
     findings += repeat_findings(logs)
     if sound["train"]:
         try:
             with one_thread():
-                whole = _moving(whole, model, sound, recipe, findings, motions, progress)
+                whole = _moving(whole, model, sound, recipe, findings, motions, say)
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)
@@ -117,7 +117,7 @@ def with_findings(
     recipe: Recipe,
     *,
     multi_turn: Set[str] = frozenset(),
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Return an identification with the errors and warnings of ``run_checks`` on what it was made from.
 

@@ -43,7 +43,8 @@ def _(note: notes.UnevenSteps) -> str:
 def _(note: notes.NeverMoves) -> str:
     return (
         f"the position never moves ({note.levels} distinct values near {note.near:.6g}): nothing about this joint's "
-        "own motion can be identified. Check that the right column is named, or use another window."
+        "own motion can be identified. Check that the right column is named, or use another window; a joint of a robot "
+        "file that is to stand still goes under `model.lock`."
     )
 
 

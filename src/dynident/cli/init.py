@@ -32,6 +32,7 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     from dynident.io.config_draft import draft_config, same_columns
     from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import write_text
+    from dynident.io.robot import SUFFIXES
     from dynident.io.sources import read_joints, read_source
 
     if os.path.lexists(out) and not force:
@@ -45,7 +46,8 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
         for log in logs:
             say(f"reading {log}")
             sources.append(read_source(log))
-    found = map_columns(sources[0].table, joints, sources[0].ros)
+    first, *others = (source.table for source in sources)
+    found = map_columns(first, joints, sources[0].ros, others, lockable=Path(robot).suffix.lower() in SUFFIXES)
     same_columns(found, sources)
     written = draft_config(robot, joints, found, sources, out.parent)
     tell(console(), "Configuration", write_text(out, written.text))
@@ -64,7 +66,8 @@ def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
             screen.say(title)
         for item in items:
             screen.say(f"  {item}")
-    screen.say(f"{'Then' if written.blanks or written.questions else 'Next'}: dynident identify {out}")
+    first = "Then" if written.blanks or written.questions else "Next"
+    screen.say(f"{first}: dynident check {out}, and when that finds nothing wrong: dynident identify {out}")
 
 
 def _trial(text: str, out: Path) -> list[str]:

@@ -23,11 +23,16 @@ def schema(kind: str, out: Path | None) -> None:
     import json
 
     from dynident.errors import InputError
+    from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
     from dynident.io.opener import content
+    from dynident.io.parts import unusable
     from dynident.io.results import write_json
     from dynident.io.schema import SCHEMAS
 
     found = SCHEMAS[kind]()
+    for family in (SMOOTHERS, TERMS, ESTIMATORS) if kind == "config" else ():
+        for words in unusable(family):
+            click.echo(f"Warning: its settings are not in the schema: {words}", err=True)
     if out and os.path.exists(out) and b'"$schema"' not in content(out, remember=False):
         raise InputError(f"{out}: exists already and is no schema; choose another name.")
     if out:

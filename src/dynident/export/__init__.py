@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,13 +16,16 @@ from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
 from dynident.export.proof import prove, random_states, spread
 from dynident.export.urdf import identified_urdf
-from dynident.export.written import Export, Proof, Written
+from dynident.export.written import Export, FileError, Proof, Written
 from dynident.identification import Identification
 from dynident.models import Model
+from dynident.regression import BLOCK
+from dynident.validation import relative_error
 
 __all__ = [
     "Export",
     "Exporter",
+    "FileError",
     "Identified",
     "Mjcf",
     "Numpy",
@@ -48,12 +52,29 @@ ROBOT: Mapping[str, Exporter] = {one.format: one for one in (Urdf(), Mjcf())}
 def exports(found: Identification) -> tuple[Export, ...]:
     """Return the robot's own file with the identified values, if there is one, the parameters, and a NumPy module.
 
-    Each is verified on samples of the logs, or has the reason why it cannot be written.
+    Each is verified on samples of the logs, and has its own torque errors on them, or the reason why it cannot be
+    written.
     """
     estimate = found.estimate
     identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
     states = spread(tuple(log.motion for log in found.validations))
-    return tuple(export(identified, one, states) for one in _usual(identified))
+    made = [(one, export(identified, one, states)) for one in _usual(identified)]
+    return tuple(replace(file, errors=tuple(_errors(found, identified, one, file))) for one, file in made)
+
+
+def _errors(found: Identification, identified: Identified, exporter: Exporter, file: Export) -> Iterator[FileError]:
+    """Yield the errors of a file on the logs: those of the model, where it leaves nothing out."""
+    if not file.ready or file.written is None:
+        return
+    for log in found.validations:
+        known = own = log.errors.relative_error
+        if file.written.left_out:
+            motion = log.motion
+            parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
+            states = [(motion.q[s], motion.dq[s], motion.ddq[s]) for s in parts]
+            torque = np.concatenate([exporter.torque(identified, one) for one in states])
+            own = relative_error(motion.tau[motion.mask], torque[motion.mask])
+        yield FileError(log.name, log.role, known, own)
 
 
 def export_files(model: Model) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from dynident.export.identified import Identified, drives
 from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
+from dynident.export.placement import placed
 from dynident.export.readers import by_dynident, by_mujoco, by_numpy, by_pinocchio, by_yaml
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Written
@@ -109,7 +110,8 @@ def _stem(identified: Identified) -> str:
 
 
 def _of_file(identified: Identified, states: States, *, armature: bool) -> Array:
-    bodies, values = identified.bodies
+    best = placed(identified, armature=armature)
+    bodies, values = best.bodies
     names = tuple(joint.name for joint in bodies.joints)
-    held = drives(identified, armature=armature)
-    return np.asarray(bodies.regressor(*states) @ values.ravel() + held.torque(names, *states[1:]))
+    held = drives(best, armature=armature)
+    return np.asarray(bodies.torque(*states, values.ravel()) + held.torque(names, *states[1:]))

@@ -26,7 +26,7 @@ from dynident.models import (
 )
 from dynident.models.robot_file import ArmBody
 
-__all__ = ["Drives", "Identified", "Shares", "drives", "link_inertias"]
+__all__ = ["Drives", "Identified", "Shares", "drives", "holdable", "link_inertias"]
 
 Array = NDArray[np.float64]
 ADVICE = "identify with `estimator: {kind: consistent}` to avoid this; parameters.yaml and model.py hold any values"
@@ -95,9 +95,7 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
     Raises ModelError for a negative value, which simulators reject.
     """
     bodies, _ = identified.bodies
-    # by type: files have damping * dq and friction * sign(dq), which another term of the same role need not be
-    kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
-    kinds |= {RotorInertia: "armature"} if armature else {}
+    kinds = _kinds(armature)
     found: dict[str, dict[str, float]] = {name: {} for name in kinds.values()}
     left_out: list[str] = []
     for term, values in identified.parts:
@@ -113,6 +111,22 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
     held = {name: {**nominal[name], **found[name], **dict.fromkeys(followers[name], 0.0)} for name in found}
     notes = (*_kept(nominal, found), *_freed(followers))
     return Drives(held["damping"], held["friction"], held.get("armature", {}), tuple(left_out), notes)
+
+
+def holdable(identified: Identified, *, armature: bool) -> NDArray[np.bool_]:
+    """Return which parameters (p) a robot file can hold; ``armature``: whether it can hold rotor inertia."""
+    robot, kinds = identified.robot, _kinds(armature)
+    held = [
+        np.full(len(values), term is robot or (isinstance(term, PerJoint) and type(term) in kinds))
+        for term, values in identified.parts
+    ]
+    return np.concatenate(held)
+
+
+def _kinds(armature: bool) -> dict[type[Term], str]:
+    """Return the attributes that hold terms, by type: another term of the same role need not be such a torque."""
+    kinds: dict[type[Term], str] = {Viscous: "damping", Coulomb: "friction"}
+    return kinds | ({RotorInertia: "armature"} if armature else {})
 
 
 def _add(sums: dict[str, float], term: PerJoint, values: Array) -> None:
@@ -157,7 +171,8 @@ def _names(term: Term) -> tuple[str, ...]:
 
 def _worded(term: Term, values: Array) -> Iterator[str]:
     for parameter, value in zip(term.parameters, values, strict=True):
-        yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"
+        if value:
+            yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"
 
 
 @dataclass(frozen=True, eq=False)

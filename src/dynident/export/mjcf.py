@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
+from dynident.export.placement import moves, placed
 from dynident.export.urdf import numbers_text, standing
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
@@ -33,10 +34,11 @@ def identified_mjcf(identified: Identified) -> Written:
 
     Raises ModelError where the model does not come from an MJCF, and for inconsistent bodies or negative friction.
     """
-    bodies, values = identified.bodies
+    bodies, _ = identified.bodies
     if bodies.format != "mjcf":
         raise ModelError(f"{bodies.source}: it is a URDF, which can be written as `urdf`, not as `mjcf`.")
-    found, shares = drives(identified, armature=True), link_inertias(bodies, values)
+    best = placed(identified, armature=True)
+    found, shares = drives(best, armature=True), link_inertias(bodies, best.bodies[1])
     text = Text(bodies.xml)
     if _in_radians(text):
         for node in (one for one in _nodes(text) if one.tag in ("body", "frame")):
@@ -45,7 +47,7 @@ def identified_mjcf(identified: Identified) -> Written:
     _set_found(text, bodies, found, shares)
     if bodies.file.gravity != bodies.gravity:
         _set_gravity(text, bodies.gravity)
-    notes = (*found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
+    notes = (*moves(identified, best), *found.notes, *shares.notes, *standing(bodies, shares), *_freed(text))
     return Written(str(text), found.left_out, notes)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.export.edit import Node, Text
 from dynident.export.identified import Drives, Identified, Shares, drives, link_inertias
+from dynident.export.placement import moves, placed
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
@@ -23,16 +24,18 @@ TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1,
 def identified_urdf(identified: Identified) -> Written:
     """Return the robot's URDF with ``<inertial>`` and ``<dynamics>`` as identified; all else is preserved byte by byte.
 
-    The exception is rounded angles of joints: they are written exactly, as they were used, such as pi for 3.14159.
+    Rotor inertia that acts on the torque as a link's inertia does is written as such (``placed``). An exception from
+    the bytes is rounded angles of joints: they are written exactly, as they were used, such as pi for 3.14159.
 
     Inertias are about the centre of mass with the axes of the link (the specification of ROS,
     http://wiki.ros.org/urdf/XML). Raises ModelError where the model does not come from a URDF, and for inconsistent
     bodies or negative friction.
     """
-    bodies, values = identified.bodies
+    bodies, _ = identified.bodies
     if bodies.format != "urdf":
         raise ModelError(f"{bodies.source}: it is an MJCF, which can be written as `mjcf`, not as `urdf`.")
-    found, shares = drives(identified, armature=False), link_inertias(bodies, values)
+    best = placed(identified, armature=False)
+    found, shares = drives(best, armature=False), link_inertias(bodies, best.bodies[1])
     text = Text(bodies.xml)
     joints = {body.joint.name for body in bodies.arm.bodies}
     for node in text.root.children:
@@ -42,7 +45,8 @@ def identified_urdf(identified: Identified) -> Written:
         elif node.tag == "joint":
             _set_joint(text, node, found, name if name in joints else None)
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
-    return Written(str(text), (*found.left_out, *gravity), (*found.notes, *shares.notes, *standing(bodies, shares)))
+    notes = (*moves(identified, best), *found.notes, *shares.notes, *standing(bodies, shares))
+    return Written(str(text), (*found.left_out, *gravity), notes)
 
 
 def numbers_text(values: Iterable[float]) -> str:

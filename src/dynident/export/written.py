@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dynident.errors import brief
 
-__all__ = ["Export", "Proof", "Written"]
+__all__ = ["Export", "FileError", "Proof", "Written"]
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,28 @@ class Proof:
 
 
 @dataclass(frozen=True)
+class FileError:
+    """The relative torque errors (%) of the identified model and of a file on a log; ``role`` is that of the log."""
+
+    log: str
+    role: str
+    model: float
+    file: float
+
+
+@dataclass(frozen=True)
 class Export:
-    """A file to be written, or, in ``refusal``, the reason why not: wrong for the format, or not verified."""
+    """A file to be written, or, in ``refusal``, the reason why not: wrong for the format, or not verified.
+
+    ``errors`` are those of the file's own dynamics on the logs, where these are known.
+    """
 
     format: str
     file: str
     written: Written | None = None
     proof: Proof | None = None
     refusal: str = ""
+    errors: tuple[FileError, ...] = ()
 
     __repr__ = brief
 

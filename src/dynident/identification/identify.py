@@ -63,7 +63,7 @@ def identify(
     validation: Mapping[str, Log] | Sequence[Log] = (),
     recipe: Recipe | None = None,
     *,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify the parameters of ``model`` from the training logs and judge them on all logs.
 
@@ -72,7 +72,7 @@ def identify(
     ConfigError, ModelError. BLAS works in one thread meanwhile: the matrices are small and many.
     """
     with one_thread():
-        return _identify(model, train, validation, recipe or Recipe(), progress)
+        return _identify(model, train, validation, recipe or Recipe(), progress or (lambda _: None))
 
 
 def _identify(

@@ -39,8 +39,9 @@ class Signal:
 
 @dataclass(frozen=True)
 class ColumnMapping:
-    """Channels by joint, in the order of the robot file; joints that stand still, and at which position.
+    """Channels by joint, in the order of the robot file; the joints to lock, and at which position.
 
+    ``still`` are those of them that are recorded with position and torque but do not move.
     ``reasons`` say how the columns of "position" and "torque" were matched; ``left`` are unused columns of the same
     length, ``strangers`` those of them that are positions of joints that the robot does not have; ``gaps``: whether the
     stamps have any.
@@ -54,6 +55,7 @@ class ColumnMapping:
     left: tuple[str, ...]
     strangers: tuple[str, ...]
     gaps: bool
+    still: tuple[str, ...] = ()
 
 
 def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
@@ -66,19 +68,29 @@ def widths(tables: Mapping[str, DataTable]) -> dict[str, int]:
     return {key: n // shortest for key, n in lengths.items() if n > shortest and n % shortest == 0}
 
 
-def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = False) -> ColumnMapping:
+def map_columns(
+    table: DataTable,
+    joints: Sequence[JointFacts],
+    ros: bool = False,
+    others: Sequence[DataTable] = (),
+    lockable: bool = True,
+) -> ColumnMapping:
     """Propose the channels of a recording for the joints of a robot; ``ros``: the units are those of JointState.
 
+    Joints that move neither in it nor in the ``others`` are locked, where the model is ``lockable`` and some joint
+    moves.
     Raises nothing where a column is missing: what is not found is None, what is uncertain has a question.
     """
     usable = [joint for joint in joints if not joint.follows]
     found = families(table.columns, [joint.name for joint in joints]) or headerless(table, len(usable))
     position, torque = best_pair(table, found, usable)
     names = _shared(position, torque, usable)
+    signals = _positions(table, usable, position, ros)
+    still = _still([table, *others], [joint for joint in usable if joint.name in names], signals) if lockable else ()
+    names = names.difference(still) or names
     used = [joint for joint in usable if joint.name in names]
     rows = rows_of(table, position or torque)
     time = time_column(table, found, rows, ros)
-    signals = _positions(table, usable, position, ros)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
     return ColumnMapping(
@@ -90,7 +102,24 @@ def map_columns(table: DataTable, joints: Sequence[JointFacts], ros: bool = Fals
         left=left,
         strangers=_strangers(left, position, joints),
         gaps=has_gaps(table, time),
+        still=tuple(name for name in still if name not in names),
     )
+
+
+def _still(
+    tables: Sequence[DataTable], joints: Iterable[JointFacts], recorded: Mapping[str, Signal]
+) -> tuple[str, ...]:
+    """Return the joints with a position that is the same in all recordings."""
+    return tuple(joint.name for joint in joints if _range(tables, joint, recorded.get(joint.name)) <= _STILL)
+
+
+def _range(tables: Sequence[DataTable], joint: JointFacts, signal: Signal | None) -> float:
+    """Return how far a joint moves in all recordings together, in rad or m; infinite where that is not known."""
+    if signal is None or signal.column is None:
+        return math.inf
+    known = [finite(table.columns[signal.column]) for table in tables if signal.column in table.columns]
+    ends = [end for q in known if len(q) for end in (q.min(), q.max())]
+    return UNITS[POSITIONS[joint.kind]][signal.unit] * float(np.ptp(ends)) if ends else math.inf
 
 
 def _complete(signals: Mapping[str, Signal], joints: Iterable[JointFacts]) -> dict[str, Signal]:

@@ -37,6 +37,7 @@ _OTHER = _words(
     "err error errors ext external fric friction grav gravity model coriolis comp diff std var temp temperature limit "
     "max min ff feedforward residual res"
 )
+_STATE = _words("observation state")  # as LeRobot names the positions
 _UNITS: Mapping[str, Mapping[str, str]] = {  # how a unit is spelled in lower case, and its name in a configuration
     "time": {
         **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -101,7 +102,7 @@ def read_name(column: str, joints: Iterable[str]) -> Named:
     joint, rest = _joint(words, joints)
     spelled, unit_words = _unit(column)
     told = _TELLING.get(spelled, "")
-    role = _role(rest) or (_role(words) if joint else "") or told
+    role = _role(rest) or (_role(words) if joint else "") or told or ("position" if set(words) >= _STATE else "")
     role = told if told and role == "time" else role  # T1 [Nm] is a torque
     unit = _UNITS.get(role, {}).get(spelled)
     if unit:

@@ -83,7 +83,11 @@ def draft_config(
     page.line("estimator: { kind: consistent }  # physically consistent bodies, no negative friction; or least_squares")
     strange = f"recorded, but not in the robot file, so left out: {_listed(mapping.strangers)}."
     faults = [f"{name!r} {fault}" for name, fault in sources[0].table.faults.items()] if page.blanks else []
-    notes = (*((strange,) if mapping.strangers else ()), *faults)
+    still = (
+        f"no motion in the logs, so locked where they stand (`model.lock`): {_listed(mapping.still)}; what they carry "
+        "is part of the body before them, and they have no friction of their own."
+    )
+    notes = (*((still,) if mapping.still else ()), *((strange,) if mapping.strangers else ()), *faults)
     text = "\n".join(_BREAKING.sub("?", line) for line in page.lines) + "\n"
     return ConfigDraft(text, notes, tuple(page.questions), tuple(page.blanks))
 
@@ -127,7 +131,8 @@ def _model(page: _Page, robot: str, joints: Sequence[JointFacts], mapping: Colum
     if mapping.lock:
         page.line("  lock:  # joints that are not identified, and their positions")
     for name, (value, question) in mapping.lock.items():
-        page.line(f"    {_scalar(name)}: {value:.12g}", f"model.lock.{name}", question)
+        why = "  # does not move in the logs" if name in mapping.still else ""
+        page.line(f"    {_scalar(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
     page.line(
         "  # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the "
         "gears"

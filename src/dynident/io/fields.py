@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
@@ -272,16 +272,19 @@ Windows = Annotated[
 
 
 class Section(BaseModel):
-    """A frozen group of settings; an unknown key is an error that lists the known ones."""
+    """A frozen group of settings; an unknown key is an error that lists the known ones, or says what it became."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    _former: ClassVar[Mapping[str, str]] = {}
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: object) -> object:
         for key in data if isinstance(data, dict) else ():
             if key not in cls.model_fields:
-                words = f"unknown key {str(key)!r}; {choices(str(key), cls.model_fields)}"
+                now = cls._former.get(str(key))
+                words = f"it is called {now!r} now" if now else choices(str(key), cls.model_fields)
+                words = f"unknown key {str(key)!r}; {words}"
                 raise PydanticCustomError("unknown_key", "{words}", {"words": words})
         return data
 

@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.io.arrays import Found, StoredArray, held
+from dynident.io.matlab import described
 from dynident.io.opener import memory
 
 __all__ = ["is_hdf5", "opened_hdf5"]
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512  # bytes that MATLAB puts before the HDF5 file
-_OBJECTS = {b"char": "text", b"cell": "a cell array", b"function_handle": "an object"}
+_OBJECTS = {"char": "text", "string": "text", "cell": "a cell array", "function_handle": "an object"}
+_STRUCTS = "an array of structs or cells (in MATLAB, take one: x = s(1).field; and save that)"
+_NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _RATIO = 1100  # more than this, deflate cannot compress
 _MOST, _DEEPEST = 50_000, 20  # objects, and levels of groups
 _FRAME, _PART = 1 << 16, 1 << 20  # bytes that filters may add to a chunk; those decompressed at a time
@@ -39,7 +42,8 @@ def is_hdf5(file: BinaryIO) -> bool:
 def opened_hdf5(file: BinaryIO, source: str) -> Iterator[dict[str, Found]]:
     """Open the arrays of a file by name (``group/name``), or a description of what is not a numeric array.
 
-    Arrays written by MATLAB are transposed to MATLAB's own shape. A group with several names is read under one. Raises
+    Fields of MATLAB's structs are named ``struct.field``, as those of older files. Arrays written by MATLAB are
+    transposed to MATLAB's own shape. A group with several names is read under one. Raises
     InputError where the extra is not installed, and almost any exception where the file is damaged.
     """
     try:
@@ -57,8 +61,8 @@ def _items(file: Any, source: str) -> Iterator[tuple[str, Any]]:
     """Yield the data sets by name, and None for a link; a group is visited once, as hard links may form rings."""
     import h5py
 
-    groups, seen, count = [("", file)], {h5py.h5o.get_info(file.id).addr}, 0
-    for prefix, group in groups:
+    groups, seen, count = [("", file, 0)], {h5py.h5o.get_info(file.id).addr}, 0
+    for prefix, group, level in groups:
         for key in group:
             count += 1
             if count > _MOST:
@@ -70,11 +74,12 @@ def _items(file: Any, source: str) -> Iterator[tuple[str, Any]]:
                 yield name, None
                 continue
             item = group[key]
-            if isinstance(item, h5py.Group) and "MATLAB_class" not in item.attrs:
+            kind = _class(item)
+            if isinstance(item, h5py.Group) and (not kind or (kind == "struct" and len(item))):
                 address = h5py.h5o.get_info(item.id).addr
-                if address not in seen and name.count("/") < _DEEPEST:
+                if address not in seen and level < _DEEPEST:
                     seen.add(address)
-                    groups.append((f"{name}/", item))
+                    groups.append((f"{name}{'.' if kind else '/'}", item, level + 1))
             elif isinstance(item, h5py.Dataset | h5py.Group):
                 yield name, item
 
@@ -83,11 +88,11 @@ def _found(item: Any, size: int) -> Found:
     """Return the array of a data set, or a description of it; ``size`` is that of the file in bytes."""
     if item is None:
         return "a link"
-    if not hasattr(item, "dtype"):
-        return "a struct"
-    kind = item.attrs.get("MATLAB_class")
-    if isinstance(kind, bytes) and kind in _OBJECTS:
-        return _OBJECTS[kind]
+    kind = _class(item)
+    if kind == "struct" or not hasattr(item, "dtype"):
+        return "a struct" if kind == "struct" else described(kind)
+    if kind and kind not in _NUMERIC:
+        return _OBJECTS.get(kind) or described(kind)
     if "MATLAB_empty" in item.attrs:
         return held(np.empty(0))
     if item.dtype.kind not in "biuf":
@@ -98,9 +103,15 @@ def _found(item: Any, size: int) -> Found:
         raise ValueError(f"{item.name} claims {item.nbytes} bytes in a file of {size}")
     shape = item.shape or ()
     chunk = math.prod(item.chunks or ()) * item.dtype.itemsize
-    if kind is not None:
+    if kind:
         return StoredArray(shape[::-1], item.dtype, lambda: _read(item, chunk).T, chunk)
     return StoredArray(shape, item.dtype, lambda: _read(item, chunk), chunk)
+
+
+def _class(item: Any) -> str:
+    """Return MATLAB's class of a group or a data set; nothing where MATLAB did not write it."""
+    kind = item.attrs.get("MATLAB_class", "") if hasattr(item, "attrs") else ""
+    return kind.decode("latin-1") if isinstance(kind, bytes) else str(kind)
 
 
 def _read(item: Any, chunk: int) -> NDArray[Any]:
@@ -132,4 +143,8 @@ def _inflates_beyond(data: bytes, most: int) -> bool:
 
 
 def _content(item: Any) -> str:
+    import h5py
+
+    if h5py.check_ref_dtype(item.dtype) is not None:
+        return _STRUCTS
     return "complex numbers" if item.dtype.names == ("real", "imag") else f"values of type {item.dtype}"

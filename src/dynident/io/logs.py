@@ -147,6 +147,7 @@ def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> Data
         _keyed({key: table.faults for key, table in tables.items()}),
         notes=tuple(note for table in tables.values() for note in table.notes),
         unread=tuple(f"{key}.{name}" for key, table in tables.items() for name in table.unread),
+        units=_keyed({key: table.units for key, table in tables.items()}),
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynident.io.arrays import Found, StoredArray, held
 from dynident.io.opener import afford
 
-__all__ = ["parse_mat"]
+__all__ = ["described", "parse_mat"]
 
 _HEADER = 128
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -27,6 +27,13 @@ _INT8, _MATRIX, _COMPRESSED = 1, 14, 15  # types of data elements
 _NUMERIC = range(6, 16)  # classes of arrays, from double to uint64
 _STRUCT, _DEEPEST = "a struct", 20  # deeper nesting of structs is taken for damage
 _CLASSES = {1: "a cell array", 2: _STRUCT, 3: "an object", 4: "text", 5: "a sparse matrix"}
+_EXPORTED = {  # how the numbers of an object become arrays, in MATLAB
+    "timeseries": "t = x.Time; q = squeeze(x.Data);",
+    "timetable": "t = seconds(x.Properties.RowTimes - x.Properties.RowTimes(1)); q = x.Variables;",
+    "table": "q = table2array(x);",
+    "datetime": "t = seconds(x - x(1));",
+    "duration": "t = seconds(x);",
+}
 _COMPLEX = 0x800
 _PEEK = 4096  # bytes in which flags, dimensions and name of an array are
 
@@ -59,6 +66,12 @@ def parse_mat(data: bytes, source: str = "") -> dict[str, Found]:
             variables[name] = value
     variables.pop("", None)  # MATLAB's own workspace of function handles has no name
     return variables
+
+
+def described(kind: str) -> str:
+    """Return what an object of a class of MATLAB is, and how its numbers become arrays, which can be read."""
+    how = _EXPORTED.get(kind, "take its numbers out as arrays,")
+    return f"a {kind} object, which only MATLAB can read (there: {how} and save those)"
 
 
 def _compressed(content: memoryview, order: str, source: str, taken: int) -> tuple[Iterable[tuple[str, Found]], int]:
@@ -154,8 +167,9 @@ def _variable(content: memoryview, order: str, *, whole: bool = True) -> tuple[s
     flags = _next(parts)[1]
     (word,) = struct.unpack_from(f"{order}I", flags)
     kind, shape = _next(parts)
-    if kind == _INT8:  # opaque objects have no dimensions, and tell their name first
-        return bytes(shape).decode("latin-1"), "an object"
+    if kind == _INT8:  # opaque objects have no dimensions, and tell their name first, then system and class
+        words = [bytes(next(parts, (0, b""))[1]).decode("latin-1") for _ in range(2)]
+        return bytes(shape).decode("latin-1"), described(words[1]) if words[1].isprintable() else "an object"
     name = bytes(_next(parts)[1]).decode("latin-1")
     if word & 0xFF not in _NUMERIC:
         return name, _CLASSES.get(word & 0xFF, "an object")

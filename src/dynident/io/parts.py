@@ -33,7 +33,7 @@ from dynident.io.python_file import CODE, from_file, located
 from dynident.io.wording import worded
 from dynident.smoothers import BY_JOINT
 
-__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "with_settings"]
+__all__ = ["PartReader", "build", "built", "by_joint", "schemas", "section", "unusable", "with_settings"]
 
 
 FILE = r"\.py:\w+$"  # a class of a file
@@ -94,13 +94,27 @@ def by_joint(settings: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
 
 
 def schemas(family: Family) -> dict[str, Any]:
-    """Return the JSON schema of the settings of every kind."""
+    """Return the JSON schema of the settings of every kind; that of an installed one that cannot be loaded is open."""
     found = {}
     for kind in family.kinds():
-        schema = section(family, family.get(kind)).model_json_schema()
+        try:
+            schema = section(family, family.get(kind)).model_json_schema()
+        except ConfigError as error:
+            if kind in family.table:
+                raise
+            schema = {"type": "object", "properties": {}, "required": ["kind"], "description": str(error)}
         schema["properties"]["kind"] = {"const": kind}
         found[kind] = schema
     return found
+
+
+def unusable(family: Family) -> Iterator[str]:
+    """Yield why parts of other packages, which are installed, cannot be used."""
+    for kind in family.kinds()[len(family.table) :]:
+        try:
+            section(family, family.get(kind))
+        except ConfigError as error:
+            yield str(error)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
 
@@ -134,6 +134,8 @@ class RobotSettings(Section):
     m/s) smooths the sign in the Coulomb friction.
     """
 
+    _former: ClassVar[Mapping[str, str]] = {"lean": "base_tilt"}
+
     file: Files
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
@@ -212,6 +214,8 @@ class Config(Section):
     With ``transmission`` the channels are those of the motors: it gives for each motor, named like its joint, the
     coefficients of the joints in its position (gear ratios and couplings). ``zero`` (rad, m) is added to positions.
     """
+
+    _former: ClassVar[Mapping[str, str]] = {"parallel": "filter", "slow": "min_speed"}
 
     model: Annotated[str | RobotSettings, WrapValidator(_model)]
     time: Time

@@ -46,10 +46,6 @@ Progress = Callable[[str], None]
 S = TypeVar("S", bound=Section)
 
 
-def _silent(_: str) -> None:
-    """Show no progress."""
-
-
 class RecipeFields(TypedDict, total=False):
     """The fields of ``Recipe``, any of which a call may set."""
 
@@ -81,7 +77,7 @@ def identify(
     validation: Logs = (),
     recipe: Recipe | None = None,
     *,
-    progress: Progress = _silent,
+    progress: Progress | None = None,
     **changes: Unpack[RecipeFields],
 ) -> Identification:
     """Identify the parameters of a robot from logs, and judge them on all logs.
@@ -123,7 +119,7 @@ def identify(
 
 
 def check(
-    robot: Robot, logs: Logs, validation: Logs = (), recipe: Recipe | None = None, *, progress: Progress = _silent
+    robot: Robot, logs: Logs, validation: Logs = (), recipe: Recipe | None = None, *, progress: Progress | None = None
 ) -> CheckResult:
     """Examine a robot and its logs before a fit; arguments as in ``identify``.
 
@@ -147,7 +143,7 @@ def accuracy_bound(
     sigma_q: Mapping[str, float] | float | None = None,
     sigma_tau: Mapping[str, float] | float | None = None,
     torque: TorqueNoise = "residual",
-    progress: Progress = _silent,
+    progress: Progress | None = None,
 ) -> AccuracyBound:
     """Return the accuracy that any method could reach with these logs; ``robot``, ``logs`` and ``recipe`` as in
     ``identify``, the rest as in ``dynident.bounds.accuracy_bound``.

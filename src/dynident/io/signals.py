@@ -20,6 +20,7 @@ __all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_t
 Array = NDArray[np.float64]
 
 CLOSE = 1e-4  # share of the usual step
+_EPISODES = ("episode", "episode_index", "episode_id")
 _LARGEST = 1e100  # a larger value is damaged, and its square may overflow
 
 
@@ -232,16 +233,32 @@ def _times(table: DataTable, config: Config, rows: int) -> Array:
             f"{table.source}: column {name!r} has no valid time at {table.place(bad[0])} "
             f"({len(bad)} such rows); delete these rows."
         )
-    t = unit_factor(config.time.unit, "time", "time.unit") * column
+    factor = unit_factor(config.time.unit, "time", "time.unit")
+    if (unit := table.units.get(name)) is not None and factor != unit_factor(unit, "time", "time.unit"):
+        raise ConfigError(
+            f"time.unit: {config.time.unit!r}, but column {name!r} of {table.source} holds dates, times or durations, "
+            f"which are read in {unit}; write `unit: {unit}`."
+        )
+    t = factor * column
     back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         k = back[0]
         what = "repeats" if t[k + 1] == t[k] else f"runs backwards from {t[k]:.9g} s"
         raise InputError(
             f"{table.source}: column {name!r}: the time {t[k + 1]:.9g} s at {table.place(k + 1)} {what} "
-            f"({len(back)} such rows); sort the rows by time and keep the first of equal stamps (`close_stamps: drop`)."
+            f"({len(back)} such rows); {_episodes(table)}sort the rows by time and keep the first of equal stamps "
+            "(`close_stamps: drop`)."
         )
     return t
+
+
+def _episodes(table: DataTable) -> str:
+    """Return what to do where a column says that a file holds several recordings."""
+    known = (*table.columns, *table.unread)
+    name = next((name for name in known if name.lower().rpartition(".")[2] in _EPISODES), None)
+    if name is None:
+        return ""
+    return f"does the file hold several recordings, by {name!r}? Then write each to a file of its own; else "
 
 
 def bad_values(values: Array) -> NDArray[np.intp]:

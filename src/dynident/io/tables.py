@@ -6,7 +6,6 @@ import stat
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import BinaryIO
@@ -21,8 +20,9 @@ from dynident.io.hdf5 import is_hdf5, opened_hdf5
 from dynident.io.matlab import parse_mat
 from dynident.io.npz import opened_npz
 from dynident.io.opener import afford, content, find, opened
+from dynident.io.parquet import parse_parquet
 from dynident.io.ros import parse_bag
-from dynident.io.text import parse_text, unpanicked, weight
+from dynident.io.text import parse_text, weight
 
 __all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
 
@@ -35,7 +35,8 @@ class DataTable:
 
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
     only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading, ``unread`` the
-    columns that were not asked for. Columns may differ in length: a file may hold more than one log.
+    columns that were not asked for, ``units`` the unit of columns whose type has one: s for dates and times. Columns
+    may differ in length: a file may hold more than one log.
     """
 
     columns: Mapping[str, Array]
@@ -46,13 +47,14 @@ class DataTable:
     notes: tuple[str, ...] = ()
     rows: NDArray[np.intp] | None = None
     unread: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         for column in self.columns.values():
             column.flags.writeable = False
-        for name in ("columns", "constants", "faults"):
+        for name in ("columns", "constants", "faults", "units"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
     def column(self, name: str, where: str = "") -> Array:
@@ -195,28 +197,15 @@ def read_text(path: Path, needed: Collection[str] | None = None) -> DataTable:  
     """Read a table of text."""
     data, source = _content_of(path)
     afford(weight(data), f"{path}: its {len(data) / 1e6:.3g} MB of text would take")
-    columns, faults, lines = parse_text(data, source)
-    return DataTable(columns, {}, source, faults, lines)
+    columns, faults, lines, stamps = parse_text(data, source)
+    return DataTable(columns, {}, source, faults, lines, units=dict.fromkeys(stamps, "s"))
 
 
 def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read a Parquet file."""
     data, source = _content_of(path)
-    import polars as pl
-
-    types = unpanicked(lambda: pl.read_parquet_schema(BytesIO(data)))
-    rows = unpanicked(lambda: pl.scan_parquet(BytesIO(data)).select(pl.len()).collect().item())
-    numeric = {name for name, kind in types.items() if kind.is_numeric() or kind == pl.Boolean}
-    chosen = [name for name in types if name in numeric and (needed is None or name in needed)]
-    afford(len(data) + 3 * 8 * rows * len(chosen), f"{path}: {rows} rows of {len(chosen)} columns would take")
-    faults = {name: f"holds {types[name]}, not numbers; convert it before." for name in types if name not in numeric}
-    frame = unpanicked(lambda: pl.read_parquet(BytesIO(data), columns=chosen)) if chosen else pl.DataFrame()
-    columns = {}
-    for series in frame.get_columns():
-        numbers = series.cast(pl.Float64)  # shares its memory with the array where nothing is to be changed
-        columns[series.name] = (numbers.fill_null(np.nan) if numbers.null_count() else numbers).to_numpy()
-    unread = tuple(name for name in types if name in numeric and name not in columns)
-    return DataTable(columns, {}, source, faults, unread=unread)
+    columns, faults, units, unread = parse_parquet(data, source, needed)
+    return DataTable(columns, {}, source, faults, unread=unread, units=units)
 
 
 def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:

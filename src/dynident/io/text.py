@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
+from dynident.io.stamps import is_stamp, parse_stamps
 
 if TYPE_CHECKING:
     import polars as pl
@@ -31,8 +32,9 @@ _PART = 1 << 20
 _EMPTY = ("", "na", "n/a", "null", "none", "nan", "-nan")  # missing values, in lower case
 
 
-def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, str], list[int]]:
-    """Return the columns of a text, the faults of those that are not numbers, and the line of each row.
+def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, str], list[int], tuple[str, ...]]:
+    """Return the columns of a text, the faults of those that are not numbers, the line of each row, and the columns
+    that hold dates with times, in seconds.
 
     The separator is ``;``, tab, comma or blanks; a decimal comma is read where it is not the separator; lines that
     start with # or % are comments. Raises InputError for truncated rows and for ambiguous numbers.
@@ -46,8 +48,8 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     names, rows = _trimmed(names, [line.replace('"', "") for _, line in body], separator)
     numbers = [k for k, _ in body]
     _check_rows(rows, numbers, len(names), separator, source)
-    columns, faults = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
-    return columns, faults, numbers
+    columns, faults, stamps = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
+    return columns, faults, numbers, stamps
 
 
 def weight(data: bytes) -> int:
@@ -70,7 +72,7 @@ def _lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[
 def _header(line: str, comments: list[str], separator: str | None) -> tuple[list[str], bool]:
     """Return the names of the columns, and whether the first line has them; else the last comment may, or nothing."""
     first = _fields(line, separator)
-    if not all(_is_number(cell) for cell in first):
+    if not all(_is_number(cell) or is_stamp(cell) for cell in first):
         return first, True
     if comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
         return said, False
@@ -149,8 +151,10 @@ def _cells(rows: list[str], separator: str | None) -> pl.Series:
 
 def _parsed(
     cells: pl.Series, names: list[str], numbers: list[int], source: str
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the numbers of each column, with NaN for empty cells, and a fault for each column with other text."""
+) -> tuple[dict[str, Array], dict[str, str], tuple[str, ...]]:
+    """Return the numbers of each column, with NaN for empty cells, a fault for each column with other text, and the
+    columns of dates with times.
+    """
     import polars as pl
 
     comma, point = (rf"^[-+]?\d*[{mark}]\d+([eE][-+]?\d+)?$" for mark in ",.")
@@ -164,16 +168,27 @@ def _parsed(
     values = plain.cast(pl.Float64, strict=False)
     bad = (values.is_null() & ~cells.str.to_lowercase().is_in(_EMPTY)).to_numpy().reshape(-1, len(names))
     found = values.fill_null(np.nan).to_numpy().reshape(-1, len(names))
-    columns, faults = {}, {}
+    columns, faults, stamps = {}, {}, []
     wrong = np.atleast_1d(bad.any(axis=0))
     for k, name in enumerate(names):
-        if wrong[k]:
+        if wrong[k] and (times := _stamps(cells.gather_every(len(names), k))) is not None:
+            columns[name] = times
+            stamps.append(name)
+        elif wrong[k]:
             row = int(np.argmax(bad[:, k]))
             text, line = cells[row * len(names) + k], numbers[row]
             faults[name] = f"has {text!r} at line {line}, which is not a number; correct or empty the cell."
         else:
             columns[name] = found[:, k].copy()
-    return columns, faults
+    return columns, faults, tuple(stamps)
+
+
+def _stamps(cells: pl.Series) -> Array | None:
+    """Return the seconds of a column of dates with times; None where it is none."""
+    import polars as pl
+
+    empty = cells.str.to_lowercase().is_in(_EMPTY)
+    return parse_stamps(pl.select(pl.when(~empty).then(cells)).to_series())
 
 
 def unpanicked(read: Callable[[], T]) -> T:

@@ -50,6 +50,7 @@ def time_column(table: DataTable, found: Iterable[ColumnFamily], rows: int, ros:
 def _stamps(table: DataTable, found: Iterable[ColumnFamily], rows: int) -> tuple[str, str | None, str] | None:
     """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
     named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
+    named = [*((name, table.units.get(name, unit)) for name, unit in named), *table.units.items()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
     if not stamps:
         alone = _clock(table, rows)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
 
 if TYPE_CHECKING:
-    from dynident.export import Export
+    from dynident.export import Export, FileError
 
 __all__ = ["export_notes", "export_results", "export_section"]
 
@@ -36,7 +37,23 @@ def export_section(exports: Sequence[Export]) -> Iterator[PageSection]:
         notes += one.proof.skipped if one.proof else ()
         if notes:
             blocks.append(PageSection(one.file, (tuple(notes),)))
+    if costs := [(one.file, error.log, error.model, error.file) for one in exports for error in _costs(one)]:
+        blocks.append(_table_of(costs))
     yield PageSection("Files of the model", tuple(blocks))
+
+
+def _table_of(costs: Sequence[tuple[str, str, float, float]]) -> PageTable:
+    """Return what the parameters that a file cannot hold cost."""
+    columns = (Column("file", numeric=False), Column("log", numeric=False), Column("model (%)"), Column("file (%)"))
+    rows = tuple((file, log, number(model, 4), number(own, 4)) for file, log, model, own in costs)
+    return PageTable(columns, rows, "Relative torque error of the model, and of files that leave something of it out")
+
+
+def _costs(one: Export) -> Sequence[FileError]:
+    """Return the errors of a file that leaves something out, on held-out logs, or on all where none is held out."""
+    if one.written is None or not one.written.left_out:
+        return ()
+    return [error for error in one.errors if error.role == "validation"] or one.errors
 
 
 def export_notes(exports: Sequence[Export]) -> list[str]:
@@ -44,13 +61,25 @@ def export_notes(exports: Sequence[Export]) -> list[str]:
     notes = [f"{one.file} is not written: {one.refusal}" for one in exports if one.refusal]
     for one in exports:
         if one.ready and one.written and one.written.left_out:
-            notes.append(f"{one.file} cannot hold {len(one.written.left_out)} items, which the report lists.")
+            notes.append(
+                f"{one.file} cannot hold {len(one.written.left_out)} items, which the report lists.{_cost(one)}"
+            )
         notes += [f"{one.file}: {note}." for note in (one.written.notes if one.ready and one.written else ())]
     return notes
 
 
+def _cost(one: Export) -> str:
+    """Return a sentence on the log on which the file loses most."""
+    worst = max(_costs(one), key=lambda error: error.file - error.model, default=None)
+    if worst is None:
+        return ""
+    return f" By itself it has a torque error of {worst.file:.4g} % on {worst.log!r}, the model {worst.model:.4g} %."
+
+
 def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
-    """Return the files as plain values: file, sha256, format, agreement, proven, readers, left_out, notes, refusal."""
+    """Return the files as plain values: file, sha256, format, agreement, proven, readers, left_out, notes,
+    refusal, and errors: the torque error (%) of model and file on each log.
+    """
     return [
         {
             "file": one.file,
@@ -62,6 +91,7 @@ def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:
             "left_out": list(one.written.left_out) if one.written else [],
             "notes": [*(one.written.notes if one.written else ()), *(one.proof.skipped if one.proof else ())],
             "refusal": one.refusal,
+            "errors": [asdict(error) for error in one.errors],
         }
         for one in exports
     ]

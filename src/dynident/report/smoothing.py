@@ -26,9 +26,13 @@ _HEADS = {"sigma": "sigma", "noise": "noise left", "S": "S", "lam": "lam", "edf"
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``."""
+    """Columns of a file with their spline: ``names`` (k) of ``measured`` (N, k), over the column ``time``.
+
+    ``stamps`` (N) are the values of that column, in its own unit.
+    """
 
     time: str
+    stamps: figures.Array
     names: tuple[str, ...]
     measured: figures.Array
     fit: SmoothingSpline
@@ -37,7 +41,7 @@ class Smoothed:
         """Return a table of the time, the smoothed columns, and their first (d_) and second (dd_) derivatives."""
         import polars as pl
 
-        found = {self.time: self.fit.t}
+        found = {self.time: self.stamps}
         for order, prefix in enumerate(_PREFIXES):
             values = self.fit.derivative(order)
             found |= {f"{prefix}{name}": values[:, k] for k, name in enumerate(self.names)}
@@ -45,23 +49,25 @@ class Smoothed:
 
 
 def smoothed_columns(
-    table: Columns, time: str, columns: Sequence[str], rule: Rule, sigma: float | None = None
+    table: Columns, time: str, columns: Sequence[str], rule: Rule, sigma: float | None = None, unit: float = 1.0
 ) -> Smoothed:
-    """Smooth ``columns`` of a table, by default all but the ``time`` (s); ``sigma`` in their unit, None: estimated.
+    """Smooth ``columns`` of a table, by default all but the ``time``; ``sigma`` in their unit, None: estimated.
+
+    ``unit`` is that of the time, in s; derivatives are per s.
 
     Raises InputError for columns that are missing, differ in length or cannot be smoothed, ConfigError where a column
     has the name of another one's derivative.
     """
-    t = table.column(time)
+    stamps = table.column(time)
     names = tuple(columns) or tuple(name for name in table.columns if name != time)
     if not names:
         raise InputError(f"{table.source}: holds no column besides {time!r} to smooth.")
     _check_names(table.source, (*names, time), [f"{prefix}{name}" for prefix in _PREFIXES[1:] for name in names])
-    wrong = [name for name in names if len(table.column(name)) != len(t)]
+    wrong = [name for name in names if len(table.column(name)) != len(stamps)]
     if wrong:
         raise InputError(f"{table.source}: column {wrong[0]!r} and {time!r} differ in length.")
     measured = np.column_stack([table.column(name) for name in names])
-    return Smoothed(time, names, measured, smooth(t, measured, rule, sigma=sigma))
+    return Smoothed(time, stamps, names, measured, smooth(unit * stamps, measured, rule, sigma=sigma))
 
 
 def _check_names(source: str, columns: Sequence[str], derivatives: Sequence[str]) -> None:

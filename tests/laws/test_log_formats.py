@@ -1,0 +1,114 @@
+"""The path of a new user with logs of any format: init, check, identify, export, with nothing changed by hand."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from dynident.cli import main
+from tests.laws.test_new_user import URDF, truth
+
+T = np.arange(3000) * 0.004
+NOISE = 0.05  # N m
+START = dt.datetime(2024, 5, 1, 23, 59, 58, tzinfo=dt.UTC)  # midnight is in the log
+
+
+def recorded(rate):
+    """Positions and torques (N, 2) of the new user's arm."""
+    arm, theta = truth()
+    rng = np.random.default_rng(int(10 * rate))
+    phase, speed = rate * np.multiply.outer(T, [1.7, 2.3]), rate * np.array([1.7, 2.3])
+    q = 0.7 * np.sin(phase) + 0.4 * np.sin(2.6 * phase + 1) - [1.2, 0.3]
+    dq = speed * (0.7 * np.cos(phase) + 1.04 * np.cos(2.6 * phase + 1))
+    ddq = -(speed**2) * (0.7 * np.sin(phase) + 2.704 * np.sin(2.6 * phase + 1))
+    tau = arm.torque(q, dq, ddq, theta)
+    return q + 1e-5 * rng.standard_normal(q.shape), tau + NOISE * rng.standard_normal(tau.shape)
+
+
+def moments():
+    return [START + dt.timedelta(microseconds=round(1e6 * t)) for t in T]
+
+
+def csv_with_dates(path, q, tau):
+    rows = {"stamp": [one.isoformat(" ").replace("+00:00", "Z") for one in moments()]}
+    rows |= {f"q{k + 1}": q[:, k] for k in range(2)} | {f"tau{k + 1}": tau[:, k] for k in range(2)}
+    pl.DataFrame(rows).write_csv(path)
+
+
+def parquet_with_dates(path, q, tau):
+    rows = {"time": pl.Series(moments(), dtype=pl.Datetime("ns", "UTC"))}
+    rows |= {f"q{k + 1}": q[:, k] for k in range(2)} | {f"tau{k + 1}": tau[:, k] for k in range(2)}
+    pl.DataFrame(rows).write_parquet(path)
+
+
+def parquet_with_lists(path, q, tau):
+    rows = {"observation.state": q.tolist(), "action": (q + 0.01).tolist(), "observation.effort": tau.tolist()}
+    rows |= {"timestamp": T, "frame_index": range(len(T)), "episode_index": [0] * len(T)}
+    pl.DataFrame(rows).write_parquet(path)
+
+
+def parquet_with_structs(path, q, tau):
+    arms = [{"position": one.tolist(), "effort": other.tolist()} for one, other in zip(q, tau, strict=True)]
+    pl.DataFrame({"time": pl.Series([dt.timedelta(seconds=t) for t in T]), "arm": arms}).write_parquet(path)
+
+
+def matlab_struct(path, q, tau):
+    h5py = pytest.importorskip("h5py", reason='the extra "hdf5" is not installed')
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("log")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, values in {"t": T[:, None], "q": q, "tau": tau}.items():
+            group[name] = values.T
+            group[name].attrs["MATLAB_class"] = np.bytes_("double")
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+
+
+FORMATS = {
+    "csv with dates": (csv_with_dates, "csv"),
+    "Parquet with dates": (parquet_with_dates, "parquet"),
+    "Parquet with lists": (parquet_with_lists, "parquet"),
+    "Parquet with structs": (parquet_with_structs, "parquet"),
+    "MATLAB 7.3 struct": (matlab_struct, "mat"),
+}
+
+
+def run(*words):
+    done = CliRunner().invoke(main, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.parametrize(("write", "suffix"), FORMATS.values(), ids=FORMATS)
+def test_any_format_is_identified_as_drafted(tmp_path: Path, write, suffix):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    logs = [tmp_path / f"{name}.{suffix}" for name in ("monday", "tuesday")]
+    for path, rate in zip(logs, (1.0, 1.3), strict=True):
+        write(path, *recorded(rate))
+    drafted, out = tmp_path / "identify.yaml", tmp_path / "out"
+    run("init", tmp_path / "arm.urdf", *logs, "-o", drafted)
+    assert yaml.safe_load(drafted.read_text())["time"]["unit"] == "s"
+    run("check", drafted)
+    run("identify", drafted, "--out", out)
+    result = json.loads((out / "result.json").read_text())
+    held_out = next(one for one in result["validations"] if one["role"] == "validation")
+    _, tau = recorded(1.3)
+    assert held_out["errors"]["relative_error"] < 1.2 * 100 * NOISE * np.sqrt(tau.size) / np.linalg.norm(tau)
+    run("export", out / "result.json", "--format", "urdf", "--out", tmp_path / "identified.urdf")
+
+
+def test_several_episodes_in_a_file_are_said(tmp_path: Path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    q, tau = recorded(1.0)
+    half = len(T) // 2
+    rows = {"observation.state": q.tolist(), "observation.effort": tau.tolist(), "timestamp": [*T[:half], *T[:half]]}
+    pl.DataFrame(rows | {"episode_index": [0] * half + [1] * half}).write_parquet(tmp_path / "all.parquet")
+    told = run("init", tmp_path / "arm.urdf", tmp_path / "all.parquet", "-o", tmp_path / "identify.yaml")
+    assert "several recordings, by 'episode_index'? Then write each to a file of its own" in told

@@ -96,6 +96,22 @@ def test_a_log_of_one_usable_sample_is_left_out() -> None:
     assert find_time_offset(slider(), [motion, lone], LeastSquares()).seconds == pytest.approx(0.004, abs=1e-4)
 
 
+def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
+    motion = sliding(0.004, 0.2)
+    used = np.abs(np.arange(len(motion)) - 2000) > 50
+    wrong = replace(motion, mask=used, tau=np.where(used[:, None], motion.tau, 1e4))
+    clean, found = (find_time_offset(slider(), [one], LeastSquares()) for one in (replace(motion, mask=used), wrong))
+    assert (found.seconds, found.std, found.after) == pytest.approx((clean.seconds, clean.std, clean.after), rel=1e-6)
+    assert 0 < found.std < 1e-3
+
+
+def test_what_is_too_slow_for_the_fit_does_not_count_in_the_error_of_an_offset() -> None:
+    motion = sliding(0.004, 0.2)
+    wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
+    clean, found = (find_time_offset(slider(), [one], LeastSquares(), min_speed=(0.2,)) for one in (motion, wrong))
+    assert (found.seconds, found.std) == pytest.approx((clean.seconds, clean.std), rel=1e-3)
+
+
 def test_without_torque_there_is_no_error_and_no_offset() -> None:
     motion = sliding(0.004, 0.0)
     found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())

@@ -6,6 +6,7 @@ python3 dev.py test [ARGS]   the test suite (pytest)
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
 python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
+python3 dev.py mutate [ARGS] the share of small faults, put into the core one by one, that its tests notice (hours)
 python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
 """
 
@@ -22,7 +23,16 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-EXTRAS = {"demo": "", "test": "dev", "lint": "dev,docs", "docs": "docs", "bench": "bench", "robots": "dev,mujoco,xacro"}
+EXTRAS = {
+    "demo": "",
+    "test": "dev",
+    "lint": "dev,docs",
+    "docs": "docs",
+    "bench": "bench",
+    "mutate": "dev",
+    "robots": "dev,mujoco,xacro",
+}
+MUTANTS = "cosmic-ray==8.7.0"
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
 ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "tests/io/test_xacro.py", "tests/export")
@@ -68,6 +78,7 @@ def main(arguments: list[str]) -> None:
         sys.exit(__doc__)
     task, rest = arguments[0], arguments[1:]
     install(EXTRAS[task])
+    pip = (PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
     if task == "demo":
         run(PYTHON, "-m", "dynident", "reproduce", *(rest or ["--out", "demo-out"]))
     elif task == "test":
@@ -81,8 +92,11 @@ def main(arguments: list[str]) -> None:
     elif task == "docs":
         run(*DOCS)
     elif task == "robots":
-        run(PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", *ROBOT_FILES)
+        run(*pip, "--no-deps", *ROBOT_FILES)
         run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *rest)
+    elif task == "mutate":
+        run(*pip, "--constraint", "constraints.txt", MUTANTS)
+        run(PYTHON, "benchmarks/mutation.py", *rest)
     else:
         run(PYTHON, "benchmarks/run.py", *rest)
 

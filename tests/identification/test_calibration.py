@@ -21,9 +21,101 @@ from dynident.identification import (
 )
 from dynident.log import Motion
 from dynident.models import Model, RigidBodies, Viscous, record, simulate
-from dynident.models.gallery import two_link_arm
+from dynident.models.gallery import slider, two_link_arm
 from dynident.smoothers import Spline, TimeShifted
 from tests.robots import joint, link, urdf
+
+
+def sliding(late: float, noise: float, n: int = 4000, seed: int = 0) -> Motion:
+    """A slider whose positions are ``late``, without noise, under a torque with white noise."""
+    t = np.arange(n) * 0.0025
+
+    def states(at: np.ndarray) -> tuple[np.ndarray, ...]:
+        angle = np.array([[3.0], [8.0]]) * at + np.array([[0.0], [1.0]])
+        rate = np.array([[3.0], [8.0]])
+        parts = (0.2 * np.sin(angle), 0.2 * rate * np.cos(angle), -0.2 * rate**2 * np.sin(angle))
+        return tuple(part.sum(axis=0)[:, None] for part in parts)
+
+    force = slider().torque(*states(t), (5.0, 8.0, 3.0, 0.5))
+    force = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
+    return Motion(t, *states(t - late), force, ("slider",), np.ones(n, dtype=bool))
+
+
+def left(motion: Motion) -> float:
+    """The error of least squares in %, by hand."""
+    Y = slider().regressor(motion.q, motion.dq, motion.ddq)[:, 0]
+    rest = motion.tau[:, 0] - Y @ np.linalg.lstsq(Y, motion.tau[:, 0], rcond=None)[0]
+    return float(100 * np.linalg.norm(rest) / np.linalg.norm(motion.tau))
+
+
+@pytest.mark.parametrize("late", [-0.018, -0.004, -0.0006, 0.0006, 0.0018, 0.02])
+def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late: float) -> None:
+    motion = sliding(late, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares())
+    assert found.seconds == pytest.approx(late, abs=1e-4)
+    assert found.before == pytest.approx(left(motion), rel=0.02)
+    assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
+
+
+def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:
+    """Half a percent of the error decides, whatever the noise."""
+    small, large = (find_time_offset(slider(), [sliding(0.004, noise)], LeastSquares()) for noise in (60.0, 1.0))
+    assert small.seconds == 0.0
+    assert small.after == small.before == pytest.approx(left(sliding(0.004, 60.0)), rel=0.02)
+    assert large.seconds == pytest.approx(0.004, abs=3e-4)
+
+
+def test_two_hundred_samples_are_enough_for_an_offset() -> None:
+    """Without those at the ends, which no trial may reach beyond."""
+    few, enough = (find_time_offset(slider(), [sliding(0.004, 0.01, n)], LeastSquares()) for n in (199, 300))
+    assert few.seconds == 0.0
+    assert np.isnan([few.before, few.after]).all()
+    assert enough.seconds == pytest.approx(0.004, abs=1e-4)
+
+
+@pytest.mark.parametrize("late", [-0.045, 0.045])
+def test_an_offset_beyond_the_range_is_none(late: float) -> None:
+    motion = sliding(late, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares())
+    assert found.seconds == 0.0
+    assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
+
+
+def test_the_unit_of_the_torque_does_not_matter() -> None:
+    motion = sliding(0.004, 0.2)
+    small = find_time_offset(slider(), [replace(motion, tau=1e-9 * motion.tau)], LeastSquares())
+    whole = find_time_offset(slider(), [motion], LeastSquares())
+    assert (small.seconds, small.before, small.after) == pytest.approx(
+        (whole.seconds, whole.before, whole.after), rel=1e-4
+    )
+
+
+def test_a_log_of_one_usable_sample_is_left_out() -> None:
+    motion = sliding(0.004, 0.2)
+    lone = replace(motion, mask=np.arange(len(motion)) == 2000)
+    assert find_time_offset(slider(), [motion, lone], LeastSquares()).seconds == pytest.approx(0.004, abs=1e-4)
+
+
+def test_what_is_masked_does_not_count_in_an_offset_or_its_error() -> None:
+    motion = sliding(0.004, 0.2)
+    used = np.abs(np.arange(len(motion)) - 2000) > 50
+    wrong = replace(motion, mask=used, tau=np.where(used[:, None], motion.tau, 1e4))
+    clean, found = (find_time_offset(slider(), [one], LeastSquares()) for one in (replace(motion, mask=used), wrong))
+    assert (found.seconds, found.std, found.after) == pytest.approx((clean.seconds, clean.std, clean.after), rel=1e-6)
+    assert 0 < found.std < 1e-3
+
+
+def test_what_is_too_slow_for_the_fit_does_not_count_in_the_error_of_an_offset() -> None:
+    motion = sliding(0.004, 0.2)
+    wrong = replace(motion, tau=motion.tau + 50.0 * (np.abs(motion.dq) < 0.05))
+    clean, found = (find_time_offset(slider(), [one], LeastSquares(), min_speed=(0.2,)) for one in (motion, wrong))
+    assert (found.seconds, found.std) == pytest.approx((clean.seconds, clean.std), rel=1e-3)
+
+
+def test_without_torque_there_is_no_error_and_no_offset() -> None:
+    motion = sliding(0.004, 0.0)
+    found = find_time_offset(slider(), [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
 
 
 def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
@@ -124,6 +216,48 @@ def test_a_tilt_is_found_within_its_standard_errors(estimator: LeastSquares | Ph
     assert found.after < 0.7 * found.before
 
 
+def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_problem() -> None:
+    model, motion = tilted(0.02, -0.035)
+    found = find_base_tilt(model, [motion], LeastSquares())
+
+    def regressor(x: float, y: float) -> np.ndarray:
+        Y = mounted(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
+        return Y.reshape(-1, Y.shape[-1])
+
+    tau, best = motion.tau.ravel(), regressor(found.x, found.y)
+    value = np.linalg.lstsq(best, tau, rcond=1e-9)[0]
+    slopes = [(regressor(found.x + a, found.y + b) - best) @ value / 1e-4 for a, b in ((1e-4, 0.0), (0.0, 1e-4))]
+    J = np.column_stack(slopes)
+    J -= best @ np.linalg.lstsq(best, J, rcond=1e-9)[0]
+    rest = tau - best @ value
+    assert (np.abs(np.linalg.lstsq(J, rest)[0]) < 0.05 * np.array(found.std)).all()  # no step is left
+    std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * (rest @ rest) / len(rest))
+    np.testing.assert_allclose(found.std, std, rtol=0.1)
+    level = regressor(0.0, 0.0)
+    before = tau - level @ np.linalg.lstsq(level, tau, rcond=1e-9)[0]
+    size = np.linalg.norm(tau) / 100
+    assert (found.before, found.after) == pytest.approx(
+        (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.17, 0.0), (0.0, -0.17)])
+def test_a_tilt_of_ten_degrees_is_one(x: float, y: float) -> None:
+    model, motion = tilted(x, y)
+    found = find_base_tilt(model, [motion], LeastSquares())
+    assert (found.x, found.y) == pytest.approx((x, y), abs=5e-3)
+
+
+def test_a_tilt_within_its_standard_errors_is_none() -> None:
+    """Two of them decide: here the noise is so large that the tilt put in is about one."""
+    model, motion = tilted(0.0, -0.035)
+    noisy = replace(motion, tau=motion.tau + np.abs(motion.tau).max() * np.random.default_rng(1).normal(size=(3000, 3)))
+    found = find_base_tilt(model, [noisy], LeastSquares())
+    assert (found.x, found.y) == (0.0, 0.0)
+    assert found.after == found.before
+    assert min(found.std) > 0.0175
+
+
 def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
     model, motion = tilted(0.0, 0.0)
     found = find_base_tilt(model, [motion], LeastSquares())
@@ -138,7 +272,10 @@ def test_only_robot_files_can_tilt() -> None:
 
 def test_a_base_that_lies_on_its_side_is_not_a_tilt() -> None:
     model, motion = tilted(0.6, 0.0)
-    with pytest.raises(ConfigError, match="set `gravity`, and check the zeros"):
+    with pytest.raises(ConfigError, match=r"3\d\.?\d* deg about x.*set `gravity`, and check the zeros"):
+        find_base_tilt(model, [motion], LeastSquares())
+    model, motion = tilted(0.0, -0.3)
+    with pytest.raises(ConfigError, match=r"-1\d\.?\d* deg about y"):
         find_base_tilt(model, [motion], LeastSquares())
 
 

@@ -115,6 +115,29 @@ def test_thin_bodies_pass(moments):
     assert consistency_violations(from_physical(1.0, np.array([0.3, -0.2, 0.7]), np.diag(moments))) == ()
 
 
+def test_a_point_mass_in_the_joint_is_a_body():
+    assert consistency_violations([1.0, *[0.0] * 9]) == ()
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.5, 0), (2.0, 1)])
+def test_inequalities_hold_to_within_a_billionth_of_the_inertia(share, count):
+    """Of the tensor about the joint, of which the largest entry is 0.3 here."""
+    slack = share * 1e-9 * 0.3
+    flat = [1.0, 0, 0, 0, 0.1, 0, 0.2, 0, 0, 0.3 + slack]
+    thin = [1.0, 0, 0, 0, -slack, 0, 0.3, 0, 0, 0.3]
+    assert [len(consistency_violations(theta)) for theta in (flat, thin)] == [count, count]
+
+
+def test_a_tensor_is_symmetric_to_within_rounding():
+    tensor = np.diag([0.1, 0.2, 0.2])
+    tensor[0, 1], tensor[1, 0] = 0.01, 0.01 * (1 + 1e-10)
+    from_physical(1.0, np.zeros(3), tensor)
+    tensor[1, 0] = 0.01 * (1 + 1e-8)
+    for wrong in (tensor, np.stack([np.eye(3), tensor])):
+        with pytest.raises(ModelError, match="is not symmetric"):
+            from_physical(np.ones(wrong.shape[:-2]), np.zeros(wrong.shape[:-1]), wrong)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

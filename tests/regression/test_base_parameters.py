@@ -66,6 +66,12 @@ def test_groupings_read_as_in_the_literature() -> None:
     assert found.without_effect == ()
 
 
+def test_signs_and_factors_of_a_grouping() -> None:
+    X = noise(5)
+    X[:, 1], X[:, 2], X[:, 3], X[:, 4] = -0.5 * X[:, 0], -X[:, 0], X[:, 0], 1.00001 * X[:, 0]
+    assert read(X, columns(*"abcde")).groupings == ("a - 0.5*b - c + d + e",)
+
+
 def test_later_bodies_lead() -> None:
     X = noise(3)
     X[:, 0] = X[:, 2]
@@ -132,6 +138,13 @@ def test_wrong_shapes() -> None:
         found.to_base([1, 2, 3])
     with pytest.raises(ModelError, match=r"beta has shape \(1,\)"):
         found.to_standard([1])
+
+
+def test_factors_that_are_not_those_of_the_base_parameters() -> None:
+    found = read(noise(3), columns("a", "b", "c"))
+    other = triangularise(iter([RegressorBlock(noise(2)[:, None], np.zeros((50, 1)))]), 1, 2)
+    with pytest.raises(ModelError, match=r"factors have shape \(3, 3\), expected \(4, 4\)\."):
+        base_std(found, other, np.ones(1))
 
 
 def test_structural_rank_of_known_models() -> None:
@@ -213,6 +226,33 @@ def test_joints_that_help_only_together() -> None:
     assert missing.groupings == ("product",)
     assert missing.joints == ("a", "b")
     assert (missing.together, missing.still) == (True, ())
+
+
+class InUnits(Drag):
+    """A friction in another unit."""
+
+    def __init__(self, joints: tuple[Joint, ...], unit: float) -> None:
+        super().__init__(joints, "viscous")
+        object.__setattr__(self, "unit", unit)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("again", ""),)
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.unit * super().regressor(q, dq, ddq)
+
+
+@pytest.mark.parametrize("unit", [np.pi * 1e-10, np.pi, np.pi * 1e10])
+def test_missing_excitation_is_the_same_in_any_unit(unit: float) -> None:
+    """Rounding of a combination with large factors is no missing excitation, and a small effect is one."""
+    joints = (Joint("a"), Joint("b"))
+    model = Model((Drag(joints, "viscous"), InUnits(joints, unit), Drag(joints, "viscous", 1)))
+    structural = structural_base_parameters(model)
+    assert compare(structural, on_data(model, motion(model)), model) == ()
+    for still, kept in ((0, "viscous_a"), (1, "viscous_b")):
+        (missing,) = compare(structural, on_data(model, motion(model, still=(still,))), model)
+        assert [one.split(" ")[0] for one in missing.groupings] == [kept]
 
 
 class Product(Drag):

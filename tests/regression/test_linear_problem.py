@@ -287,6 +287,11 @@ def test_wrong_settings_of_the_filter(settings: dict[str, Any], message: str) ->
         ParallelFilter(**settings)
 
 
+def test_any_positive_cutoff_is_a_setting() -> None:
+    assert ParallelFilter(cutoff=1e-3).cutoff == 1e-3
+    assert ParallelFilter(cutoff=1.0, order=1).order == 1
+
+
 @pytest.mark.parametrize("cutoff", [50.0, 80.0, float("inf")])
 def test_cutoff_above_half_the_sampling_rate(cutoff: float) -> None:
     with pytest.raises(ConfigError, match=rf"made: .* {cutoff:g} Hz does not lie below half .* \(50 Hz\)"):

@@ -32,6 +32,16 @@ def test_a_column_is_rounding_beside_those_of_its_kind_only_in_a_robot_file() ->
     assert precision(FREE) < 1e-9 < precision(BODY) < 1e-4
 
 
+def test_columns_of_a_kind_share_the_scale_of_the_largest_in_any_unit() -> None:
+    roles = ("mass", "mx", "my", "Ixx", "Izz", "viscous", "coulomb")
+    parameters = [Parameter(f"{role}{k}", "", role=role) for k in (1, 2) for role in roles]
+    sizes = np.array([3, 5, 7, 0.2, 0.3, 11, 13, 2, 6, 4, 0.1, 0.5, 12, 14.0])
+    for unit in (1e-9, 1.0, 1e6):
+        found = rank_of(np.diag([*unit * sizes, 0.0]), parameters)
+        np.testing.assert_allclose(found.scale / unit, [3, 7, 7, 0.5, 0.5, 11, 13, 3, 7, 7, 0.5, 0.5, 12, 14])
+        assert found.rank == 14
+
+
 def test_what_is_determined_acts_and_what_is_free_does_not() -> None:
     X = columns([1.0, 10.0, 0.1])
     X = np.column_stack([X, X[:, 0] + X[:, 2]])
@@ -62,7 +72,7 @@ def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameter
     covariance = found.covariance(2.0)
     assert np.isinf(np.diag(covariance)[found.undetermined]).all()
     assert covariance[1, 1] == 2.0 * inverse[1, 1]
-    assert np.count_nonzero(covariance[1]) == 1
+    assert np.count_nonzero(covariance[1]) == np.count_nonzero(covariance[:, 1]) == 1
 
 
 def test_an_information_that_says_less_than_the_factor_lowers_the_rank() -> None:

@@ -47,6 +47,19 @@ def test_quantised_standstill_reads_as_silence() -> None:
     assert noise_sigma(t, np.round(0.3 * np.ones(1000) / 1e-3) * 1e-3)[0] < 1e-15
 
 
+def test_the_noise_is_at_least_the_rounding_of_the_data() -> None:
+    t = np.arange(50) * 0.01
+    np.testing.assert_allclose(noise_sigma(t, np.full(50, 1e3)), 4e3 * np.finfo(float).eps, rtol=1e-9)
+    assert noise_sigma(t, np.zeros(50))[0] == 1e-100
+
+
+def test_few_samples_by_hand() -> None:
+    """Fourth differences of even samples are 1, -4, 6, -4, 1, of squared norm 70."""
+    y = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    assert noise_sigma(np.arange(6), y)[0] == pytest.approx(np.sqrt((16 + 1) / 2 / 70))
+    assert noise_sigma(np.arange(4), y[:4], order=2)[0] == pytest.approx(np.sqrt((4 + 1) / 2 / 6))
+
+
 def test_too_few() -> None:
     with pytest.raises(InputError, match="at least 6 samples, got 5"):
         noise_sigma(np.arange(5), np.arange(5))

@@ -49,6 +49,13 @@ def test_wide_spikes_are_found_whole(width: int) -> None:
     assert np.flatnonzero(spikes(T, x)).tolist() == list(range(777, 777 + width))
 
 
+def test_the_first_and_last_eight_samples_are_not_looked_at() -> None:
+    for row, seen in ((7, False), (8, True), (len(T) - 9, True), (len(T) - 8, False)):
+        x = signal(0)
+        x[row] += 0.01
+        assert np.flatnonzero(spikes(T, x)).tolist() == [row] * seen
+
+
 def test_wrong_stamps_are_no_spikes() -> None:
     """A stamp that is late moves the sample beside the curve, but not in the order of the samples."""
     t = T.copy()

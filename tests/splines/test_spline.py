@@ -136,6 +136,7 @@ def test_interpolation_is_the_natural_cubic_spline() -> None:
     zero = smooth(t, y, Constraint(S=0.0), sigma=1.0)
     np.testing.assert_array_equal(zero.c, fit.c)
     assert (fit.p, fit.lam, fit.S, fit.edf) == (np.inf, 0.0, 0.0, len(t))
+    assert (fit.residual, fit.accuracy) == (0.0, 0.0)
 
 
 def test_large_S_gives_the_regression_line() -> None:
@@ -143,6 +144,7 @@ def test_large_S_gives_the_regression_line() -> None:
     fit = smooth(t, y, Constraint(S=1e9), sigma=1e-2)
     np.testing.assert_allclose(fit.values, np.polyval(np.polyfit(t, y, 1), t), atol=1e-12)
     assert (fit.p, fit.lam, fit.edf) == (0.0, np.inf, pytest.approx(2.0))
+    assert (fit.residual, fit.accuracy) == (0.0, 0.0)
     assert not fit.c.any()
     weights = np.linspace(0.5, 3, len(t))
     weighted = smooth(t, y, Fixed(p=0.0), weights=weights)
@@ -218,6 +220,8 @@ def test_derivatives_at_samples_are_those_of_the_pieces(order: int) -> None:
     scale = np.abs(fit.derivative(order)).max()
     inside = slice(None, -1) if order == 3 else slice(None)
     np.testing.assert_allclose(fit(t, order)[inside], fit.derivative(order)[inside], atol=1e-12 * scale)
+    if order == 3:  # at the end that of the last piece
+        np.testing.assert_allclose(fit(0.5 * (t[-2] + t[-1]), 3), fit.derivative(3)[-1], rtol=1e-9)
     before = t[1:] - 1e-9 * np.diff(t)  # continuous up to the second derivative
     if order < 3:
         np.testing.assert_allclose(fit(before, order), fit.derivative(order)[1:], atol=1e-6 * scale)
@@ -362,3 +366,14 @@ def test_numbers_out_of_range_are_refused(t: float, y: float) -> None:
     x = np.linspace(0, 3, 50)
     with pytest.raises(InputError, match="out of range"):
         smooth(t * x, y * np.sin(x))
+
+
+def test_numbers_just_in_range_are_not_refused() -> None:
+    x = np.linspace(0, 3, 50)
+    for size in (1.1e-100, 0.9e100):
+        y = size * np.linspace(0, 1, 50) ** 2  # spans its size
+        np.testing.assert_array_equal(smooth(x, y, Interpolation()).values, y)
+        np.testing.assert_array_equal(smooth(size * np.linspace(0, 1, 50), x, Interpolation()).values, x)
+    for size in (0.9e-100, 1.1e100):
+        with pytest.raises(InputError, match="out of range"):
+            smooth(x, size * np.linspace(0, 1, 50) ** 2, Interpolation())

@@ -206,7 +206,7 @@ def compare(
     """
     if not structural.names == on_data.names == model.names:
         raise ModelError("both sets of base parameters and the model must have the same parameters, in the same order.")
-    hidden = on_data.null
+    hidden = on_data.null / np.linalg.norm(structural.scale[:, None] * on_data.null, axis=0)  # free of units
     seen = (structural.combination * structural.scale[list(structural.independent), None]) @ hidden
     U, s, Vt = np.linalg.svd(seen, full_matrices=False)
     k = int((s > 10 * precision(model.parameters) * s.max(initial=1.0)).sum())  # both bases are exact to it

@@ -1,0 +1,319 @@
+"""Mutation score of the core: how many small faults, put into a file one at a time, do its tests notice?
+
+cosmic-ray makes the mutants. Its own runner edits the checkout and runs one command for all of them; here a sample is
+drawn, each mutant is put into a copy of the project, and the tests of its file run until one fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import difflib
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = Path("src/dynident")
+EQUIVALENT = ROOT / "benchmarks" / "mutation_equivalent.toml"
+MEMORY = 8 << 30  # bytes that a mutant may take, where the system can limit it
+SLOWER, AT_LEAST = 5.0, 30.0  # a mutant is given this many times the time of its tests, and these seconds more
+SKIPPED = (".git", ".venv", "*-out", "site", "dist", "__pycache__", ".*_cache", ".hypothesis")
+RANK = ("tests/regression", "tests/laws/test_certified.py", "tests/estimators/test_least_squares.py")
+FITS = ("tests/estimators/constraints", "tests/estimators/physically_consistent")
+ESTIMATORS = (
+    "tests/estimators/test_least_squares.py",
+    *FITS,
+    "tests/laws/test_estimators.py",
+    "tests/laws/test_rank.py",
+)
+EVERY = ("tests/meta/test_nouns.py",)
+TERMS = ("tests/models/test_model.py", "tests/laws/test_rigid_bodies.py", "tests/laws/test_models.py")
+OPERATORS = tuple(
+    f"core/{name}"
+    for name in (
+        *("ReplaceBinaryOperator_" + pair for pair in ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Mul")),
+        *("ReplaceBinaryOperator_" + pair for pair in ("Mod_Mul", "Pow_Mul", "BitAnd_BitOr", "BitOr_BitAnd")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_LtE", "LtE_Lt", "Gt_GtE", "GtE_Gt")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("Lt_GtE", "LtE_Gt", "Gt_LtE", "GtE_Lt", "Eq_NotEq")),
+        *("ReplaceComparisonOperator_" + pair for pair in ("NotEq_Eq", "Is_IsNot", "IsNot_Is")),
+        *("ReplaceUnaryOperator_" + pair for pair in ("Delete_USub", "Delete_Not", "Delete_Invert")),
+        *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd", "AddNot"),
+        *("ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "ZeroIterationForLoop"),
+        *("NumberReplacer", "ExceptionReplacer"),
+    )
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the core: files below src/dynident, and tests that run after those that mirror a file."""
+
+    files: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+PARTS = {
+    "splines": Part(
+        tuple(f"splines/{name}.py" for name in ("banded", "bspline", "noise", "rules", "spline")),
+        ("tests/splines/test_spline.py", "tests/splines/test_rules.py", "tests/smoothers/test_spline.py"),
+    ),
+    "spikes": Part(("splines/spikes.py",), ("tests/checks/test_channels.py",)),
+    "regression": Part(("regression/linear_problem.py", "regression/rank.py"), (*RANK, "tests/laws/test_rank.py")),
+    "base parameters": Part(("regression/base_parameters.py",), (*RANK, "tests/laws/test_rank.py")),
+    "estimators": Part(
+        ("estimators/least_squares.py", "estimators/physically_consistent/*.py", "estimators/constraints/*.py"),
+        ESTIMATORS,
+    ),
+    "maximum likelihood": Part(
+        ("estimators/maximum_likelihood/*.py",),
+        (
+            "tests/estimators/maximum_likelihood",
+            "tests/laws/test_estimators.py",
+        ),
+    ),
+    "calibration": Part(("identification/calibration.py",), ("tests/identification/test_calibration.py",)),
+    "hac": Part(("validation/hac.py",), ("tests/estimators/test_least_squares.py",)),
+    "verdict": Part(
+        ("identification/verdict/*.py", "report/verdict.py", "report/advice.py"),
+        ("tests/identification/test_verdict.py", "tests/report/test_wording.py", "tests/report/test_verdict.py"),
+    ),
+    "terms": Part(
+        tuple(
+            f"models/{name}.py"
+            for name in ("term", "model", "friction", "motor", "rigid_bodies", "lagrangian", "lumping")
+        ),
+        TERMS,
+    ),
+    "inertia": Part(("models/inertia.py",), ("tests/models/test_rigid_bodies.py", *FITS)),
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: the line that it changes, before and after, and the text of the whole file with it."""
+
+    path: str
+    line: int
+    was: str
+    becomes: str
+    code: str
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What names the mutant in the list of equivalent ones."""
+        return self.path, self.was, self.becomes
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mutant; ``source`` and ``tests`` are the hashes for which that holds."""
+
+    path: str
+    line: int
+    was: str
+    becomes: str
+    source: str
+    tests: str
+    result: str
+    seconds: float
+
+
+def meaning(code: str) -> str | None:
+    """Return the syntax tree without what has no effect on right input; None where the text is no Python.
+
+    These are annotations, and ``strict`` of ``zip``, which only checks that lengths agree.
+    """
+    try:
+        tree = ast.parse(code)
+    except SyntaxError:
+        return None
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg):
+            node.annotation = None
+        elif isinstance(node, ast.AnnAssign):
+            node.annotation = ast.Constant(None)
+        elif isinstance(node, ast.FunctionDef):
+            node.returns = None
+        elif isinstance(node, ast.Call):
+            node.keywords = [one for one in node.keywords if one.arg != "strict"]
+    return ast.dump(tree)
+
+
+def mutants(path: str, seed: int) -> Iterator[tuple[str, Mutant]]:
+    """Yield (rank, mutant) of one file in the order of the ranks, which only the seed and the mutated line decide."""
+    from cosmic_ray.ast import ast_nodes, get_ast
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator
+
+    code = (ROOT / path).read_text(encoding="utf-8")
+    lines, same = code.splitlines(), meaning(code)
+    nodes, seen, places = list(ast_nodes(get_ast(code))), Counter[str](), []
+    for name in OPERATORS:
+        found = [place for node in nodes for place in get_operator(name)().mutation_positions(node)]
+        for occurrence, ((row, _), _) in enumerate(found):
+            label = f"{seed} {path} {name} {lines[row - 1].strip()}"
+            seen[label] += 1
+            places.append((hashlib.sha256(f"{label} {seen[label]}".encode()).hexdigest(), name, occurrence))
+    for rank, name, occurrence in sorted(places):
+        text = mutate_code(code, get_operator(name)(), occurrence)
+        tree = None if text is None else meaning(text)
+        if text is not None and tree not in (None, same):
+            changed = [k for k, (a, b) in enumerate(zip(lines, text.splitlines(), strict=False)) if a != b]
+            k = changed[0]
+            yield rank, Mutant(path, k + 1, lines[k].strip(), text.splitlines()[k].strip(), text)
+
+
+def sample(part: Part, size: int, seed: int) -> list[Mutant]:
+    """Return the first mutants of a part, of all its files, that are not listed as equivalent."""
+    listed = {(one["path"], one["was"], one["becomes"]) for one in tomllib.loads(EQUIVALENT.read_text())["mutant"]}
+    taken: list[tuple[str, Mutant]] = []
+    for path in files(part):
+        kept = (pair for pair in mutants(path, seed) if pair[1].key not in listed)
+        taken += [pair for pair, _ in zip(kept, range(size), strict=False)]
+    return [mutant for _, mutant in sorted(taken, key=lambda pair: pair[0])[:size]]
+
+
+def files(part: Part) -> list[str]:
+    """Return the files of a part, from the root of the project, without those that only gather names."""
+    found = (path for pattern in part.files for path in sorted((ROOT / SOURCE).glob(pattern)))
+    return [path.relative_to(ROOT).as_posix() for path in found if path.name != "__init__.py"]
+
+
+def tests_of(part: Part, path: str) -> tuple[str, ...]:
+    """Return the tests to run: those that mirror the file, or its folder, its examples, and those of the part."""
+    inner = Path(path).relative_to(SOURCE)
+    mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
+    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests, *EVERY]))
+
+
+def all_tests(part: Part) -> tuple[str, ...]:
+    """Return the tests of all files of a part."""
+    return tuple(dict.fromkeys(test for path in files(part) for test in tests_of(part, path)))
+
+
+def digest(*paths: str) -> str:
+    """Return a hash of files, and of the Python files of folders."""
+    found = [one for path in paths for one in (sorted((ROOT / path).rglob("*.py")) or [ROOT / path])]
+    return hashlib.sha256(b"\0".join(one.read_bytes() for one in found)).hexdigest()[:16]
+
+
+class Copy:
+    """A copy of the project in which one file at a time is changed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / "project"
+        shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(*SKIPPED))
+        self.environment = os.environ | {"PYTHONPATH": str(self.root / "src"), "PYTHONHASHSEED": "0"}
+        self.environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        self._seconds: dict[tuple[str, ...], float] = {}
+
+    def run(self, tests: tuple[str, ...], limit: float | None = None) -> str:
+        """Return "survived", "killed" or "too long"."""
+        options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
+        command = [sys.executable, "-m", "pytest", *options, *tests]
+        try:
+            done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=limit)
+        except subprocess.TimeoutExpired:
+            return "too long"
+        return "killed" if done.returncode else "survived"
+
+    def limit(self, tests: tuple[str, ...]) -> float:
+        """Return the time that the tests may take with a mutant; ends the program where they fail without one."""
+        if tests not in self._seconds:
+            start = time.monotonic()
+            if self.run(tests) != "survived":
+                sys.exit(f"These tests fail without a mutant: {' '.join(tests)}")
+            self._seconds[tests] = time.monotonic() - start
+        return SLOWER * self._seconds[tests] + AT_LEAST
+
+    def try_out(self, mutant: Mutant, tests: tuple[str, ...], limit: float) -> str:
+        """Return what becomes of a mutant, and put its file back."""
+        target = self.root / mutant.path
+        try:
+            self._write(target, mutant.code)
+            return self.run(tests, limit)
+        finally:
+            self._write(target, (ROOT / mutant.path).read_text(encoding="utf-8"))
+
+    @staticmethod
+    def _write(target: Path, code: str) -> None:
+        target.write_text(code, encoding="utf-8")
+        for old in (target.parent / "__pycache__").glob(f"{target.stem}.*.pyc"):
+            old.unlink()  # it may have the same size and second as the new text
+
+
+def known(out: Path) -> dict[tuple[str, str, str, int], Outcome]:
+    """Return the outcomes of earlier runs, the last of each mutant."""
+    lines = out.read_text(encoding="utf-8").splitlines() if out.exists() else []
+    found = [Outcome(**json.loads(line)) for line in lines]
+    return {(one.path, one.was, one.becomes, one.line): one for one in found}
+
+
+def holds(old: Outcome | None, source: str, tests: str) -> bool:
+    """Tell whether an outcome stands: its file is the same, and a survivor's tests are."""
+    return old is not None and old.source == source and (old.result != "survived" or old.tests == tests)
+
+
+def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, list[Outcome]]:
+    """Try the sample of each part, without what an earlier run has tried; one line to ``out`` for each mutant."""
+    before, found = known(out), defaultdict[str, list[Outcome]](list)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Copy(Path(folder))
+        for name in names:
+            for mutant in sample(PARTS[name], size, seed):
+                tests = tests_of(PARTS[name], mutant.path)
+                source, checks = digest(mutant.path), digest(*tests)
+                old = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
+                if old is None or not holds(old, source, checks):
+                    limit, start = copy.limit(all_tests(PARTS[name])), time.monotonic()
+                    place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
+                    result = copy.try_out(mutant, tests, limit)
+                    old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1))
+                    with out.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(asdict(old)) + "\n")
+                    print(f"{name}: {old.result:9} {old.seconds:6.1f} s  {old.path}:{old.line}", flush=True)
+                found[name].append(old)
+    return found
+
+
+def show(found: dict[str, list[Outcome]]) -> None:
+    """Print the survivors as differences, then the score of each part."""
+    for one in (one for outcomes in found.values() for one in outcomes if one.result == "survived"):
+        print(f"\n{one.path}:{one.line}")
+        print("\n".join(line for line in difflib.ndiff([one.was], [one.becomes]) if line[0] in "+-"))
+    print()
+    rows = [(name, sum(one.result != "survived" for one in some), len(some)) for name, some in found.items()]
+    rows.append(("all", sum(row[1] for row in rows), sum(row[2] for row in rows)))
+    for name, killed, every in rows:
+        print(f"{name:20} {killed:4} of {every:4} killed  {100 * killed / max(every, 1):5.1f} %")
+
+
+def main() -> None:
+    """Parse the command line, run, and print."""
+    parser = argparse.ArgumentParser(prog="python3 dev.py mutate", description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--size", type=int, default=25, help="mutants of each part (default 25)")
+    parser.add_argument("--seed", type=int, default=0, help="another seed, another sample")
+    parser.add_argument("--out", type=Path, default=ROOT / "mutate-out" / "outcomes.jsonl", help="outcomes, to resume")
+    given = parser.parse_args()
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    show(run(given.only, given.size, given.seed, given.out))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""The mutation run: its map of files and tests, its list of equivalent mutants, and what it resumes from."""
+
+from __future__ import annotations
+
+import runpy
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
+
+
+def test_parts_name_files_and_tests_that_exist() -> None:
+    for part in RUN["PARTS"].values():
+        found = RUN["files"](part)
+        assert len(found) >= len(part.files)
+        for path in found:
+            assert all((ROOT / one).exists() for one in RUN["tests_of"](part, path)), path
+    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/splines/noise.py")
+    assert first == "tests/splines/test_noise.py"
+
+
+def test_equivalent_mutants_are_of_lines_that_exist() -> None:
+    listed = tomllib.loads((ROOT / "benchmarks" / "mutation_equivalent.toml").read_text(encoding="utf-8"))["mutant"]
+    for one in listed:
+        lines = {line.strip() for line in (ROOT / one["path"]).read_text(encoding="utf-8").splitlines()}
+        assert one["was"] in lines, one
+        assert one["becomes"] not in lines, one
+        assert len(one["why"]) > 10
+    keys = [(one["path"], one["was"], one["becomes"]) for one in listed]
+    assert len(set(keys)) == len(keys)
+
+
+def test_what_has_no_effect_is_no_mutant() -> None:
+    meaning = RUN["meaning"]
+    assert meaning("def f(x: A | B) -> C: y: A | None = 1") == meaning("def f(x: A & B) -> D: y: A & None = 1")
+    assert meaning("zip(a, b, strict=True)") == meaning("zip(a, b, strict=False)")
+    assert meaning("x + 1") != meaning("x - 1")
+    assert meaning("x +* 1") is None
+
+
+def test_a_survivor_is_tried_again_when_its_tests_change_and_all_when_the_file_does() -> None:
+    killed = RUN["Outcome"]("a.py", 1, "x", "y", "file", "tests", "killed", 1.0)
+    survived, holds = replace(killed, result="survived"), RUN["holds"]
+    assert holds(killed, "file", "other tests")
+    assert not holds(killed, "other file", "tests")
+    assert holds(survived, "file", "tests")
+    assert not holds(survived, "file", "other tests")
+    assert not holds(None, "file", "tests")

@@ -1,0 +1,66 @@
+"""The words of the verdict: which sentences it has, and the figures in its reasons."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.identification import HeldOut, Use, Verdict
+from dynident.identification.verdict import LargestResidual, WorstRun
+from dynident.identification.verdict import reasons as why
+from dynident.identification.verdict.unknown import CommonGain, Zeros
+from dynident.report.advice import sentences
+from dynident.report.wording import words
+from dynident.validation import Driver
+
+RUN = WorstRun("fast", "elbow", 2.54)
+
+
+def second(use: Use, *reasons: why.Reason, run: WorstRun | None = RUN) -> str:
+    return sentences(Verdict(use, reasons, (), HeldOut(4.0, 3.0, None), run, None))[1]
+
+
+def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
+    assert second(Use.SIMULATION).startswith("Its mass matrix is positive definite in all poses tested")
+    assert "at most 2.5 % of the motion (elbow, fast)" in second(Use.SIMULATION)
+    one, two, three = why.NoFreeRun(), why.InertiasFree(), why.NoHoldOut()
+    assert second(Use.CONTROL, one) == "Not for simulation: no free simulation was run."
+    assert second(Use.CONTROL, one, run=None) == second(Use.CONTROL, one)
+    assert second(Use.DO_NOT_USE, three) == f"Against its use: {words(three)}."
+    assert second(Use.CONTROL, one, two) == f"Not for simulation: {words(one)}; {words(two)}."
+    assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {words(three)}; {words(one)}; and 1 more."
+
+
+def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:
+    plain = Verdict(Use.SIMULATION, (), (), HeldOut(4.0, 3.0, None), RUN, LargestResidual("elbow", "fast", ()))
+    assert len(sentences(plain)) == 3
+    assert sentences(plain)[2] == "The torque residual is largest in elbow (fast) and has no clear cause."
+    unknown = Verdict(**{**vars(plain), "unknown": (CommonGain(), Zeros(("turn", "wrist")))})
+    assert sentences(unknown)[3] == (
+        "No data can show a factor that all torques share (wrong gains), which masses and friction take up, or a wrong "
+        "zero of turn, wrist: make sure of that by other means."
+    )
+
+
+@pytest.mark.parametrize(
+    ("reason", "figures"),
+    [
+        (why.HeldBack(25.0, 12.3), ("20 % smaller", "differ by 12 %")),
+        (why.SlowHoldOut(0.25), ("only 25 % of the speed",)),
+        (why.TorqueErrorTooLarge("a", 12.34, 10.0), ("on a is 12.3 %, above 10 %",)),
+        (why.NotCarriedOver("a", 2.54), ("2.5 times the training error",)),
+        (why.MassMatrixNotPositive(-0.1234), ("eigenvalue -0.123",)),
+        (why.MostlyUnexcited(3, 8), ("3 of 8 base parameters",)),
+        (why.PartlyUnexcited(1, 8), ("1 of 8 base parameters",)),
+        (why.NegativeValues(tuple("abcde")), ("not physical: a, b, c, d, e",)),
+        (why.NegativeValues(tuple("abcdefg")), ("a, b, c, d, e and 2 more",)),
+        (why.JointErrorsTooLarge("a", (("x", 30.0), ("y", 41.26)), 25.0), ("above 25 %: x 30 %, y 41.3 %",)),
+        (why.FreeRunAstray("a", "x", 9.94, Driver.CONTROLLER, 0.5), ("9.9 % of the motion of x in the controller",)),
+        (why.FreeRunAstray("a", "x", 31.4, Driver.TORQUE, 0.5), ("31 % of the motion of x within 0.5 s",)),
+        (why.Repeats((("a", "b"), ("c", "d"))), ("a repeats the motion of b, c repeats the motion of d:",)),
+    ],
+)
+def test_reasons_hold_their_figures(reason: why.Reason, figures: tuple[str, ...]) -> None:
+    for one in figures:
+        assert one in words(reason)
+    if "more" not in figures[0]:
+        assert "more" not in words(reason)

@@ -1,6 +1,12 @@
 """Settings of all tests."""
 
+import signal
+import threading
+
 from hypothesis import Phase, settings
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it, as would commands
 
 settings.register_profile("patient", deadline=None)  # a busy machine is no error
 settings.register_profile("mutation", deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))

@@ -55,7 +55,8 @@ def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, 
     left = [
         _without(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance(q, dq, ddq, j)) for j in range(q.shape[1])
     ]
-    rows = np.concatenate([each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0])
+    scaled = [each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0]
+    rows = np.concatenate([np.empty((0, 5)), *scaled])
     return rows[:, :-1], rows[:, -1]
 
 

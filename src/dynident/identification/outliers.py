@@ -90,9 +90,9 @@ def torque_outliers(
     left = [(motion.tau - torque)[used.mask] for motion, used, torque in pairs[:trained]]
     kept = [_kept(used)[used.mask] for used in rest[:trained]]
     usual = np.array([
-        median_sigma(np.concatenate([e[use[:, j], j] for e, use in zip(left, kept, strict=True)]))
+        _usual(np.concatenate([e[use[:, j], j] for e, use in zip(left, kept, strict=True)]))
         for j in range(len(model.joints))
-    ]).ravel()  # fmt: skip
+    ])  # fmt: skip
     return tuple(
         _told(motion, one, torque, usual) if one.torques.any() else None
         for motion, one, torque in zip(whole, seen, torques, strict=True)
@@ -134,6 +134,11 @@ def _kept(motion: Motion) -> Mask:
 
 def _rest(motion: Motion, seen: Suspects) -> Motion:
     return replace(motion, keep=_kept(motion) & ~seen.torques)
+
+
+def _usual(left: Array) -> float:
+    """Return the usual size of a joint's residuals (N); infinite where all its torques are suspect: none can tell."""
+    return float(median_sigma(left)) if len(left) else np.inf
 
 
 def _fitted(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Array:

@@ -2,7 +2,7 @@
 
 from dynident.splines.noise import NORMAL_95, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
-from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
+from dynident.splines.spikes import WIDEST, bridged, frozen, spikes, torn_ends
 from dynident.splines.spline import SmoothingSpline, smooth
 
 __all__ = [
@@ -23,4 +23,5 @@ __all__ = [
     "smooth",
     "spikes",
     "steady_noise",
+    "torn_ends",
 ]

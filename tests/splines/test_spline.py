@@ -362,3 +362,9 @@ def test_numbers_out_of_range_are_refused(t: float, y: float) -> None:
     x = np.linspace(0, 3, 50)
     with pytest.raises(InputError, match="out of range"):
         smooth(t * x, y * np.sin(x))
+
+
+def test_each_column_must_be_in_range() -> None:
+    x = np.linspace(0, 3, 50)
+    with pytest.raises(InputError, match="out of range"):
+        smooth(x, np.column_stack([np.sin(x), 1e-300 * np.sin(x)]))

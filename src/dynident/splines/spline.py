@@ -214,7 +214,9 @@ def _check_values(name: str, value: Array) -> None:
     size = np.atleast_1d(np.ptp(value, axis=0))
     wrong = (size > LARGEST) | ((size > 0) & (size < 1 / LARGEST)) | (np.abs(value).max(axis=0) > LARGEST)
     if wrong.any():
-        raise InputError(f"{name} spans {size[wrong][0]:g}: that is out of range (1e-100 to 1e100); choose another unit.")
+        raise InputError(
+            f"{name} spans {size[wrong][0]:g}: that is out of range (1e-100 to 1e100); choose another unit."
+        )
 
 
 def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:

@@ -109,6 +109,14 @@ def test_a_full_output_is_no_fault(tmp_path: Path, arguments: list[str]) -> None
     assert (ended.returncode, ended.stderr) == (1, "Error: the output cannot be written: No space left on device.\n")
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="closes the output by a shell")
+def test_a_closed_output_is_no_fault(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    configure(tmp_path)
+    command = f"{sys.executable} -m dynident check identify.yaml <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
+
+
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
     write_log(tmp_path, n=20_000)
     with command("check", *[configure(tmp_path)] * 500) as process:

@@ -41,6 +41,9 @@ class Commands(click.Group):
         """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
         if not how.pop("standalone_mode", True):
             return super().main(args, standalone_mode=False, **how)
+        for name in ("stdout", "stderr"):
+            if getattr(sys, name) is None:  # closed by who started us
+                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 -- to the end
         try:
             code: object = super().main(args, standalone_mode=False, **how)
         except click.ClickException as error:

@@ -43,7 +43,7 @@ class Commands(click.Group):
             return super().main(args, standalone_mode=False, **how)
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
-                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 -- to the end
+                setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
         try:
             code: object = super().main(args, standalone_mode=False, **how)
         except click.ClickException as error:

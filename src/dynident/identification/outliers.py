@@ -88,7 +88,7 @@ def torque_outliers(
     if sum(int(one.sum()) for one in kept) <= len(model.parameters):  # too few are left that could tell
         none = [np.zeros(one.torques.shape, dtype=bool) for one in seen]
         return tuple(
-            TorqueOutliers(one.torques, *[no] * 3, log.tau) for one, no, log in zip(seen, none, logs, strict=True)
+            TorqueOutliers(one.torques, no, no, no, log.tau) for one, no, log in zip(seen, none, logs, strict=True)
         )
     theta = _fitted(model, rest[:trained], min_speed)
     torques = [_torque(model, motion, theta) for motion in whole]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import platform
 import sys
@@ -43,7 +44,7 @@ class Commands(click.Group):
             return super().main(args, standalone_mode=False, **how)
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
-                setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
+                setattr(sys, name, io.StringIO())
         try:
             code: object = super().main(args, standalone_mode=False, **how)
         except click.ClickException as error:

@@ -58,6 +58,18 @@ def test_a_right_gravity_and_turned_torques_raise_no_question() -> None:
     assert list(gravity_findings(arm(), [motion((0.0, 0.0, -9.81), gain=-1.0)])) == []
 
 
+def test_gravity_that_was_left_out_is_asked_about() -> None:
+    none, usual = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81)
+    (found,) = gravity_findings(arm(none), [motion(usual)])
+    assert found.message.assumed == none
+    assert found.message.fitted[2] < -5
+    assert list(gravity_findings(arm(none), [motion(none)])) == []
+
+
+def test_torques_that_are_all_zero_raise_no_question() -> None:
+    assert list(gravity_findings(arm(), [replace(motion((0.0, 0.0, -9.81)), tau=np.zeros((len(T), 4)))])) == []
+
+
 def test_what_cannot_tell_says_nothing() -> None:
     still = replace(motion((0.0, 0.0, 9.81)), q=np.zeros((len(T), 4)), dq=np.zeros((len(T), 4)))
     assert list(gravity_findings(arm(), [still])) == []

@@ -98,6 +98,25 @@ def test_a_reader_that_has_seen_enough(tmp_path: Path) -> None:
             assert process.wait() in (0, 1)
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+@pytest.mark.parametrize("arguments", [["--help"], ["schema"], ["check", "identify.yaml"]], ids=str)
+def test_a_full_output_is_no_fault(tmp_path: Path, arguments: list[str]) -> None:
+    write_log(tmp_path)
+    configure(tmp_path)
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "dynident", *arguments]
+        ended = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (1, "Error: the output cannot be written: No space left on device.\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closes the output by a shell")
+def test_a_closed_output_is_no_fault(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    configure(tmp_path)
+    command = f"{sys.executable} -m dynident check identify.yaml <&- >&- 2>&-"
+    assert subprocess.run(["sh", "-c", command], cwd=tmp_path, check=False).returncode == 0
+
+
 def test_an_interrupt_from_outside(tmp_path: Path) -> None:
     write_log(tmp_path, n=20_000)
     with command("check", *[configure(tmp_path)] * 500) as process:

@@ -265,6 +265,12 @@ def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
     assert abs(found.y) < 4 * found.std[1]
 
 
+def test_torques_that_are_all_zero_show_no_tilt() -> None:
+    model, motion = tilted(0.02, 0.0)
+    found = find_base_tilt(model, [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (found.before, found.after) == (0.0, 0.0)
+
+
 def test_only_robot_files_can_tilt() -> None:
     with pytest.raises(ConfigError, match="no term has a gravity"):
         mounted(two_link_arm(), 0.1, 0.0)

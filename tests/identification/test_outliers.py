@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.errors import InputError
 from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood
 from dynident.identification import Identification, Recipe, identify
 from dynident.identification.outliers import HeldOutOutliers
@@ -104,3 +105,25 @@ def test_a_joint_of_which_every_torque_is_suspect_is_fitted_as_measured() -> Non
     keep = found.validations[0].motion.keep
     assert keep is not None
     assert keep.all()
+
+
+@pytest.mark.parametrize("estimator", [LeastSquares(), MaximumLikelihood()], ids=["least squares", "likelihood"])
+@pytest.mark.parametrize("row", [0, -1])
+def test_wrong_ends_are_left_out(estimator: Estimator, row: int) -> None:
+    """The first message of a driver is often zero, or what was left in its buffer."""
+    q = TRAIN.q.copy()
+    q[row] += 3.0
+    clean, *found = (fitted(one, estimator=estimator) for one in (TRAIN, replace(TRAIN, q=q), put(TRAIN, [row], 500.0)))
+    for one in found:
+        assert np.all(np.abs(one.estimate.value - clean.estimate.value) < 2 * clean.errors.best)
+
+
+def test_torques_that_are_all_suspect_are_kept() -> None:
+    found = fitted(replace(TRAIN, tau=np.where(TRAIN.tau > 0, 1.0, -1.0)))
+    (one, _) = found.validations
+    assert one.motion.keep is None or one.motion.keep.all()
+
+
+def test_torques_that_are_all_zero_are_refused() -> None:
+    with pytest.raises(InputError, match="all torques of the training are zero"):
+        fitted(replace(TRAIN, tau=0 * TRAIN.tau))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.splines import bridged, frozen, spikes
+from dynident.splines import bridged, frozen, spikes, torn_ends
 
 T = np.arange(5000) * 1e-3
 NOISE = 1e-4
@@ -82,5 +82,26 @@ def test_the_bridge_follows_the_curve() -> None:
     x, gone = np.sin(5 * T), np.zeros(len(T), dtype=bool)
     gone[[0, 777]] = gone[2000:2020] = True
     y = np.where(gone, 50.0, x)
-    assert np.abs(bridged(T, y, gone) - x)[1:].max() < 1e-5
-    assert bridged(T, y, gone)[0] == pytest.approx(x[1])
+    assert np.abs(bridged(T, y, gone) - x).max() < 1e-5
+    gone[:20] = True
+    assert bridged(T, y, gone)[0] == pytest.approx(x[20])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_clean_signal_has_torn_ends(seed: int) -> None:
+    x = signal(seed)
+    rest = np.where(T < 0.01, 0.0, 1 - np.cos(3 * np.maximum(T - 0.01, 0)))
+    both = np.column_stack([x, np.round(x / 3e-4) * 3e-4, rest, np.round(rest / 3e-4) * 3e-4, 0 * T, np.sin(5 * T)])
+    assert torn_ends(T, both).sum() == 0
+    assert torn_ends(T, both[::-1]).sum() == 0
+
+
+@pytest.mark.parametrize("width", [1, 2, 5])
+def test_torn_ends_are_found_and_continued(width: int) -> None:
+    """The continuation is a parabola through 8 samples: 5 samples on, its error is about 8 times the noise."""
+    x = signal(0)
+    torn = x.copy()
+    torn[:width], torn[-width:] = 0.5, 7.0
+    found = torn_ends(T, torn)
+    assert np.flatnonzero(found).tolist() == [*range(width), *range(len(T) - width, len(T))]
+    assert np.abs(bridged(T, torn, found) - x).max() < 30 * NOISE

@@ -377,3 +377,9 @@ def test_numbers_just_in_range_are_not_refused() -> None:
     for size in (0.9e-100, 1.1e100):
         with pytest.raises(InputError, match="out of range"):
             smooth(x, size * np.linspace(0, 1, 50) ** 2, Interpolation())
+
+
+def test_each_column_must_be_in_range() -> None:
+    x = np.linspace(0, 3, 50)
+    with pytest.raises(InputError, match="out of range"):
+        smooth(x, np.column_stack([np.sin(x), 1e-300 * np.sin(x)]))

@@ -22,6 +22,7 @@ ANGLE = 40.0  # deg from which another direction is asked about; smaller angles 
 CLEAR = 0.7  # share of the torque's variance, beside friction and rotor, that the found direction must explain
 BETTER = 0.5  # times the unexplained variance of the assumed direction: above, both explain it about as well
 SEEN = 0.02  # share of the largest singular value below which the motion does not show a direction
+STANDARD = 9.81  # m/s^2, the size where no gravity was assumed
 FACTOR = 3.0  # times the assumed size, or a third: then inertias or units are wrong, not the direction
 
 
@@ -33,8 +34,10 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
     does not determine them.
     """
     terms = [term for term in model.terms if isinstance(term, HasGravity)]
-    assumed = np.array(terms[0].gravity) if len(terms) == 1 else np.zeros(3)
-    size = float(np.linalg.norm(assumed))
+    if len(terms) != 1:
+        return
+    assumed = np.array(terms[0].gravity)
+    size = float(np.linalg.norm(assumed)) or STANDARD
     X, y = _rows(model, motions, size)
     down = _down(X, y, assumed / size) if len(y) else None
     if down is not None:
@@ -45,16 +48,17 @@ def gravity_findings(model: Model, motions: Sequence[Motion]) -> Iterator[Findin
 
 def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, Array]:
     """Return the nominal torques (M, 4) of ``_columns`` and the measured ones (M), each joint's by the norm of its
-    torque and without what friction, rotor and offset explain; none where gravity or a nominal inertia is missing.
+    torque and without what friction, rotor and offset explain; none where a nominal inertia is missing.
     """
     q, dq, ddq, tau = thinned(motions)
-    if not size or nominal(model, q, dq, ddq) is None:
+    if nominal(model, q, dq, ddq) is None:
         return np.empty((0, 4)), np.empty(0)
     columns = _columns(model, q, dq, ddq, size)
     left = [
         _without(np.column_stack([columns[:, :, j].T, tau[:, j]]), nuisance(q, dq, ddq, j)) for j in range(q.shape[1])
     ]
-    rows = np.concatenate([each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0])
+    scaled = [each / weight for each in left if (weight := float(np.linalg.norm(each[:, -1]))) > 0]
+    rows = np.concatenate([np.empty((0, 5)), *scaled])
     return rows[:, :-1], rows[:, -1]
 
 

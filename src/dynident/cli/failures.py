@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import platform
 import sys
@@ -22,6 +24,7 @@ from dynident.io.opener import watched
 __all__ = ["FAULT", "Commands"]
 
 FAULT = 70  # EX_SOFTWARE of sysexits.h
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PACKAGE = str(Path(__file__).parents[1])
 
@@ -39,6 +42,9 @@ class Commands(click.Group):
         """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
         if not how.pop("standalone_mode", True):
             return super().main(args, standalone_mode=False, **how)
+        for name in ("stdout", "stderr"):
+            if getattr(sys, name) is None:  # closed by who started us
+                setattr(sys, name, io.StringIO())
         try:
             code: object = super().main(args, standalone_mode=False, **how)
         except click.ClickException as error:
@@ -47,6 +53,10 @@ class Commands(click.Group):
         except click.Abort:
             click.echo("Interrupted.", err=True)
             sys.exit(INTERRUPTED)
+        except OSError as error:  # of --help; all else is in ``invoke``
+            ended = _ended(error)
+            _show(ended)
+            sys.exit(ended.exit_code)
         sys.exit(code if isinstance(code, int) else 0)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -72,6 +82,9 @@ def _ended(error: BaseException) -> click.ClickException:
     """Return the message and exit code for an error of a command."""
     if isinstance(error, DynidentError):
         return click.ClickException(str(error))
+    if isinstance(error, OSError) and error.errno in FULL:  # files that are written say so by themselves
+        _close_output()
+        return click.ClickException(f"the output cannot be written: {error.strerror}.")
     if isinstance(error, MemoryError):
         reason = f" ({error})" if str(error) else ""
         return click.ClickException(

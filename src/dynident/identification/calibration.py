@@ -214,7 +214,8 @@ def find_base_tilt(
             f"the base would be tilted by {np.rad2deg(x):.3g} deg about x and {np.rad2deg(y):.3g} deg about y, more "
             "than a mounting error; set `gravity`, and check the zeros and axes of the joints."
         )
-    before, after = (100.0 * float(np.linalg.norm(r)) / torque for r in (level, residual(np.array([x, y]))))
+    left = (float(np.linalg.norm(r)) for r in (level, residual(np.array([x, y]))))
+    before, after = (100.0 * one / torque if torque > 0 else 0.0 for one in left)
     return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, ModelError, Note, called
+from dynident.errors import ConfigError, InputError, ModelError, Note, called
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
@@ -152,10 +152,15 @@ def _estimated(
 def _roles(
     train: Mapping[str, Log] | Sequence[Log], validation: Mapping[str, Log] | Sequence[Log], joints: tuple[str, ...]
 ) -> dict[str, dict[str, Log]]:
-    """Return the logs by role and name, of these joints in this order; ConfigError where none is to be fitted."""
+    """Return the logs by role and name, of these joints in this order.
+
+    ConfigError where none is to be fitted, InputError where no torque is.
+    """
     roles = {"train": _named(train), "validation": _named(validation)}
     if not roles["train"]:
         raise ConfigError("no training log is given; name at least one.")
+    if not any(log.tau.any() for log in roles["train"].values()):
+        raise InputError("all torques of the training are zero; check that the right columns are named and recorded.")
     return {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
 
 

@@ -84,11 +84,16 @@ def torque_outliers(
         return (None,) * len(seen)
     whole = [replace(motion, tau=log.tau) for motion, log in zip(motions, logs, strict=True)]
     rest = [_rest(motion, one) for motion, one in zip(whole, seen, strict=True)]
+    kept = [_kept(used)[used.mask] for used in rest[:trained]]
+    if sum(int(one.sum()) for one in kept) <= len(model.parameters):  # too few are left that could tell
+        none = [np.zeros(one.torques.shape, dtype=bool) for one in seen]
+        return tuple(
+            TorqueOutliers(one.torques, no, no, no, log.tau) for one, no, log in zip(seen, none, logs, strict=True)
+        )
     theta = _fitted(model, rest[:trained], min_speed)
     torques = [_torque(model, motion, theta) for motion in whole]
     pairs = list(zip(whole, rest, torques, strict=True))
     left = [(motion.tau - torque)[used.mask] for motion, used, torque in pairs[:trained]]
-    kept = [_kept(used)[used.mask] for used in rest[:trained]]
     usual = np.array([
         _usual(np.concatenate([e[use[:, j], j] for e, use in zip(left, kept, strict=True)]))
         for j in range(len(model.joints))

@@ -49,7 +49,8 @@ def prediction_frame(found: Sequence[tuple[LogValidation, bool]]) -> pl.DataFram
     parts = []
     for log, measured in found:
         motion = log.motion
-        columns: dict[str, object] = {"log": [log.name] * len(motion), "t": motion.t, "used": motion.mask}
+        name = log.name.encode("utf-8", "backslashreplace").decode()  # a file's may be no text
+        columns: dict[str, object] = {"log": [name] * len(motion), "t": motion.t, "used": motion.mask}
         for j, name in enumerate(motion.joints):
             seen = motion.tau[:, j] if measured else np.full(len(motion), np.nan)
             columns[f"measured_{name}"] = pl.Series(seen, nan_to_null=True)

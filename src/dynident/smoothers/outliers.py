@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, brief, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother
-from dynident.splines import bridged, frozen, spikes, stretches
+from dynident.splines import bridged, frozen, spikes, stretches, torn_ends
 
 __all__ = ["FEW", "MANY", "Suspects", "few", "motion_of", "repaired", "suspects"]
 
@@ -73,7 +73,8 @@ def suspects(log: Log) -> Suspects:
 def _suspects(log: Log) -> Suspects:
     clipped = _clipped(log.tau)
     held = frozen(log.t, log.tau) & ~clipped
-    return Suspects(spikes(log.t, log.q), frozen(log.t, log.q), spikes(log.t, log.tau) & ~clipped, held, clipped)
+    q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
+    return Suspects(q, frozen(log.t, log.q), tau & ~clipped, held, clipped)
 
 
 def _clipped(tau: NDArray[np.float64]) -> Mask:

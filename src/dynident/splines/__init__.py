@@ -2,7 +2,7 @@
 
 from dynident.splines.noise import NORMAL_95, coloured_noise, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
-from dynident.splines.spikes import WIDEST, bridged, frozen, spikes
+from dynident.splines.spikes import WIDEST, bridged, frozen, spikes, torn_ends
 from dynident.splines.spline import SmoothingSpline, smooth
 from dynident.splines.stretches import stretches
 
@@ -26,4 +26,5 @@ __all__ = [
     "spikes",
     "steady_noise",
     "stretches",
+    "torn_ends",
 ]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.splines.noise import median_sigma
 from dynident.splines.stretches import stretches
 
-__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes"]
+__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes", "torn_ends"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -26,6 +26,7 @@ BLOCK = 50  # samples over which the noise is taken as constant
 PROBES = 2000  # samples that show the usual deviation
 NEARBY = 0.65  # noise over that of the second difference, sqrt(2/3), less as the largest of three blocks is taken
 ROUNDS = 3  # a large spike hides a small one nearby
+TORN = 10.0  # largest steps nearby that the step from the samples at an end to the others exceeds
 REPEATS = 0.001  # share of equal neighbours from which on values are rounded, or read less often than logged
 STEEP = 2 / 3  # share of the height of a spike by which it starts and ends at once
 HIGH = 2.0  # steps of such values that a spike is high
@@ -72,6 +73,25 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     return found.reshape(data.shape)
 
 
+def torn_ends(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
+    """Return which values of x (N,) or (N, n), at increasing times t (N), are at most 5 at an end that a step separates
+    from the others: ten times as large as the 8 steps beyond, and ``clear`` times the usual deviation.
+
+    Of a continuous signal, such as a position, they are wrong: the first message of a driver is often zero.
+    """
+    times, data = np.asarray(t, dtype=float), np.asarray(x, dtype=float)
+    found = np.zeros((len(times), data[:1].size), dtype=bool)
+    if len(times) < 4 * SIDE:
+        return found.reshape(data.shape)
+    for column, marked in zip(data.reshape(found.shape).T, found.T, strict=True):
+        least = max(clear * _usual(times, column), TORN * _increment(column))
+        for signal, end in ((column, marked), (column[::-1], marked[::-1])):
+            steps = np.abs(np.diff(signal[: WIDEST + SIDE + 1]))
+            torn = [k for k in range(WIDEST) if steps[k] > max(least, TORN * float(steps[k + 1 : k + 1 + SIDE].max()))]
+            end[: torn[-1] + 1 if torn else 0] = True
+    return found.reshape(data.shape)
+
+
 def _ends(t: Array, x: Array, start: int, stop: int) -> Iterator[tuple[float, float]]:
     """Yield for each end of a stretch how far its value is from a parabola through the samples beyond, and their
     largest step."""
@@ -83,7 +103,7 @@ def _ends(t: Array, x: Array, start: int, stop: int) -> Iterator[tuple[float, fl
 
 def bridged(t: Array, x: Array, gone: Mask) -> Array:
     """Return x (N) with the values that are ``gone`` (N) replaced: by the cubic that the values and slopes on both
-    sides give, at the ends by the nearest value."""
+    sides give, at the ends by the nearest value, or the parabola where they are at most 5."""
     from scipy.interpolate import CubicHermiteSpline
 
     out, there = np.array(x), ~gone
@@ -92,6 +112,10 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
     for part in stretches(gone):
         before = np.flatnonzero(there[: part.start])[-SIDE:]
         after = part.stop + np.flatnonzero(there[part.stop :])[:SIDE]
+        known, length = np.concatenate((before, after)), part.stop - part.start
+        if (part.start == 0 or part.stop == len(t)) and length <= WIDEST and len(known) == SIDE:
+            out[part] -= _off(t, x, known[None], np.arange(part.start, part.stop)[None], 2)[0]
+            continue
         if len(before) < 3 or len(after) < 3:
             out[part] = np.interp(t[part], t[there], x[there])
             continue

@@ -211,9 +211,12 @@ def _check_values(name: str, value: Array) -> None:
     if not np.isfinite(value).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
-    size = float(np.ptp(value))
-    if size > LARGEST or 0 < size < 1 / LARGEST or np.abs(value).max() > LARGEST:
-        raise InputError(f"{name} spans {size:g}: that is out of range (1e-100 to 1e100); choose another unit.")
+    size = np.atleast_1d(np.ptp(value, axis=0))
+    wrong = (size > LARGEST) | ((size > 0) & (size < 1 / LARGEST)) | (np.abs(value).max(axis=0) > LARGEST)
+    if wrong.any():
+        raise InputError(
+            f"{name} spans {size[wrong][0]:g}: that is out of range (1e-100 to 1e100); choose another unit."
+        )
 
 
 def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:

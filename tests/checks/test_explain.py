@@ -9,9 +9,10 @@ import pytest
 
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.finding import Topic
-from dynident.errors import Severity
+from dynident.checks.robot_notes import TiltedBase
+from dynident.errors import Severity, Use
 from dynident.estimators import LeastSquares
-from dynident.identification import BaseTilt, find_base_tilt, mounted
+from dynident.identification import find_base_tilt, mounted
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
 MODEL = arm()
@@ -46,8 +47,10 @@ def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> No
     moved = motion(model=tilted)
     tilt = find_base_tilt(MODEL, [moved], LeastSquares())
     (found,) = explained(case(moved), tilt)
-    assert (found.severity, found.topic) == (Severity.INFO, Topic.BASE_TILT)
-    assert isinstance(found.message, BaseTilt)
+    assert (found.severity, found.topic) == (Severity.WARNING, Topic.BASE_TILT)
+    assert isinstance(found.message, TiltedBase)
+    assert (found.message.x, found.message.y) == pytest.approx((0.05, -0.04), abs=0.01)
+    assert found.forbids is Use.SIMULATION
 
 
 def test_a_large_fault_is_named_alone() -> None:

@@ -30,7 +30,7 @@ def gain_suspects(model: Model) -> list[Suspect]:
 def _gain(model: Model, j: int, name: str) -> Suspect:
     def derivative(fit: Misfit) -> Array:
         column = np.zeros_like(fit.predicted)
-        column[:, j] = fit.case.torque(fit.theta)[:, j]
+        column[:, j] = fit.torque[:, j]
         return column
 
     def corrected(case: Case, value: float) -> Case:

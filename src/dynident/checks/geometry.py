@@ -19,7 +19,7 @@ from dynident.models.robot_file import RobotJoint
 __all__ = ["displaced", "geometry_suspects"]
 
 Array = NDArray[np.float64]
-STEP = 1e-4  # rad or m, of the differences
+STEP = 1e-5  # rad or m, of the differences
 ANGLE, LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
 ZERO, ORIGIN, NEW_ORIGIN, AXIS = 0, 2, 3, 4  # orders: the likeliest fault first
 
@@ -89,11 +89,9 @@ def _across(axis: Array) -> Array:
 
 
 def _slope(corrected: Callable[[Case, float], Case]) -> Callable[[Misfit], Array]:
-    """Return the derivative of the torque at the fitted parameters, by central differences."""
+    """Return the derivative of the torque at the fitted parameters, by a difference."""
 
     def derivative(fit: Misfit) -> Array:
-        ahead, behind = (corrected(fit.case, sign * STEP) for sign in (1.0, -1.0))
-        torques = [one.torque(fit.theta) for one in (ahead, behind)]
-        return np.asarray((torques[0] - torques[1]) / (2 * STEP))
+        return np.asarray((corrected(fit.case, STEP).torque(fit.theta) - fit.torque) / STEP)
 
     return derivative

@@ -127,6 +127,7 @@ def with_findings(
     motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
+    recipe = replace(recipe, base_tilt=identification.recipe.base_tilt)  # as it was found
     found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
     warned = tuple(one for one in found if one.severity is not Severity.INFO)
     return replace(identification, warnings=(*identification.warnings, *warned))
@@ -147,7 +148,8 @@ def _recorded(
     for role, named in logs.items():
         for name, log in named.items():
             progress(f"checking {name}")
-            log = replace(log.select(tuple(kinds)), source=name)
+            log = log.select(tuple(kinds))
+            log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
             found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")
             findings += found
             timings[name] = timing(log)

@@ -11,7 +11,6 @@ from dynident.checks import robot_notes
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Misfit
 from dynident.checks.suspect import Others, Suspect
-from dynident.errors import Note
 from dynident.models import Model
 
 __all__ = ["gain_suspects"]
@@ -37,7 +36,7 @@ def _gain(model: Model, j: int, name: str) -> Suspect:
         factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
         return replace(case, gain=case.gain * factor)
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         factor = float(np.exp(value))
         return robot_notes.TorqueGain(factor, factor * std, share, others)
 

@@ -12,7 +12,6 @@ from dynident.checks import robot_notes
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Misfit
 from dynident.checks.suspect import Others, Suspect
-from dynident.errors import Note
 from dynident.models import HasGeometry, Joint, Model
 from dynident.models.robot_file import RobotJoint
 
@@ -61,7 +60,7 @@ def _origin(joint: RobotJoint, k: int) -> Suspect:
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         return robot_notes.LengthWrong("xyz"[k], given, given + value, std, share, others)
 
     order = ORIGIN if abs(given) > STEP else NEW_ORIGIN
@@ -74,7 +73,7 @@ def _axis(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, others)
 
     return Suspect(joint.name, Topic.AXIS, _slope(corrected), corrected, note, ANGLE, AXIS)

@@ -79,7 +79,7 @@ class Costly(Note):
 
 @dataclass(frozen=True)
 class WrongValue(Costly):
-    """Base of values that a model takes for known and that are wrong; ``joint_cost`` is the cost (%) of the worst joint.
+    """Base of values that a model takes for known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
 
     The user can set them right, so that any forbids simulation.
     """

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.finding import Topic
@@ -25,6 +26,13 @@ def topics(found) -> list[tuple[str, str | None]]:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_right_arm_is_not_asked_about(seed: int) -> None:
     assert list(robot_findings(MODEL, [motion(seed)], {"other": motion(seed + 100)})) == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_that_is_correlated_is_no_cause(seed: int) -> None:
+    moved, rng = motion(seed, noise=0.0), np.random.default_rng([3, seed])
+    noise = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.standard_normal(moved.tau.shape), axis=0)
+    assert list(explained(case(replace(moved, tau=moved.tau + 0.02 * moved.tau.std(axis=0) * noise)))) == []
 
 
 def test_two_causes_are_both_found() -> None:

@@ -50,6 +50,7 @@ def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
     found = [one.message for one in explained(case(MOVED, arm(without=kind.value)))]
     assert found
     assert {note.effect for note in found} == {kind}
+    assert any(note.forbidden for note in found)
 
 
 def test_a_coupled_motor_is_named_with_both_joints() -> None:

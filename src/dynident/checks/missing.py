@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.checks.cost import Cost, faster
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import Case, Evidence, Misfit
-from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
 from dynident.models import INERTIAL
@@ -25,6 +25,7 @@ STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
 GRAVE = 0.4  # ... and to be warned of
+OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 
 
@@ -51,7 +52,8 @@ class Missing:
         """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
         figures = self.evidence.value, self.evidence.std, self.share, partner
-        note = MissingTerm(self.kind, *figures, cost=cost.all)
+        left_out = self.share > GRAVE and self.kind in OFFERED
+        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
         severity = Severity.WARNING if self.share > GRAVE or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 

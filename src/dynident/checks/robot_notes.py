@@ -13,8 +13,8 @@ from typing import ClassVar
 from dynident.errors import Note, Use
 
 __all__ = ["AxisTilted", "Channel", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong", "MissingTerm",
-           "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TiltedBase", "TorqueGain", "WrongValue",
-           "ZeroOff"]  # fmt: skip
+           "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut", "TiltedBase", "TorqueGain",
+           "WrongValue", "ZeroOff"]  # fmt: skip
 
 CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
 SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
@@ -190,6 +190,13 @@ class MissingTerm(Costly):
     std: float
     share: float
     partner: str = ""
+
+
+@dataclass(frozen=True)
+class TermLeftOut(MissingTerm):
+    """The same of a term that the library has: the user can add it, so that it forbids simulation at any cost."""
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.finding import Topic
-from dynident.errors import Severity
+from dynident.checks.robot_notes import TiltedBase
+from dynident.errors import Severity, Use
 from dynident.estimators import LeastSquares
-from dynident.identification import BaseTilt, find_base_tilt, mounted
+from dynident.identification import find_base_tilt, mounted
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
 MODEL = arm()
@@ -24,6 +26,13 @@ def topics(found) -> list[tuple[str, str | None]]:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_right_arm_is_not_asked_about(seed: int) -> None:
     assert list(robot_findings(MODEL, [motion(seed)], {"other": motion(seed + 100)})) == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_that_is_correlated_is_no_cause(seed: int) -> None:
+    moved, rng = motion(seed, noise=0.0), np.random.default_rng([3, seed])
+    noise = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.standard_normal(moved.tau.shape), axis=0)
+    assert list(explained(case(replace(moved, tau=moved.tau + 0.02 * moved.tau.std(axis=0) * noise)))) == []
 
 
 def test_two_causes_are_both_found() -> None:
@@ -46,8 +55,10 @@ def test_a_tilted_base_is_named_before_the_frames_that_would_do_the_same() -> No
     moved = motion(model=tilted)
     tilt = find_base_tilt(MODEL, [moved], LeastSquares())
     (found,) = explained(case(moved), tilt)
-    assert (found.severity, found.topic) == (Severity.INFO, Topic.BASE_TILT)
-    assert isinstance(found.message, BaseTilt)
+    assert (found.severity, found.topic) == (Severity.WARNING, Topic.BASE_TILT)
+    assert isinstance(found.message, TiltedBase)
+    assert (found.message.x, found.message.y) == pytest.approx((0.05, -0.04), abs=0.01)
+    assert found.forbids is Use.SIMULATION
 
 
 def test_a_large_fault_is_named_alone() -> None:

@@ -41,7 +41,8 @@ def test_an_effect_of_one_joint_is_named_with_its_size(kind: TermKind) -> None:
     assert isinstance(found.message, MissingTerm)
     assert found.message.effect is kind
     assert found.message.value == pytest.approx(size, rel=0.25)
-    assert found.severity is (Severity.WARNING if found.message.share > 0.4 else Severity.INFO)
+    warned = found.message.share > 0.4 or found.message.cost > 5.0
+    assert found.severity is (Severity.WARNING if warned else Severity.INFO)
 
 
 @pytest.mark.parametrize("kind", [TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR])
@@ -49,6 +50,7 @@ def test_a_term_that_was_left_out_is_named(kind: TermKind) -> None:
     found = [one.message for one in explained(case(MOVED, arm(without=kind.value)))]
     assert found
     assert {note.effect for note in found} == {kind}
+    assert any(note.forbidden for note in found)
 
 
 def test_a_coupled_motor_is_named_with_both_joints() -> None:

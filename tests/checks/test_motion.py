@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks import ExcitedRank, notes
+from dynident.checks import ExcitedRank, motion_notes
 from dynident.checks.motion import excitation, excited_rank, limit_findings, rank_findings
 from dynident.errors import Note
 from dynident.log import Motion
@@ -65,9 +65,11 @@ def test_the_figures_are_those_of_the_motion_and_the_limits() -> None:
         return next(limit_findings(excitation([moved], "a"), limits, "N m")).message
 
     low, high = (pytest.approx(x, rel=1e-3) for x in (-0.5, 0.5))
-    assert note(motion(), replace(WIDE, upper=0.2)) == notes.PositionBeyondLimits(low, high, -1, 0.2)
-    assert note(motion(), replace(WIDE, velocity=0.5)) == notes.VelocityAboveLimit(pytest.approx(1.0, rel=1e-3), 0.5)
-    assert note(motion(0.5, 0.2), WIDE) == notes.FewReversals(1)
+    assert note(motion(), replace(WIDE, upper=0.2)) == motion_notes.PositionBeyondLimits(low, high, -1, 0.2)
+    assert note(motion(), replace(WIDE, velocity=0.5)) == motion_notes.VelocityAboveLimit(
+        pytest.approx(1.0, rel=1e-3), 0.5
+    )
+    assert note(motion(0.5, 0.2), WIDE) == motion_notes.FewReversals(1)
 
 
 def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
@@ -75,9 +77,9 @@ def test_a_current_is_suspected_only_far_beyond_the_limit() -> None:
         return next(limit_findings(excitation([motion(tau=tau)], "a"), WIDE, "N m")).message
 
     far, near, below = map(note, (300, 12, 1e-3))
-    assert far == notes.EffortAboveLimit(pytest.approx(300, rel=0.01), 10, "N m", far=True)
-    assert near == notes.EffortAboveLimit(pytest.approx(12, rel=0.01), 10, "N m", far=False)
-    assert below == notes.EffortFarBelowLimit(pytest.approx(1e-3, rel=0.01), 10, "N m")
+    assert far == motion_notes.EffortAboveLimit(pytest.approx(300, rel=0.01), 10, "N m", far=True)
+    assert near == motion_notes.EffortAboveLimit(pytest.approx(12, rel=0.01), 10, "N m", far=False)
+    assert below == motion_notes.EffortFarBelowLimit(pytest.approx(1e-3, rel=0.01), 10, "N m")
 
 
 def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
@@ -100,7 +102,7 @@ def test_what_is_not_excited_is_named_with_the_joint_to_move() -> None:
 
 def test_a_bad_condition_is_said_where_nothing_is_missing() -> None:
     (found,) = rank_findings(ExcitedRank(6, 5, 5, 1e6, ()))
-    assert (found.topic, found.message) == ("condition", notes.CorrelatedParameters(5, 1e6))
+    assert (found.topic, found.message) == ("condition", motion_notes.CorrelatedParameters(5, 1e6))
     assert list(rank_findings(ExcitedRank(5, 5, 5, 1e3, ()))) == []
 
 

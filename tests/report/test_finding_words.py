@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding, file_notes, notes
+from dynident.checks import Finding, file_notes, motion_notes, notes
 from dynident.errors import Note, Severity
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
@@ -54,13 +54,6 @@ SAID = [
     (
         notes.ConstantTorque(1.0),
         "the torque is 1 throughout; check that the right column is named and was recorded.",
-    ),
-    (
-        notes.SaturatedTorque(300, 2000, -0.9),
-        (
-            "300 of 2000 torques are exactly the extreme value -0.9: saturated? A saturated torque biases the "
-            "fit; leave these parts out with windows."
-        ),
     ),
     (
         notes.ArmAtRest(2.5, 4.0),
@@ -248,43 +241,43 @@ SAID = [
         ),
     ),
     (
-        notes.FewReversals(1),
+        motion_notes.FewReversals(1),
         (
             "the joint reverses only 1 times: friction, offset and gravity are then strongly correlated. Record a "
             "motion that goes back and forth."
         ),
     ),
     (
-        notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
+        motion_notes.PositionBeyondLimits(-0.5, 0.5, -1.0, 0.2),
         (
             "the position runs from -0.5 to 0.5, the file allows -1 to 0.2. Check the unit, the sign and `zero`, "
             "or the file's limits."
         ),
     ),
     (
-        notes.VelocityAboveLimit(1.0, 0.5),
+        motion_notes.VelocityAboveLimit(1.0, 0.5),
         (
             "the velocity reaches 1, the robot file allows 0.5 (rad/s or m/s). Check the units of position and "
             "time; or the positions are too noisy for this smoother."
         ),
     ),
     (
-        notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
+        motion_notes.EffortAboveLimit(12.0, 10.0, "N m", far=False),
         "the torque reaches 12 N m, the robot file allows 10. Check the unit and gain, or the file.",
     ),
     (
-        notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
+        motion_notes.EffortAboveLimit(300.0, 10.0, "N m", far=True),
         "the torque reaches 300 N m, the robot file allows 10. Is it a motor current, or in another unit?",
     ),
     (
-        notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
+        motion_notes.EffortFarBelowLimit(1e-3, 10.0, "N m"),
         (
             "the torque stays below 0.001 N m, a thousandth of the robot file's limit 10. Is it on the motor side "
             "of the gear, in another unit, or is the limit a placeholder?"
         ),
     ),
     (
-        notes.CorrelatedParameters(5, 1e6),
+        motion_notes.CorrelatedParameters(5, 1e6),
         (
             "the 5 base parameters are strongly correlated in these motions (condition number 1e+06): move more "
             "joints at the same time, faster, and over more of their range."
@@ -299,7 +292,8 @@ def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> Non
 
 
 def test_every_note_of_the_checks_is_tried() -> None:
-    kinds = {getattr(module, name) for module in (notes, file_notes) for name in module.__all__} - {notes.ReadingNote}
+    modules = (notes, file_notes, motion_notes)
+    kinds = {getattr(module, name) for module in modules for name in module.__all__} - {notes.ReadingNote}
     assert {type(note) for note, _ in SAID} == kinds
     assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
 

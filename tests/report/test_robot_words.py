@@ -23,6 +23,8 @@ NOTES = [
     robot_notes.LengthWrong("x", 0.4, 0.5, 0.01, 0.2),
     robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2),
     *(MissingTerm(kind, 0.5, 0.01, 0.6, "j1" if kind is TermKind.COUPLED else "") for kind in TermKind),
+    robot_notes.TermLeftOut(TermKind.ROTOR, 0.5, 0.01, 0.6),
+    robot_notes.TiltedBase(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0, cost=3.0),
     robot_notes.OtherPayload(2.0, 0.1, 0.9),
     robot_notes.OtherPayload(-2.0, 0.1, 0.9),
 ]
@@ -43,7 +45,14 @@ def test_a_note_is_said_in_sentences(note: Note) -> None:
 def test_all_kinds_of_notes_are_said() -> None:
     named = [getattr(robot_notes, name) for name in robot_notes.__all__]
     kinds = {one for one in named if issubclass(one, Note)}
-    assert {type(note) for note in NOTES} == kinds
+    assert {type(note) for note in NOTES} == kinds - {robot_notes.Costly, robot_notes.WrongValue}
+
+
+def test_what_a_cause_costs_is_said() -> None:
+    costly = [one for one in NOTES if isinstance(one, robot_notes.Costly)]
+    for note in costly:
+        assert "at twice the speed it changes the torque by 3.2 %" in said(dataclasses.replace(note, cost=3.21))
+    assert "tilted by 1.15 deg about x and -2.01 deg about y" in said(NOTES[-3])
 
 
 def test_what_cannot_be_told_apart_is_listed() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.bounds import Measure, Origin
-from dynident.checks import Finding
+from dynident.checks import Finding, robot_notes
 from dynident.checks import notes as findings
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
@@ -53,7 +53,7 @@ def kinds(base: type) -> list[type]:
 
 
 def _is_base(kind: type) -> bool:
-    return kind in (notes.Undetermined, notes.Unsettled)
+    return kind in (notes.Undetermined, notes.Unsettled, robot_notes.Costly, robot_notes.WrongValue)
 
 
 @pytest.mark.parametrize("base", [Note, Cause, Failure, Reason, Step])
@@ -65,7 +65,7 @@ def test_every_noun_has_words(base: type) -> None:
 
 def test_findings_of_the_checks_are_among_the_notes() -> None:
     assert {getattr(findings, name) for name in findings.__all__} <= set(kinds(Note))
-    found = Finding(Severity.WARNING, "a", findings.FewReversals(1))
+    found = Finding(Severity.WARNING, "a", findings.ConstantTorque(1.0))
     assert finding_words(found) == words(found.message)
 
 

@@ -1,6 +1,6 @@
 """Checks before a fit, in two groups: of logs alone, and of models, alone and with their logs.
 
-Of logs (``time``, ``channels``): gaps, jitter, dead or saturated channels, wrong units; pure functions of a ``Log``.
+Of logs (``time``, ``channels``): gaps, jitter, dead channels, wrong units; pure functions of a ``Log``.
 Of models (``robot``, ``motion``, ``torque``, ``gravity``): the robot file, excitation and limits, sign and scale of the
 torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findings`` beside an identification. An error
 would give wrong numbers, a warning should be looked at."""

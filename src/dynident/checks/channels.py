@@ -1,4 +1,4 @@
-"""Checks of the channels of a log: joints at rest, wrong units, quantised, repeated or saturated values."""
+"""Checks of the channels of a log: joints at rest, wrong units, quantised or repeated values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 _RANGE = 4 * np.pi  # rad: joints of arms seldom turn further from stop to stop
 _SPEED = 40.0  # rad/s: no arm moves its joints so fast
 _SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
-_SATURATED = 0.01  # fraction of samples at exactly the extreme value
 _COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
 _GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
 _STALE = 0.05  # share of repeated positions in motion to warn of
@@ -143,11 +142,6 @@ def _torque(tau: Array) -> Iterator[Finding]:
     low, high = float(tau.min()), float(tau.max())
     if low == high:
         yield Finding(Severity.WARNING, None, notes.ConstantTorque(low), Topic.DEAD)
-        return
-    for extreme in (low, high):
-        count = int(np.count_nonzero(tau == extreme))
-        if extreme != 0 and count > max(10, _SATURATED * len(tau)):  # zero: motors off, not a limit
-            yield Finding(Severity.WARNING, None, notes.SaturatedTorque(count, len(tau), extreme), Topic.SATURATED)
 
 
 def _resolution(x: Array) -> float:

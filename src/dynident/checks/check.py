@@ -21,7 +21,7 @@ from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
-from dynident.log import Log, Motion
+from dynident.log import Log, Motion, subsample
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
@@ -30,6 +30,7 @@ __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
+LEANING = 1000  # samples of all motions with which the tilt of the base is sought
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
@@ -126,6 +127,7 @@ def with_findings(
     motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
+    recipe = replace(recipe, base_tilt=identification.recipe.base_tilt)  # as it was found
     found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
     warned = tuple(one for one in found if one.severity is not Severity.INFO)
     return replace(identification, warnings=(*identification.warnings, *warned))
@@ -146,7 +148,8 @@ def _recorded(
     for role, named in logs.items():
         for name, log in named.items():
             progress(f"checking {name}")
-            log = replace(log.select(tuple(kinds)), source=name)
+            log = log.select(tuple(kinds))
+            log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
             found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")
             findings += found
             timings[name] = timing(log)
@@ -232,7 +235,9 @@ def _tilt(
     if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
         return None
     try:
-        found = find_base_tilt(model, motions, PLAIN, min_speed)
+        rows = subsample(motions, LEANING)
+        few = [one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1]
+        found = find_base_tilt(model, few, PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
         return None
     return found if found.after < (1.0 - WORTH) * found.before else None

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.cost import Cost, cost
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
-from dynident.checks.robot_notes import TermKind
+from dynident.checks.robot_notes import TermKind, TiltedBase
 from dynident.checks.suspect import Found, Suspect, promising, refined
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, mounted
@@ -22,7 +24,7 @@ from dynident.regression import ParallelFilter
 
 __all__ = ["explained", "robot_findings"]
 
-TRIAL = 400  # samples with which other columns, signs and axes are tried
+TRIAL = 150  # samples with which other columns, signs and axes are tried
 MOST = 6  # causes that are looked for one after the other
 TRIED = 4  # suspects whose value is sought, of those that one step explains best
 NEAR = 0.6  # times the largest share by one step: suspects below are not tried
@@ -58,23 +60,25 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     said: set[tuple[TermKind, int]] = set()
     for _ in range(MOST):
         fit = misfit(case)
+        weight = fit.weight.max(axis=0)
         absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
         share = max((one.evidence.share for one in absent), default=0.0)
         level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
-        leaning = 1.0 - misfit(level, fit.weight.max(axis=0)).size / fit.size if tilt else 0.0
+        leaning = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
         share = max(share, leaning)
         found, others = _likeliest(fit, suspects, share)
         if found is not None and ALIKE * found.share > share:
-            yield _finding(found, others)
+            yield _finding(fit, found, others)
             case = found.case
         elif tilt and share == leaning > fit.worth:
-            yield Finding(Severity.INFO, None, tilt, Topic.BASE_TILT)
+            yield _leaning(tilt, cost(fit, misfit(level, weight)))
             case, tilt = level, None
         elif absent:
-            for one in _of_one_kind(absent):
-                yield one.finding(names)
-                said.add((one.kind, one.j))
-                case = with_missing(case, one)
+            alike = _of_one_kind(absent)
+            case = reduce(with_missing, alike, case)
+            price = cost(fit, misfit(case, weight))
+            said |= {(one.kind, one.j) for one in alike}
+            yield from (one.finding(names, price) for one in alike)
         else:
             return
 
@@ -104,7 +108,14 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     return (alike[0], alike[1:]) if alike else (None, [])
 
 
-def _finding(found: Found, others: Sequence[Found]) -> Finding:
-    one = found.suspect
+def _leaning(tilt: BaseTilt, price: Cost) -> Finding:
+    figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
+    note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint)
+    return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)
+
+
+def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
+    one, price = found.suspect, cost(fit, misfit(found.case, fit.weight.max(axis=0)))
     note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
+    note = replace(note, cost=price.all, joint_cost=price.joint)
     return Finding(Severity.WARNING, one.joint, note, one.topic)

@@ -56,7 +56,6 @@ class Topic(StrEnum):
     REST = "rest"
     REVERSALS = "reversals"
     SAMPLES = "samples"
-    SATURATED = "saturated"
     SCALE = "scale"
     SHAPES = "shapes"
     SIGN = "sign"

@@ -11,7 +11,6 @@ from dynident.checks import robot_notes
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Misfit
 from dynident.checks.suspect import Others, Suspect
-from dynident.errors import Note
 from dynident.models import Model
 
 __all__ = ["gain_suspects"]
@@ -30,14 +29,14 @@ def gain_suspects(model: Model) -> list[Suspect]:
 def _gain(model: Model, j: int, name: str) -> Suspect:
     def derivative(fit: Misfit) -> Array:
         column = np.zeros_like(fit.predicted)
-        column[:, j] = fit.case.torque(fit.theta)[:, j]
+        column[:, j] = fit.torque[:, j]
         return column
 
     def corrected(case: Case, value: float) -> Case:
         factor = np.where(np.arange(len(model.joints)) == j, np.exp(value), 1.0)
         return replace(case, gain=case.gain * factor)
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         factor = float(np.exp(value))
         return robot_notes.TorqueGain(factor, factor * std, share, others)
 

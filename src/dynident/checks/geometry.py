@@ -12,14 +12,13 @@ from dynident.checks import robot_notes
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Misfit
 from dynident.checks.suspect import Others, Suspect
-from dynident.errors import Note
 from dynident.models import HasGeometry, Joint, Model
 from dynident.models.robot_file import RobotJoint
 
 __all__ = ["displaced", "geometry_suspects"]
 
 Array = NDArray[np.float64]
-STEP = 1e-4  # rad or m, of the differences
+STEP = 1e-5  # rad or m, of the differences
 ANGLE, LENGTH = 0.6, 0.6  # rad, m: errors beyond are no small ones
 ZERO, ORIGIN, NEW_ORIGIN, AXIS = 0, 2, 3, 4  # orders: the likeliest fault first
 
@@ -61,7 +60,7 @@ def _origin(joint: RobotJoint, k: int) -> Suspect:
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         return robot_notes.LengthWrong("xyz"[k], given, given + value, std, share, others)
 
     order = ORIGIN if abs(given) > STEP else NEW_ORIGIN
@@ -74,7 +73,7 @@ def _axis(joint: RobotJoint, across: Array, alone: bool) -> Suspect:
     def corrected(case: Case, value: float) -> Case:
         return replace(case, model=displaced(case.model, joint.name, value * by))
 
-    def note(value: float, std: float, share: float, others: Others) -> Note:
+    def note(value: float, std: float, share: float, others: Others) -> robot_notes.WrongValue:
         return robot_notes.AxisTilted(tuple(np.round(across, 6).tolist()), value, alone, std, share, others)
 
     return Suspect(joint.name, Topic.AXIS, _slope(corrected), corrected, note, ANGLE, AXIS)
@@ -89,11 +88,9 @@ def _across(axis: Array) -> Array:
 
 
 def _slope(corrected: Callable[[Case, float], Case]) -> Callable[[Misfit], Array]:
-    """Return the derivative of the torque at the fitted parameters, by central differences."""
+    """Return the derivative of the torque at the fitted parameters, by a difference."""
 
     def derivative(fit: Misfit) -> Array:
-        ahead, behind = (corrected(fit.case, sign * STEP) for sign in (1.0, -1.0))
-        torques = [one.torque(fit.theta) for one in (ahead, behind)]
-        return np.asarray((torques[0] - torques[1]) / (2 * STEP))
+        return np.asarray((corrected(fit.case, STEP).torque(fit.theta) - fit.torque) / STEP)
 
     return derivative

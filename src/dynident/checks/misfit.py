@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,8 @@ class Case:
     logs.
 
     ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
-    model, ``gain`` (n) are what the torques of the model are multiplied with.
+    model, and ``beyond`` the same at twice the speed; ``gain`` (n) are what the torques of the model are multiplied
+    with.
     """
 
     model: Model
@@ -54,6 +56,7 @@ class Case:
     lengths: tuple[int, ...]
     noise: Array
     extra: tuple[Array, ...] = ()
+    beyond: tuple[Array, ...] = ()
     gain: Array | float = 1.0
 
     __repr__ = brief
@@ -84,17 +87,24 @@ class Evidence:
 class Misfit:
     """The fit of a case: parameters ``theta`` (p), and the ``residual`` (M, n) times the ``weight`` (M, n), which is
     zero for samples that do not count; ``basis`` (M n, r) spans the weighted regressor. ``theta`` has the file's values
-    in the directions that the data leave free; ``predicted`` (M, n) is the torque of the fit.
+    in the directions that the data leave free; ``extra`` are the values of the columns beside the model's;
+    ``predicted`` (M, n) is the torque of the fit.
     """
 
     case: Case
     theta: Array
+    extra: Array
     weight: Array
     basis: Array
     residual: Array
     predicted: Array
 
     __repr__ = brief
+
+    @cached_property
+    def torque(self) -> Array:
+        """Torque (M, n) of the model alone, with the file's values where the data leave them free."""
+        return self.case.torque(self.theta)
 
     @property
     def size(self) -> float:
@@ -252,7 +262,7 @@ def misfit(case: Case, weight: Array | None = None) -> Misfit:
             deviation = np.linalg.norm(residual, axis=0) / np.sqrt(count) / weight
             weight = 1.0 / np.maximum(deviation, floor)
     theta = rank.determined @ (inner / rank.values[: rank.rank])
-    return Misfit(case, _completed(theta, model, rank), W, basis, residual, Y @ theta)
+    return Misfit(case, _completed(theta, model, rank), theta[len(model.parameters) :], W, basis, residual, Y @ theta)
 
 
 def _rank(R: Array, model: Model, extra: int, shown: Rank | None) -> Rank:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.cost import Cost, faster
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import Case, Evidence, Misfit
-from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
 from dynident.models import INERTIAL
@@ -24,17 +25,20 @@ STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
 LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
 GRAVE = 0.4  # ... and to be warned of
+OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, by its column."""
+    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, by its column, and
+    the column ``beyond``, at twice the speed."""
 
     kind: TermKind
     j: int
     partner: int | None
     column: Array
+    beyond: Array
     evidence: Evidence
 
     __repr__ = brief
@@ -44,21 +48,25 @@ class Missing:
         """Share of the joint's own squared residual."""
         return float(self.evidence.by_joint[self.j])
 
-    def finding(self, names: tuple[str, ...]) -> Finding:
-        """Return the finding."""
+    def finding(self, names: tuple[str, ...], cost: Cost) -> Finding:
+        """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
-        note = MissingTerm(self.kind, self.evidence.value, self.evidence.std, self.share, partner)
-        severity = Severity.WARNING if self.share > GRAVE else Severity.INFO
+        figures = self.evidence.value, self.evidence.std, self.share, partner
+        left_out = self.share > GRAVE and self.kind in OFFERED
+        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
+        severity = Severity.WARNING if self.share > GRAVE or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 
 
 def missing(fit: Misfit) -> list[Missing]:
     """Return the effects that explain much of a joint's residual, the most explaining first."""
     found = []
-    for kind, j, partner, column in _columns(fit):
+    for (kind, j, partner, column), (*_, beyond) in zip(
+        _columns(fit, fit.case), _columns(fit, faster(fit.case)), strict=True
+    ):
         evidence = fit.evidence(column)
         if evidence is not None and abs(evidence.value) > CERTAIN * evidence.std:
-            one = Missing(kind, j, partner, column, evidence)
+            one = Missing(kind, j, partner, column, beyond, evidence)
             sensible = kind not in POSITIVE or evidence.value > 0
             lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
             felt = max(one.share, 0.0) ** 0.5 * fit.error[j] > LEAST
@@ -70,17 +78,17 @@ def missing(fit: Misfit) -> list[Missing]:
 
 def with_missing(case: Case, found: Missing) -> Case:
     """Return the case with the effect among its columns."""
-    return replace(case, extra=(*case.extra, found.column))
+    return replace(case, extra=(*case.extra, found.column), beyond=(*case.beyond, found.beyond))
 
 
-def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
-    """Yield every kind of effect with its joint, the other joint of a coupled motor, and its column (M, n)."""
-    case = fit.case
-    (load, friction), n = _parts(fit), case.q.shape[1]
+def _columns(fit: Misfit, case: Case) -> Iterator[tuple[TermKind, int, int | None, Array]]:
+    """Yield every kind of effect with its joint, the other joint of a coupled motor, and its column (M, n) in the
+    motion of a case, with the values of the fit."""
+    (load, friction), n = _parts(fit, case), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
-    rate = _rate(fit)
+    rate = _rate(fit, case)
     friction_jumps = _has_coulomb(case)
-    speed = np.maximum(np.sqrt(np.mean(case.dq**2, axis=0)), 1e-12)
+    speed = np.maximum(np.sqrt(np.mean(fit.case.dq**2, axis=0)), 1e-12)
     sign = np.tanh(case.dq / (SLOW * speed))
     shapes: dict[TermKind, Callable[[int], Array]] = {
         TermKind.VISCOUS: lambda j: case.dq[:, j],
@@ -108,9 +116,9 @@ def _columns(fit: Misfit) -> Iterator[tuple[TermKind, int, int | None, Array]]:
             yield TermKind.COUPLED, j, i, column
 
 
-def _parts(fit: Misfit) -> tuple[Array, Array]:
+def _parts(fit: Misfit, case: Case) -> tuple[Array, Array]:
     """Return the torques (M, n) of the rigid bodies and of friction; without bodies, of all but friction."""
-    parameters, case = fit.case.model.parameters, fit.case
+    parameters = case.model.parameters
     rigid = np.array([parameter.role in INERTIAL for parameter in parameters])
     rubs = np.array([parameter.role in ("viscous", "coulomb") for parameter in parameters])
     rigid = rigid if rigid.any() else ~rubs
@@ -124,9 +132,8 @@ def _has_coulomb(case: Case) -> NDArray[np.bool_]:
     return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
 
 
-def _rate(fit: Misfit) -> Array:
-    """Return the rate of change (M, n) of the fitted torque, in N m/s or N/s."""
-    case = fit.case
+def _rate(fit: Misfit, case: Case) -> Array:
+    """Return the rate of change (M, n) of the fitted torque in the motion of a case, in N m/s or N/s."""
     ahead, behind = (
         replace(case, q=case.q + h * case.dq, dq=case.dq + h * case.ddq, ddq=case.ddq + h * case.dddq)
         for h in (STEP, -STEP)

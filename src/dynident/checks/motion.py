@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import notes
+from dynident.checks import motion_notes
 from dynident.checks.finding import Finding, Topic
 from dynident.errors import Severity
 from dynident.log import Motion
@@ -89,7 +89,7 @@ def limit_findings(found: Excitation, limits: Limits | None, effort: str) -> Ite
     """Yield warnings: few reversals, limits of the robot file exceeded; ``effort`` is the unit of the torque."""
     joint = found.joint
     if found.reversals < FEW and found.peak_speed > MOVING:
-        yield Finding(Severity.WARNING, joint, notes.FewReversals(found.reversals), Topic.REVERSALS)
+        yield Finding(Severity.WARNING, joint, motion_notes.FewReversals(found.reversals), Topic.REVERSALS)
     if limits is not None:
         yield from _position(found, limits)
         yield from _speed(found, limits)
@@ -101,13 +101,13 @@ def _position(found: Excitation, limits: Limits) -> Iterator[Finding]:
         return
     slack = BEYOND * max(limits.upper - limits.lower, 1.0)
     if found.lower < limits.lower - slack or found.upper > limits.upper + slack:
-        note = notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper)
+        note = motion_notes.PositionBeyondLimits(found.lower, found.upper, limits.lower, limits.upper)
         yield Finding(Severity.WARNING, found.joint, note, Topic.POSITION_LIMIT)
 
 
 def _speed(found: Excitation, limits: Limits) -> Iterator[Finding]:
     if limits.velocity is not None and 0 < OVER * limits.velocity < found.peak_speed:
-        note = notes.VelocityAboveLimit(found.peak_speed, limits.velocity)
+        note = motion_notes.VelocityAboveLimit(found.peak_speed, limits.velocity)
         yield Finding(Severity.WARNING, found.joint, note, Topic.VELOCITY_LIMIT)
 
 
@@ -116,10 +116,10 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
     if limit is None or limit <= 0:
         return
     if found.torque > OVER * limit:
-        above = notes.EffortAboveLimit(found.torque, limit, unit, far=found.torque > 3 * limit)
+        above = motion_notes.EffortAboveLimit(found.torque, limit, unit, far=found.torque > 3 * limit)
         yield Finding(Severity.WARNING, found.joint, above, Topic.EFFORT_LIMIT)
     elif found.torque < 1e-3 * limit:
-        below = notes.EffortFarBelowLimit(found.torque, limit, unit)
+        below = motion_notes.EffortFarBelowLimit(found.torque, limit, unit)
         yield Finding(Severity.WARNING, found.joint, below, Topic.EFFORT_LIMIT)
 
 
@@ -153,5 +153,5 @@ def rank_findings(found: ExcitedRank) -> Iterator[Finding]:
     for one in found.missing:
         yield Finding(Severity.WARNING, None, one, Topic.NOT_EXCITED)
     if found.condition > ILL and not found.missing:
-        note = notes.CorrelatedParameters(found.on_data, found.condition)
+        note = motion_notes.CorrelatedParameters(found.on_data, found.condition)
         yield Finding(Severity.WARNING, None, note, Topic.CONDITION)

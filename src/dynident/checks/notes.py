@@ -12,10 +12,6 @@ from dynident.errors import Note, Use
 __all__ = [
     "ArmAtRest",
     "ConstantTorque",
-    "CorrelatedParameters",
-    "EffortAboveLimit",
-    "EffortFarBelowLimit",
-    "FewReversals",
     "GravityIgnored",
     "LongGap",
     "LostSamples",
@@ -23,18 +19,15 @@ __all__ = [
     "OddScale",
     "OtherGravity",
     "PerhapsDegrees",
-    "PositionBeyondLimits",
     "QuantisedPosition",
     "ReadingNote",
     "RepeatedPositions",
     "ReversedSign",
     "SamplingJitter",
-    "SaturatedTorque",
     "StampsJitter",
     "TooFewSamples",
     "UnevenSteps",
     "UnrelatedTorque",
-    "VelocityAboveLimit",
 ]
 
 
@@ -99,15 +92,6 @@ class ConstantTorque(ReadingNote):
     """A torque (N m or N) is the same throughout."""
 
     value: float
-
-
-@dataclass(frozen=True)
-class SaturatedTorque(ReadingNote):
-    """``count`` of ``samples`` torques are exactly the extreme one (N m or N)."""
-
-    count: int
-    samples: int
-    extreme: float
 
 
 @dataclass(frozen=True)
@@ -198,55 +182,3 @@ class UnrelatedTorque(Note):
     forbids: ClassVar[Use | None] = Use.CONTROL
     ratio: float
     correlation: float
-
-
-@dataclass(frozen=True)
-class FewReversals(Note):
-    """How often a joint reverses."""
-
-    count: int
-
-
-@dataclass(frozen=True)
-class PositionBeyondLimits(Note):
-    """The range of a position, and the one that the robot file allows (rad or m)."""
-
-    lower: float
-    upper: float
-    least: float
-    most: float
-
-
-@dataclass(frozen=True)
-class VelocityAboveLimit(Note):
-    """A peak velocity and its limit in the robot file (rad/s or m/s)."""
-
-    peak: float
-    limit: float
-
-
-@dataclass(frozen=True)
-class EffortAboveLimit(Note):
-    """A peak torque and its limit in the robot file, in ``unit``; ``far`` above it is another quantity or unit."""
-
-    peak: float
-    limit: float
-    unit: str
-    far: bool
-
-
-@dataclass(frozen=True)
-class EffortFarBelowLimit(Note):
-    """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
-
-    peak: float
-    limit: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class CorrelatedParameters(Note):
-    """The number of base parameters, and their condition number in these motions."""
-
-    rank: int
-    condition: float

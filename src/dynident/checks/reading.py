@@ -71,14 +71,6 @@ def _(note: notes.ConstantTorque) -> str:
 
 
 @reading_words.register
-def _(note: notes.SaturatedTorque) -> str:
-    return (
-        f"{note.count} of {note.samples} torques are exactly the extreme value {note.extreme:.6g}: saturated? "
-        "A saturated torque biases the fit; leave these parts out with windows."
-    )
-
-
-@reading_words.register
 def _(note: notes.ArmAtRest) -> str:
     return (
         f"the arm is at rest from {note.start:.3g} to {note.stop:.3g} s: static friction there can take any value up "

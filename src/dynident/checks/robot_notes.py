@@ -6,14 +6,18 @@ removes; ``std`` are standard errors robust to correlated residuals. ``report/ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
 
 from dynident.errors import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "ColumnReversed", "JointsSwapped", "LengthWrong", "MissingTerm", "OtherAxis",
-           "OtherPayload", "Quantity", "Rival", "TermKind", "TorqueGain", "ZeroOff"]  # fmt: skip
+__all__ = ["AxisTilted", "Channel", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong", "MissingTerm",
+           "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut", "TiltedBase", "TorqueGain",
+           "WrongValue", "ZeroOff"]  # fmt: skip
+
+CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
+SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
 
 
 class Channel(StrEnum):
@@ -61,6 +65,35 @@ class Rival:
 
 
 @dataclass(frozen=True)
+class Costly(Note):
+    """Base of what forbids a use by what it costs: ``cost`` is the change of the torque, in %, of all joints together,
+    on the training motion at twice its speed."""
+
+    cost: float = field(default=0.0, kw_only=True)
+
+    @property
+    def forbidden(self) -> Use | None:
+        """Control where the cost is large, simulation where it is more than a fit of a real robot leaves."""
+        return Use.CONTROL if self.cost > CONTROL else Use.SIMULATION if self.cost > SIMULATION else self.forbids
+
+
+@dataclass(frozen=True)
+class WrongValue(Costly):
+    """Base of values that a model takes for known and that are wrong; ``joint_cost`` (%) is that of the worst joint.
+
+    The user can set them right, so that any forbids simulation.
+    """
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+    joint_cost: float = field(default=0.0, kw_only=True)
+
+    @property
+    def forbidden(self) -> Use | None:
+        """Control where a joint's torque is far off, else simulation."""
+        return Use.CONTROL if self.joint_cost > JOINT else self.forbids
+
+
+@dataclass(frozen=True)
 class JointsSwapped(Note):
     """The columns of two joints fit the other one; errors (%) of the torque, mean over the joints, before and after."""
 
@@ -93,10 +126,9 @@ class OtherAxis(Note):
 
 
 @dataclass(frozen=True)
-class TorqueGain(Note):
+class TorqueGain(WrongValue):
     """The torque of a joint is ``factor`` times what the others ask for; ``others`` explain the residual as well."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
     factor: float
     std: float
     share: float
@@ -104,10 +136,9 @@ class TorqueGain(Note):
 
 
 @dataclass(frozen=True)
-class ZeroOff(Note):
+class ZeroOff(WrongValue):
     """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
     offset: float
     std: float
     share: float
@@ -115,10 +146,9 @@ class ZeroOff(Note):
 
 
 @dataclass(frozen=True)
-class LengthWrong(Note):
+class LengthWrong(WrongValue):
     """A component ("x", "y" or "z", in the parent link's frame) of a joint's origin: in the file and as fitted (m)."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
     component: str
     given: float
     fitted: float
@@ -128,10 +158,9 @@ class LengthWrong(Note):
 
 
 @dataclass(frozen=True)
-class AxisTilted(Note):
+class AxisTilted(WrongValue):
     """A joint's frame, or its axis ``alone``, is turned by ``angle`` (rad) about an ``axis`` (3) of its own frame."""
 
-    forbids: ClassVar[Use | None] = Use.SIMULATION
     axis: tuple[float, ...]
     angle: float
     alone: bool
@@ -141,7 +170,18 @@ class AxisTilted(Note):
 
 
 @dataclass(frozen=True)
-class MissingTerm(Note):
+class TiltedBase(WrongValue):
+    """The base is turned by ``x`` and then ``y`` (rad) about these axes; ``std`` of both; errors (%) of the torque."""
+
+    x: float
+    y: float
+    std: tuple[float, float]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class MissingTerm(Costly):
     """An effect that the model lacks at a joint: its value in SI units, and the share of that joint's own residual
     (squared) that it removes; ``partner`` is the other joint of a coupled motor."""
 
@@ -150,6 +190,13 @@ class MissingTerm(Note):
     std: float
     share: float
     partner: str = ""
+
+
+@dataclass(frozen=True)
+class TermLeftOut(MissingTerm):
+    """The same of a term that the library has: the user can add it, so that it forbids simulation at any cost."""
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
 
 
 @dataclass(frozen=True)

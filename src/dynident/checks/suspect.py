@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import Case, Evidence, Misfit, misfit
-from dynident.checks.robot_notes import Quantity, Rival
-from dynident.errors import Note, brief
+from dynident.checks.robot_notes import Quantity, Rival, WrongValue
+from dynident.errors import brief
 
 __all__ = ["Found", "Others", "Suspect", "convincing", "promising", "refined"]
 
@@ -36,7 +36,7 @@ class Suspect:
     topic: Topic
     derivative: Callable[[Misfit], Array]
     corrected: Callable[[Case, float], Case]
-    note: Callable[[float, float, float, Others], Note]
+    note: Callable[[float, float, float, Others], WrongValue]
     limit: float
     order: int
 

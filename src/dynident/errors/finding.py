@@ -32,4 +32,4 @@ class Finding:
         """The use that it forbids: any where it is an error, else what its note forbids."""
         if self.severity is Severity.ERROR:
             return Use.CONTROL
-        return self.message.forbids if isinstance(self.message, Note) else None
+        return self.message.forbidden if isinstance(self.message, Note) else None

@@ -35,6 +35,11 @@ class Note:
     severity: ClassVar[Severity] = Severity.WARNING
     forbids: ClassVar[Use | None] = None
 
+    @property
+    def forbidden(self) -> Use | None:
+        """The use that this note forbids: that of its type, where its figures do not decide."""
+        return self.forbids
+
 
 @dataclass(frozen=True)
 class Remark(Note):

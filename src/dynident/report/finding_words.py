@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dynident.checks import file_notes, notes, reading_words
+from dynident.checks import file_notes, motion_notes, notes, reading_words
 from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
@@ -218,7 +218,7 @@ def _(note: notes.UnrelatedTorque) -> str:
 
 
 @words.register
-def _(note: notes.FewReversals) -> str:
+def _(note: motion_notes.FewReversals) -> str:
     return (
         f"the joint reverses only {note.count} times: friction, offset and gravity are then strongly correlated. "
         "Record a motion that goes back and forth."
@@ -226,7 +226,7 @@ def _(note: notes.FewReversals) -> str:
 
 
 @words.register
-def _(note: notes.PositionBeyondLimits) -> str:
+def _(note: motion_notes.PositionBeyondLimits) -> str:
     return (
         f"the position runs from {note.lower:.4g} to {note.upper:.4g}, the file allows {note.least:.4g} to "
         f"{note.most:.4g}. Check the unit, the sign and `zero`, or the file's limits."
@@ -234,7 +234,7 @@ def _(note: notes.PositionBeyondLimits) -> str:
 
 
 @words.register
-def _(note: notes.VelocityAboveLimit) -> str:
+def _(note: motion_notes.VelocityAboveLimit) -> str:
     return (
         f"the velocity reaches {note.peak:.4g}, the robot file allows {note.limit:.4g} (rad/s or m/s). "
         "Check the units of position and time; or the positions are too noisy for this smoother."
@@ -242,13 +242,13 @@ def _(note: notes.VelocityAboveLimit) -> str:
 
 
 @words.register
-def _(note: notes.EffortAboveLimit) -> str:
+def _(note: motion_notes.EffortAboveLimit) -> str:
     remedy = "Is it a motor current, or in another unit?" if note.far else "Check the unit and gain, or the file."
     return f"the torque reaches {note.peak:.4g} {note.unit}, the robot file allows {note.limit:.4g}. {remedy}"
 
 
 @words.register
-def _(note: notes.EffortFarBelowLimit) -> str:
+def _(note: motion_notes.EffortFarBelowLimit) -> str:
     return (
         f"the torque stays below {note.peak:.3g} {note.unit}, a thousandth of the robot file's limit {note.limit:.4g}. "
         "Is it on the motor side of the gear, in another unit, or is the limit a placeholder?"
@@ -256,7 +256,7 @@ def _(note: notes.EffortFarBelowLimit) -> str:
 
 
 @words.register
-def _(note: notes.CorrelatedParameters) -> str:
+def _(note: motion_notes.CorrelatedParameters) -> str:
     return (
         f"the {note.rank} base parameters are strongly correlated in these motions (condition number "
         f"{note.condition:.2g}): move more joints at the same time, faster, and over more of their range."

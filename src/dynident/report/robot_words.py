@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dynident.checks import robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
+from dynident.identification import BaseTilt
 from dynident.report.wording import words
 
 __all__: list[str] = []
@@ -53,6 +54,11 @@ def _others(others: tuple[Rival, ...]) -> str:
     return f" The data cannot tell this from: {listed}." if listed else ""
 
 
+def _cost(note: robot_notes.Costly) -> str:
+    """Return what it costs, as a sentence."""
+    return f"On this path at twice the speed it changes the torque by {note.cost:.2g} %."
+
+
 def _turned(note: robot_notes.AxisTilted) -> str:
     return "axis" if note.alone else "frame"
 
@@ -100,8 +106,8 @@ def _(note: robot_notes.OtherAxis) -> str:
 def _(note: robot_notes.TorqueGain) -> str:
     return (
         f"the torque is {note.factor:.3g} +- {note.std:.2g} times what the coupling with the other joints asks for; "
-        f"setting it right removes {_percent(note.share)}. Check its `gain`: gear ratio, torque constant, unit."
-        f"{_others(note.others)}"
+        f"setting it right removes {_percent(note.share)}. {_cost(note)} Check its `gain`: gear ratio, torque "
+        f"constant, unit.{_others(note.others)}"
     )
 
 
@@ -109,7 +115,7 @@ def _(note: robot_notes.TorqueGain) -> str:
 def _(note: robot_notes.ZeroOff) -> str:
     return (
         f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {note.std:.2g} (rad or m), which "
-        f"removes {_percent(note.share)}. Set `zero`, or correct the robot file.{_others(note.others)}"
+        f"removes {_percent(note.share)}. {_cost(note)} Set `zero`, or correct the robot file.{_others(note.others)}"
     )
 
 
@@ -117,8 +123,8 @@ def _(note: robot_notes.ZeroOff) -> str:
 def _(note: robot_notes.LengthWrong) -> str:
     return (
         f"its origin has {note.component} = {note.given:.4g} m in the robot file, the torques ask for "
-        f"{note.fitted:.4g} +- {note.std:.2g} m, which removes {_percent(note.share)}. Measure the link, and correct "
-        f"the file.{_others(note.others)}"
+        f"{note.fitted:.4g} +- {note.std:.2g} m, which removes {_percent(note.share)}. {_cost(note)} Measure the link, "
+        f"and correct the file.{_others(note.others)}"
     )
 
 
@@ -126,8 +132,8 @@ def _(note: robot_notes.LengthWrong) -> str:
 def _(note: robot_notes.AxisTilted) -> str:
     return (
         f"its {_turned(note)} seems to be turned by {note.angle:.3g} +- {note.std:.2g} rad about {_vector(note.axis)} "
-        f"of the joint's frame, which removes {_percent(note.share)}. Check the rotations in the robot file."
-        f"{_others(note.others)}"
+        f"of the joint's frame, which removes {_percent(note.share)}. {_cost(note)} Check the rotations in the robot "
+        f"file.{_others(note.others)}"
     )
 
 
@@ -137,8 +143,14 @@ def _(note: MissingTerm) -> str:
     partner = f" together with {note.partner}" if note.partner else ""
     return (
         f"{effect}{partner} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain {100 * note.share:.0f} % of "
-        f"the joint's squared residual. {remedy}"
+        f"the joint's squared residual. {_cost(note)} {remedy}"
     )
+
+
+@words.register
+def _(note: robot_notes.TiltedBase) -> str:
+    said = words(BaseTilt(note.x, note.y, note.std, note.before, note.after))
+    return f"{said[0].upper()}{said[1:]}. {_cost(note)} If it is, set `base_tilt: estimate` in the model."
 
 
 @words.register

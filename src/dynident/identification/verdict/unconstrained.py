@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynident.identification.result import Identification
 from dynident.log import subsample
 
-__all__ = ["Held", "held_back"]
+__all__ = ["FASTER", "Held", "held_back"]
 
 Array = NDArray[np.float64]
 

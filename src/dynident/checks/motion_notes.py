@@ -1,0 +1,68 @@
+"""What the checks find in a motion, against the robot file's limits and the model, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dynident.errors import Note
+
+__all__ = [
+    "CorrelatedParameters",
+    "EffortAboveLimit",
+    "EffortFarBelowLimit",
+    "FewReversals",
+    "PositionBeyondLimits",
+    "VelocityAboveLimit",
+]
+
+
+@dataclass(frozen=True)
+class FewReversals(Note):
+    """How often a joint reverses."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class PositionBeyondLimits(Note):
+    """The range of a position, and the one that the robot file allows (rad or m)."""
+
+    lower: float
+    upper: float
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
+class VelocityAboveLimit(Note):
+    """A peak velocity and its limit in the robot file (rad/s or m/s)."""
+
+    peak: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class EffortAboveLimit(Note):
+    """A peak torque and its limit in the robot file, in ``unit``; ``far`` above it is another quantity or unit."""
+
+    peak: float
+    limit: float
+    unit: str
+    far: bool
+
+
+@dataclass(frozen=True)
+class EffortFarBelowLimit(Note):
+    """A peak torque below a thousandth of its limit in the robot file, in ``unit``."""
+
+    peak: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class CorrelatedParameters(Note):
+    """The number of base parameters, and their condition number in these motions."""
+
+    rank: int
+    condition: float

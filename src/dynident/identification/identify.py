@@ -143,7 +143,9 @@ def _estimated(
     found = motion_errors(model, logs, regression, pairing.smoother, estimate)
     if found is None:
         return estimate, regression, late, ()
-    if found.matter and found.share < FAR:
+    if not found.significant:
+        return estimate, regression, late + found.covariance + np.outer(found.bias, found.bias), ()
+    if found.share < FAR:
         regression = regression.unbiased(found.bias)
         estimate = called(estimator, replace(problem, regression=regression), Estimate)
     return estimate, regression, late + found.covariance, _noted(found)
@@ -218,9 +220,7 @@ def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeO
 
 
 def _noted(found: MotionErrors) -> tuple[Note, ...]:
-    """Return the note on errors of the motion, where they matter."""
-    if not found.matter:
-        return ()
+    """Return the note on errors of the motion that are significant."""
     return ((MotionCorrected if found.share < FAR else MotionTooNoisy)(found.parameter, found.size),)
 
 

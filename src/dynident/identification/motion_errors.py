@@ -22,7 +22,7 @@ from dynident.log import Log, Motion, pieces
 from dynident.models import Model
 from dynident.regression import Regression, base_parameters, base_std
 from dynident.smoothers import Smoother, as_used, unshifted
-from dynident.splines import coloured_noise, noise_sigma
+from dynident.splines import NORMAL_95, coloured_noise, noise_sigma
 from dynident.validation import correlated_std
 
 __all__ = ["MotionErrors", "motion_errors", "repeated"]
@@ -30,7 +30,6 @@ __all__ = ["MotionErrors", "motion_errors", "repeated"]
 Array = NDArray[np.float64]
 SAMPLES, PIECE = 20_000, 4_000  # of all logs that are repeated, and of one piece of them
 DRAWS = 16  # of the noise, for the covariance; the bias needs one pair, of either sign
-LARGE = 0.5  # standard errors: a larger bias makes 95 % intervals hold less than 92 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +50,9 @@ class MotionErrors:
     __repr__ = brief
 
     @property
-    def matter(self) -> bool:
-        """Whether intervals that leave the bias out would hold clearly less than they say."""
-        return self.size > LARGE
+    def significant(self) -> bool:
+        """Whether a bias is larger than 95 % of the errors; a smaller one counts as one of these."""
+        return self.size > NORMAL_95
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +139,7 @@ def motion_errors(
     basis = base_parameters(rank, model.parameters)
     wide = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, covariance, basis.combination))
     size = _sizes(basis.to_base(bias), base_std(basis, triangular, estimate.residual.sigma, weights), wide)
-    if (size > LARGE).any():
+    if (size > NORMAL_95).any():
         with suppress(ModelError):  # nearly dependent columns
             robust = correlated_std(regression, estimate.value, weights, basis.independent, estimate.residual.slopes)
             size = _sizes(basis.to_base(bias), robust, wide)

@@ -34,7 +34,7 @@ class Panic(BaseException):
 
 @pytest.mark.parametrize(
     "error",
-    [KeyError("x"), ValueError("a\nb"), RecursionError("deep"), Panic("rust"), AssertionError(), OSError(5, "io")],
+    [KeyError("x"), ValueError("a\nb"), RecursionError("deep"), Panic("rust"), AssertionError(), OSError(1, "no")],
 )
 def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     done = failing(monkeypatch, error)

@@ -53,7 +53,7 @@ def parse_stamps(cells: pl.Series) -> Array | None:
     ahead = west * (60 * number["zh"] + number["zm"])
     whole = 3600 * number["h"] + 60 * (number["m"] - ahead) + number["s"] + _DAY * date.cast(pl.Int64)
     fraction = (parts["f"].fill_null("") + "000000000").str.slice(0, 9).cast(pl.Int64)
-    return _since_midnight(whole * 1_000_000_000 + fraction, 1_000_000_000)
+    return _since_midnight(whole, 1) + _divided(fraction, 1_000_000_000)  # together they would overflow in 292 years
 
 
 def seconds(series: pl.Series) -> Array:

@@ -209,7 +209,7 @@ def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> Non
     assert {("jitter", None), ("lost", None)} <= panda["info"]
     assert {topic for topic, _ in panda["warning"]} == {"spread", "stale", "repeat", "gain", "missing term"}
     pendulum = check(folder, "double_pendulum")["warning"]
-    assert {topic for topic, _ in pendulum} == {"quantised", "spread"}
+    assert {topic for topic, _ in pendulum} == {"quantised", "spread", "torque spikes", "gain"}
 
 
 def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:

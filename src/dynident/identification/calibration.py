@@ -29,7 +29,8 @@ __all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_off
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
 FEWEST = 200  # least number of samples to estimate a time offset
-TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032)  # s, of either sign; the search refines the best
+TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032, 0.05)  # s, of either sign; the search refines the best, but for the last
+MOST = 0.032  # s: what is later has another cause than filters and buses
 FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 GAIN = 0.005  # share of the error that a time offset must remove to be accepted
 SURE = 3.0  # standard errors that it must differ from zero by
@@ -135,7 +136,7 @@ def find_time_offset(
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
-    is at the end of the range, which indicates another fault. Noise in the motion, which is less between samples, and
+    is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
     without an offset and their torque for the parameters found, and what is found in these is subtracted. ``min_speed``
     (n) is that of the fit. Raises the errors of ``Regression`` and the estimator.
@@ -166,7 +167,7 @@ def find_time_offset(
 
 
 def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
-    """Return the offset with the least error, nan at the end of the range, its error, and that without offset."""
+    """Return the offset with the least error, nan beyond the range, its error, and that without offset."""
     from scipy.optimize import minimize_scalar
 
     grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
@@ -176,7 +177,7 @@ def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
         return np.nan, before, before
     found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
     after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
-    return best, after, before
+    return (best, after, before) if abs(best) <= MOST else (np.nan, before, before)
 
 
 def find_base_tilt(

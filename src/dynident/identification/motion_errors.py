@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +84,17 @@ class _Piece:
         motion = called(self.smoother, replace(self.clean, q=self.clean.q + e), Motion)
         return replace(motion, mask=motion.mask & self.motion.mask, keep=self.motion.keep)
 
+    @cached_property
+    def smoothed(self) -> Motion:
+        """The motion of the clean log, not shifted."""
+        return called(unshifted(self.smoother), self.clean, Motion)
+
     def passed(self, e: Array) -> tuple[Array, Array, Array]:
         """Return what the smoother makes of errors e (N, n) of the positions: errors of q, dq and ddq."""
-        bare = unshifted(self.smoother)
-        with_e, without = (called(bare, replace(self.clean, q=q), Motion) for q in (self.clean.q + e, self.clean.q))
+        without, with_e = (
+            self.smoothed,
+            called(unshifted(self.smoother), replace(self.clean, q=self.clean.q + e), Motion),
+        )
         return with_e.q - without.q, with_e.dq - without.dq, with_e.ddq - without.ddq
 
     def torque(self, model: Model, theta: Array, e: Array, *, corrected: bool = True) -> Array:

@@ -107,7 +107,7 @@ def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...])
     """A row for each estimator; what is found before the fit in the same way is found once."""
     log, rows = recording(joints, cell, seed, run), []
     shared: dict[str, Any] = {
-        "choose_smoother": once(choose_smoother, lambda _model, _logs, candidates, **_: candidates),
+        "choose_smoother": once(choose_smoother, lambda _model, _logs, candidates, **_: tuple(candidates)),
         "find_time_offset": once(find_time_offset, lambda _model, _motions, estimator, *_, **__: quick(estimator)),
     }
     for name in names:

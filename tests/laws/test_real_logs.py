@@ -136,6 +136,20 @@ def test_tx40(folder: Path) -> None:
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
+def test_emps(folder: Path) -> None:
+    """The first real log: published M 95.11 kg, Fv 203.5, Fc 20.39; 4.083 % and, on the pulses, 5.982 %."""
+    result = identify(folder, "emps")
+    found = {one["name"]: one["value"] for one in result["parameters"]}
+    assert found["M"] == pytest.approx(95.11, rel=0.005)
+    assert found["Fv"] == pytest.approx(203.5, rel=0.015)
+    assert found["Fc"] == pytest.approx(20.39, rel=0.015)
+    train, pulses = errors_by_log(result, "train")["DATA_EMPS"], errors_by_log(result, "validation")["pulses"]
+    assert train["relative_error_filtered"] <= 4.15
+    assert pulses["relative_error_filtered"] <= 6.0
+    assert train["relative_error"] == pytest.approx(4.4, abs=0.1)
+    assert pulses["relative_error"] == pytest.approx(11.3, abs=0.2)
+
+
 def test_emps_with_its_time_offset(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
     plain, late = identify(folder, "emps"), fitted(folder, "emps", "{delay: estimate}")

@@ -82,7 +82,7 @@ def main(arguments: list[str]) -> None:
     if task == "demo":
         run(PYTHON, "-m", "dynident", "reproduce", *(rest or ["--out", "demo-out"]))
     elif task == "test":
-        run(PYTHON, "-m", "pytest", *(rest or ["-n", "2"]))
+        run(PYTHON, "-m", "pytest", *(rest or ["-n", "2", "--dist", "worksteal"]))
     elif task == "lint":
         run(PYTHON, "-m", "ruff", "check", ".")
         run(PYTHON, "-m", "ruff", "format", "--check", ".")

@@ -1,9 +1,13 @@
 """Settings of all tests."""
 
+import os
 import signal
 import threading
 
 from hypothesis import Phase, settings
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: with several workers, threads only wait
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it, as would commands

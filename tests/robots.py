@@ -67,3 +67,15 @@ ARM_MJCF = """<mujoco model="test"><compiler angle="radian" eulerseq="XYZ"/>
 <joint name="twist" axis="0 1 0" class="main"/></body>
 </body></body></body></worldbody></mujoco>"""
 """The same arm for MuJoCo, with orientations in five notations and a mesh that does not exist."""
+GRIPPER = urdf(
+    link("base"),
+    link("arm", 2.0, (0, 0, 0.1)),
+    link("left", 0.1),
+    link("right", 0.1),
+    joint("elbow", "revolute", "base", "arm", axis=(0, 1, 0)),
+    joint("finger", "prismatic", "arm", "left", axis=(0, 1, 0)),
+    joint(
+        "follower", "prismatic", "arm", "right", axis=(0, -1, 0),
+        inside='<mimic joint="finger" multiplier="2" offset="0.01"/>',
+    ),
+)  # fmt: skip

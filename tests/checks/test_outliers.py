@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from dynident.checks import check_log, check_log_fully, log_notes, run_checks
 from dynident.errors import Severity
 from dynident.identification import Recipe
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import simulate
 from dynident.models.gallery import pendulum
 from dynident.models.simulation import record
@@ -21,9 +22,13 @@ T = np.arange(2000) * 0.005
 OURS = tuple(getattr(log_notes, name) for name in log_notes.__all__)
 
 
+@cache
+def motion(rate: float) -> Motion:
+    return simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
+
+
 def log(seed: int, rate: float = 9.0) -> Log:
-    motion = simulate(ARM, ARM.values, lambda t: [0.4 * np.sin(rate * t) + np.sin(2.3 * t)], T)
-    return record(motion, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
+    return record(motion(rate), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
 
 
 ONE = log(1)

@@ -49,13 +49,15 @@ def test_millimetres_are_said() -> None:
 
 def test_radians_declared_as_degrees_are_said() -> None:
     arm = pendulum()
+    wide, slight = (
+        simulate(arm, arm.values, lambda t, a=a, w=w: [a * np.sin(w * t)], np.arange(2000) * 0.005)
+        for a, w in ((1.7, 2.3), (0.1, 9.0))
+    )
     for seed in range(20):
-        motion = simulate(arm, arm.values, lambda t: [1.7 * np.sin(2.3 * t)], np.arange(2000) * 0.005)
-        one = record(motion, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
+        one = record(wide, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
         right = Spline(sigma=1e-4)(one)
         small = [replace(right, **{name: getattr(right, name) * np.pi / 180 for name in ("q", "dq", "ddq")})]
         assert len(list(radian_findings(arm, small, None))) == 1
         assert list(radian_findings(arm, [right], None)) == []
-        slight = simulate(arm, arm.values, lambda t: [0.1 * np.sin(9 * t)], np.arange(2000) * 0.005)
         narrow = record(slight, sigma_q=1e-5, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
         assert list(radian_findings(arm, [Spline(sigma=1e-5)(narrow)], None)) == []

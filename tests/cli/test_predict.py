@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,20 +22,27 @@ from tests.saved_results import errors_by_log
 __all__ = ["folder"]
 
 
-@pytest.fixture
-def slider(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A slider that was identified; the result's path."""
-    write_log(tmp_path)
-    done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
+    place = tmp_path_factory.mktemp("slider")
+    write_log(place)
+    done = run("identify", configure(place), "--out", place / "out")
     assert done.exit_code == 0, done.output
-    return tmp_path / "out" / "result.json"
+    return place / "out" / "result.json"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def arm(folder: Path) -> Path:
     """The new user's arm, identified as a consistent model; the folder of its result."""
     identify(folder, estimator={"kind": "consistent"})
     return folder / "out"
+
+
+@pytest.fixture
+def copied(arm: Path, tmp_path: Path) -> Path:
+    """The same, to be identified again."""
+    return shutil.copytree(arm.parent, tmp_path / "user") / "out"
 
 
 class TestIdentify:
@@ -65,23 +73,24 @@ class TestIdentify:
         assert again.damping["elbow"] == found["Fv_elbow"]
         assert "arm.identified.urdf" in (arm / "report.html").read_text()
 
-    def test_impossible_values_are_refused_and_an_old_file_goes(self, arm: Path) -> None:
-        result = identify(arm.parent, estimator={"kind": "least_squares"})
+    def test_impossible_values_are_refused_and_an_old_file_goes(self, copied: Path) -> None:
+        assert (copied / "arm.identified.urdf").exists()
+        result = identify(copied.parent, estimator={"kind": "least_squares"})
         (robot,) = (one for one in result["report"]["exports"] if one["format"] == "urdf")
         assert not robot["proven"]
         assert "kind: consistent" in robot["refusal"]
-        assert not (arm / "arm.identified.urdf").exists()
-        assert (arm / "model.py").exists()
+        assert not (copied / "arm.identified.urdf").exists()
+        assert (copied / "model.py").exists()
 
-    def test_a_failed_proof_leaves_no_file(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_failed_proof_leaves_no_file(self, copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         make = Yaml.write
         monkeypatch.setattr(Yaml, "write", lambda self, one: replace(make(self, one), text="parameters: []"))
-        (folder / "out" / "parameters.yaml").unlink(missing_ok=True)
-        result = identify(folder)
+        (copied / "parameters.yaml").unlink()
+        result = identify(copied.parent)
         (failed,) = (one for one in result["report"]["exports"] if one["format"] == "yaml")
         assert not failed["proven"]
         assert "cannot read it" in failed["refusal"]
-        assert not (folder / "out" / "parameters.yaml").exists()
+        assert not (copied / "parameters.yaml").exists()
 
     @pytest.mark.parametrize("name", ["parameters.yaml", "model.py"])
     def test_what_was_read_is_not_replaced(self, tmp_path: Path, name: str) -> None:
@@ -115,7 +124,7 @@ class TestPredict:
             assert f"{errors['per_joint'][joint]:.3g}" in done.output
         assert frame.columns[:3] == ["log", "t", "used"]
         assert set(frame["log"]) == {"tuesday"}
-        assert frame["t"][1] == pytest.approx(0.002)
+        assert frame["t"][1] == pytest.approx(0.004)
 
     def test_a_recording_without_torques(self, arm: Path) -> None:
         bare = arm.parent / "bare.csv"
@@ -139,10 +148,9 @@ class TestPredict:
         assert done.exit_code == 1
         assert "'elbow i_q'" in done.output
 
-    def test_several_recordings_in_one_table(self, slider: Path) -> None:
-        write_log(slider.parent, "second.csv")
-        table = slider.parent / "t.csv"
-        logs = (slider.parents[1] / "log.csv", slider.parent / "second.csv")
+    def test_several_recordings_in_one_table(self, slider: Path, tmp_path: Path) -> None:
+        table = tmp_path / "t.csv"
+        logs = (slider.parents[1] / "log.csv", write_log(tmp_path, "second.csv"))
         done = run("predict", slider, *logs, "--out", table)
         assert done.exit_code == 0, done.output
         frame = pl.read_csv(table)
@@ -187,13 +195,13 @@ class TestPredict:
         (arm.parent / "elsewhere.urdf").rename(robot)
         assert (done.exit_code, done.output) == (0, expected)
 
-    def test_the_smoother_of_the_result_is_used_again(self, slider: Path) -> None:
+    def test_the_smoother_of_the_result_is_used_again(self, slider: Path, tmp_path: Path) -> None:
         data = json.loads(slider.read_text())
         assert data["recipe"]["smoother"]["kind"] == "spline"
         for factor, words in ((2.0, "slider"), (-1, "recipe.smoother: factor: should be greater than 0; got -1")):
             data["recipe"]["smoother"]["factor"] = factor
-            slider.write_text(json.dumps(data))
-            done = run("predict", slider, slider.parents[1] / "log.csv")
+            (tmp_path / "r.json").write_text(json.dumps(data))
+            done = run("predict", tmp_path / "r.json", slider.parents[1] / "log.csv")
             assert done.exit_code == int(factor < 0)
             assert words in done.output
 
@@ -216,11 +224,11 @@ class TestPredict:
         assert "r.json" in done.output
         assert "Traceback" not in done.output
 
-    def test_parameters_of_another_model_are_refused(self, slider: Path) -> None:
+    def test_parameters_of_another_model_are_refused(self, slider: Path, tmp_path: Path) -> None:
         data = json.loads(slider.read_text())
         data["parameters"][0]["name"] = "mass"
-        slider.write_text(json.dumps(data))
-        done = run("predict", slider, slider.parents[1] / "log.csv")
+        (tmp_path / "r.json").write_text(json.dumps(data))
+        done = run("predict", tmp_path / "r.json", slider.parents[1] / "log.csv")
         assert done.exit_code == 1
         assert "identify again" in done.output
 

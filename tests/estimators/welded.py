@@ -137,3 +137,9 @@ def problem(
     names = tuple(joint.name for joint in model.joints)
     motion = Motion(np.linspace(0, 1, samples), q, dq, ddq, tau, names, np.ones(samples, dtype=bool), f"run {seed}")
     return Problem(model, (motion,), Regression(model, (motion,)))
+
+
+def pair(*values: Array | None, seed: int = 3) -> tuple[Model, Array]:
+    """Two bodies welded together, of which data determine only the sum, and the placement of the second."""
+    X = turned(np.random.default_rng(seed))
+    return Model((Welded((np.eye(4), X), (*values, None, None)[:2]),)), X

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -118,6 +119,7 @@ def test_without_torque_there_is_no_error_and_no_offset() -> None:
     assert (found.seconds, found.before, found.after) == (0.0, 0.0, 0.0)
 
 
+@cache
 def swing(n: int = 4001, h: float = 0.0025) -> tuple[Model, Motion]:
     arm, t = two_link_arm(), np.arange(n) * h
     return arm, simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s + 1)), t)
@@ -186,6 +188,7 @@ ARM = urdf(
 )
 
 
+@cache
 def tilted(x: float, y: float) -> tuple[Model, Motion]:
     """An arm of three joints, its motion, and the torque that it needs where its base is tilted."""
     bodies = RigidBodies(ARM)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,11 +16,15 @@ from dynident.models.gallery import slider, two_link_arm
 from dynident.smoothers import Butterworth, Difference, Spline
 
 
+@cache
+def motion() -> Motion:
+    arm = two_link_arm()
+    return simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), np.arange(2001) * 0.0025)
+
+
 def log(seed: int = 0, coloured: bool = False) -> Log:
-    arm, t = two_link_arm(), np.arange(2001) * 0.0025
-    motion = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), t)
     rng = np.random.default_rng(seed)
-    recording = record(motion, 1e-4, 1e-2, rng).log
+    recording = record(motion(), 1e-4, 1e-2, rng).log
     if not coloured:
         return recording
     slow = np.convolve(rng.standard_normal(2040), np.ones(40) / np.sqrt(40), "valid")[:2001, None]
@@ -69,11 +74,10 @@ def test_no_candidates() -> None:
 
 def test_the_error_is_that_of_held_out_stretches() -> None:
     """With noise-free data and motion it vanishes; with pure noise for torque it is about one hundred percent."""
-    arm, t = two_link_arm(), np.arange(2001) * 0.0025
-    motion = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(4 * s)), t)
-    assert cross_validated_error(arm, [motion]) < 1e-6
-    noise = np.random.default_rng(0).standard_normal(motion.tau.shape)
-    assert 95 < cross_validated_error(arm, [replace(motion, tau=noise)]) < 110
+    arm, known = two_link_arm(), motion()
+    assert cross_validated_error(arm, [known]) < 1e-6
+    noise = np.random.default_rng(0).standard_normal(known.tau.shape)
+    assert 95 < cross_validated_error(arm, [replace(known, tau=noise)]) < 110
 
 
 def test_long_logs_are_judged_by_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -171,8 +171,9 @@ def test_an_interrupt_before_leaves_the_old_files(out: Path) -> None:
     assert content(out) == {**OLD, "thesis.tex": "mine"}
 
 
-@pytest.mark.parametrize("name", ["../other", "folder", "/tmp/x", ""])
-def test_only_files_of_the_folder_are_written(out: Path, name: str) -> None:
+@pytest.mark.parametrize("place", ["../other", "folder", "{absolute}", ""])
+def test_only_files_of_the_folder_are_written(out: Path, place: str) -> None:
+    name = place.format(absolute=out.parent / "other")
     (out / "folder").mkdir()
     with result_folder(out) as held:
         with pytest.raises(InputError, match="it is a folder, or in another one"):

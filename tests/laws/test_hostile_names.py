@@ -44,7 +44,7 @@ NAMES = (
     "\x9b31m\x85\x90",
     "[red]x[/red][link=https://x.org]y[/link]:bug:",
     "=HYPERLINK(1)",
-    "model: /tmp/evil.py:main",
+    "model: evil.py:main",
     "- !!python/object/apply:os.system ['x']",
 )
 SEEN = "\x1b[31mred\x1b]8;;https://x.org\x07link\x08\x7f"  # XML cannot hold these; columns and file names can

@@ -13,6 +13,7 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
+from dynident.io.project import read_project
 from tests.laws.test_new_user import URDF, truth
 
 T = np.arange(3000) * 0.004
@@ -86,15 +87,38 @@ def run(*words):
     return done.output
 
 
-@pytest.mark.parametrize(("write", "suffix"), FORMATS.values(), ids=FORMATS)
-def test_any_format_is_identified_as_drafted(tmp_path: Path, write, suffix):
-    (tmp_path / "arm.urdf").write_text(URDF)
-    logs = [tmp_path / f"{name}.{suffix}" for name in ("monday", "tuesday")]
-    for path, rate in zip(logs, (1.0, 1.3), strict=True):
+RATES = {"monday": 1.0, "tuesday": 1.3}
+
+
+def draft(folder: Path, write, suffix) -> Path:
+    """The configuration that ``init`` drafts from two recordings of a format."""
+    (folder / "arm.urdf").write_text(URDF)
+    logs = [folder / f"{name}.{suffix}" for name in RATES]
+    for path, rate in zip(logs, RATES.values(), strict=True):
         write(path, *recorded(rate))
-    drafted, out = tmp_path / "identify.yaml", tmp_path / "out"
-    run("init", tmp_path / "arm.urdf", *logs, "-o", drafted)
+    run("init", folder / "arm.urdf", *logs, "-o", folder / "identify.yaml")
+    return folder / "identify.yaml"
+
+
+@pytest.mark.parametrize(("write", "suffix"), FORMATS.values(), ids=FORMATS)
+def test_any_format_is_read_as_drafted(tmp_path: Path, write, suffix):
+    """Whole: from here on, no format differs from another."""
+    drafted = draft(tmp_path, write, suffix)
     assert yaml.safe_load(drafted.read_text())["time"]["unit"] == "s"
+    read, said = read_project(drafted).logs()
+    assert said == ()
+    ((_, first),) = read["train"].items()
+    ((_, second),) = read["validation"].items()
+    for log, rate in zip((first, second), RATES.values(), strict=True):
+        q, tau = recorded(rate)
+        assert log.joints == ("shoulder", "elbow")
+        np.testing.assert_allclose(log.t - log.t[0], T, atol=2e-6)  # microseconds
+        np.testing.assert_allclose(log.q, q, rtol=1e-12)
+        np.testing.assert_allclose(log.tau, tau, rtol=1e-12)
+
+
+def test_a_log_is_identified_as_drafted(tmp_path: Path):
+    drafted, out = draft(tmp_path, *FORMATS["csv with dates"]), tmp_path / "out"
     run("check", drafted)
     run("identify", drafted, "--out", out)
     result = json.loads((out / "result.json").read_text())

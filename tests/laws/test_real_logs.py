@@ -15,13 +15,19 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
+from dynident.estimators.notes import NotWhite
+from dynident.export import exports
+from dynident.identification import Identification
+from dynident.identification import identify as fit
+from dynident.io.project import read_project
+from dynident.io.saved import load
 from tests.saved_results import errors_by_log, runs_by_log
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the recordings are not beside the checkout")
 CONSISTENT = "estimator: {kind: consistent}"
-UNCHOSEN = "smoother: {kind: spline}"  # for what does not depend on the smoothing: trying all of them takes long
+UNCHOSEN = {"smoother": {"kind": "spline"}}  # what does not depend on the smoothing: trying all of them takes long
 UNSIMULATED = "simulation: null"  # likewise, for what is not simulated
 
 
@@ -33,11 +39,20 @@ def configured(folder: Path, example: str, changes: str) -> Path:
 
 
 @cache
-def identify(folder: Path, example: str, changes: str = "{}") -> dict[str, Any]:
-    path = configured(folder, example, changes)
+def identify(folder: Path, example: str) -> dict[str, Any]:
+    """What the command finds with an example as it is."""
+    path = configured(folder, example, "{}")
     done = CliRunner().invoke(main, ["identify", str(path), "--out", str(folder / example)])
     assert done.exit_code == 0, done.output
     return json.loads((folder / example / "result.json").read_text())
+
+
+@cache
+def fitted(folder: Path, example: str, changes: str) -> Identification:
+    """An example with other settings, without the checks and the report of the command."""
+    project = read_project(configured(folder, example, changes))
+    logs, _ = project.logs()
+    return fit(project.model, logs["train"], logs["validation"], project.recipe)
 
 
 @pytest.fixture(scope="module")
@@ -51,34 +66,52 @@ def level(*more: str) -> str:
     return yaml.safe_dump({"model": model | {"base_tilt": "none", "terms": [*model["terms"], *more]}})
 
 
+def short(example: str) -> str:
+    """Two seconds of the recording and no choice of a smoother: for what depends on neither."""
+    settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text())
+    train = [one | {"window": [0, 2]} for one in settings["train"]]
+    return yaml.safe_dump({"estimator": {"kind": "consistent"}, "train": train, "validation": [], **UNCHOSEN})
+
+
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:
     return [one[kind] for one in errors_by_log(result, role).values()]
+
+
+def held_out(found: Identification, kind: str = "relative_error") -> float:
+    return max(getattr(one.errors, kind) for one in found.validations if one.role == "validation")
+
+
+def values(found: Identification) -> dict[str, float]:
+    return dict(zip(found.estimate.names, found.estimate.value, strict=True))
 
 
 def test_lwr4(folder: Path) -> None:
     """Least squares, unfiltered as logged, held out on the repeat: at most 2.2 %, even on a base taken as level."""
     result = identify(folder, "lwr4")
     assert max(errors(result, "validation")) <= 2.1
-    assert max(errors(identify(folder, "lwr4", level()), "validation")) <= 2.2
+    assert held_out(fitted(folder, "lwr4", level())) <= 2.2
     assert max(errors(result, "train")) <= 2.0
 
 
 def test_lwr4_consistent(folder: Path) -> None:
     """With possible bodies and non-negative friction: at most 2.25 % held out; 2.5 % with rotors on a level base."""
-    result = identify(folder, "lwr4", CONSISTENT)
-    assert max(errors(result, "validation")) <= 2.25
-    rotors = identify(folder, "lwr4", f"{CONSISTENT}\n{level('rotor')}")
-    assert max(errors(rotors, "validation")) <= 2.5
-    assert all(one["value"] > 0 for one in result["parameters"] if one["name"].endswith(".mass"))
+    found = fitted(folder, "lwr4", CONSISTENT)
+    assert held_out(found) <= 2.25
+    assert held_out(fitted(folder, "lwr4", f"{CONSISTENT}\n{level('rotor')}")) <= 2.5
+    masses = [value for name, value in values(found).items() if name.endswith(".mass")]
+    assert len(masses) == 7
+    assert min(masses) > 0
 
 
 @pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
-    result = identify(folder, example, CONSISTENT if example == "lwr4" else f"{CONSISTENT}\n{UNCHOSEN}")
-    assert [one["format"] for one in result["report"]["exports"]] == ["urdf", "yaml", "numpy"]
-    assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["report"]["exports"])
-    assert "Pinocchio" in result["report"]["exports"][0]["readers"]
+    made = exports(fitted(folder, example, CONSISTENT if example == "lwr4" else short(example)))
+    assert [one.format for one in made] == ["urdf", "yaml", "numpy"]
+    for one in made:
+        assert one.ready, one.refusal
+        assert one.proof.agreement <= 1e-8
+    assert "Pinocchio" in made[0].proof.readers
 
 
 def test_panda(folder: Path) -> None:
@@ -103,27 +136,41 @@ def test_tx40(folder: Path) -> None:
         assert found[f"Fv_joint_{joint}"] + wrist == pytest.approx(published, rel=0.1), joint
 
 
+def test_emps(folder: Path) -> None:
+    """The first real log: published M 95.11 kg, Fv 203.5, Fc 20.39; 4.083 % and, on the pulses, 5.982 %."""
+    result = identify(folder, "emps")
+    found = {one["name"]: one["value"] for one in result["parameters"]}
+    assert found["M"] == pytest.approx(95.11, rel=0.005)
+    assert found["Fv"] == pytest.approx(203.5, rel=0.015)
+    assert found["Fc"] == pytest.approx(20.39, rel=0.015)
+    train, pulses = errors_by_log(result, "train")["DATA_EMPS"], errors_by_log(result, "validation")["pulses"]
+    assert train["relative_error_filtered"] <= 4.15
+    assert pulses["relative_error_filtered"] <= 6.0
+    assert train["relative_error"] == pytest.approx(4.4, abs=0.1)
+    assert pulses["relative_error"] == pytest.approx(11.3, abs=0.2)
+
+
 def test_emps_with_its_time_offset(folder: Path) -> None:
     """The drive's 0.35 ms, found on the training log, take a fifth off the error on the pulses."""
-    plain, late = identify(folder, "emps"), identify(folder, "emps", "{delay: estimate}")
-    assert errors(late, "validation")[0] < 0.85 * errors(plain, "validation")[0]
-    assert errors(late, "validation", "relative_error_filtered")[0] <= 4.9
+    plain, late = identify(folder, "emps"), fitted(folder, "emps", "{delay: estimate}")
+    assert held_out(late) < 0.85 * errors(plain, "validation")[0]
+    assert held_out(late, "relative_error_filtered") <= 4.9
 
 
 def test_emps_by_maximum_likelihood(folder: Path) -> None:
     """As good as least squares and no better: the model's friction limits, not noise, and the status says so."""
-    result = identify(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
-    found = {one["name"]: one["value"] for one in result["parameters"]}
+    found = fitted(folder, "emps", f"estimator: {{kind: maximum_likelihood}}\n{UNSIMULATED}")
     for name, usual, near in (("M", 95.0, 0.2), ("Fv", 204.1, 1.0), ("Fc", 20.34, 0.1), ("offset", -3.18, 0.05)):
-        assert found[name] == pytest.approx(usual, abs=near), name
-    assert errors(result, "validation", "relative_error_filtered")[0] <= 5.99
-    assert any("residuals are not white" in text for text in result["report"]["warnings"])
+        assert values(found)[name] == pytest.approx(usual, abs=near), name
+    assert held_out(found, "relative_error_filtered") <= 5.99
+    assert any(isinstance(note, NotWhite) for note in found.estimate.notes)
 
 
 def test_emps_bound_is_what_least_squares_reaches(folder: Path) -> None:
     """All but nothing of the variance is due to positions, so that least squares on all samples is at the bound."""
     plain = f"filter: null\n{UNSIMULATED}"
-    reached = {one["name"]: one["std"] for one in identify(folder, "emps", plain)["parameters"]}
+    found = fitted(folder, "emps", plain)
+    reached = dict(zip(found.estimate.names, found.errors.std, strict=True))
     file = folder / "bound.json"
     done = CliRunner().invoke(main, ["bound", str(configured(folder, "emps", plain)), "--json", str(file)])
     assert done.exit_code == 0, done.output
@@ -171,9 +218,9 @@ def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
         '<limit effort="1" velocity="1" lower="0" upper="1"/></joint></robot>'
     )
     (folder / "emps.urdf").write_text(urdf)
-    plain = {one["name"]: one["value"] for one in identify(folder, "emps")["parameters"]}
+    plain = values(fitted(folder, "emps", UNSIMULATED))
     model = f"model: {{file: {folder / 'emps.urdf'}, terms: [viscous, coulomb, offset]}}\n{UNSIMULATED}"
-    bodies = {one["name"]: one["value"] for one in identify(folder, "emps", model)["parameters"]}
+    bodies = values(fitted(folder, "emps", model))
     for name, other in {"M": "carriage.mass", "Fv": "Fv_slider", "Fc": "Fc_slider", "offset": "offset_slider"}.items():
         assert bodies[other] == pytest.approx(plain[name], rel=1e-9)
 
@@ -195,28 +242,40 @@ def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, se
     return said
 
 
+def warned(folder: Path, example: str) -> set[tuple[str, str | None]]:
+    """Topics and places of what the checks beside the identification of an example warn of."""
+    identify(folder, example)
+    return {(one.topic, one.link or one.joint) for one in load(folder / example / "result.json").findings}
+
+
+def topics(said: set[tuple[str, str | None]]) -> set[str]:
+    return {topic for topic, _ in said}
+
+
 def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> None:
-    """No false alarm: EMPS and TX40 are sound but for their friction; the stamps of the LWR4 are noisy, and cables pull
-    at its wrist; the Panda's own sampling jitters. The held-out motions of both repeat the training."""
+    """No false alarm, alone or beside an identification: EMPS and TX40 are sound but for their friction; the stamps of
+    the LWR4 are noisy, and cables pull at its wrist; the Panda's own sampling jitters. The held-out motions of both
+    repeat the training."""
     emps = check(folder, "emps")
     assert (emps["error"], emps["warning"]) == (set(), {("missing term", "slider")})
     assert {topic for topic, _ in emps["info"]} <= {"missing term"}
-    assert {topic for topic, _ in check(folder, "tx40")["warning"]} == {"missing term"}
-    lwr4, panda = check(folder, "lwr4"), check(folder, "panda")
-    assert lwr4["warning"] == {
+    assert topics(warned(folder, "tx40")) == {"missing term"}
+    assert warned(folder, "lwr4") == {
         ("stamps", None), ("spread", "lwr_7_link"), ("repeat", None), ("missing term", "lwr_6_joint")
     }  # fmt: skip
-    assert {("jitter", None), ("lost", None)} <= panda["info"]
-    assert {topic for topic, _ in panda["warning"]} == {"spread", "stale", "repeat", "gain", "missing term"}
+    assert topics(warned(folder, "panda")) == {"spread", "stale", "repeat", "gain", "missing term"}
     pendulum = check(folder, "double_pendulum")["warning"]
-    assert {topic for topic, _ in pendulum} == {"quantised", "spread", "torque spikes", "gain"}
+    assert topics(pendulum) == {"quantised", "spread", "torque spikes", "gain"}
 
 
 def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
     plain = "smoother: { kind: spline, rule: torque }", "smoother: { kind: spline }"
-    whole = check(folder, "tx40", ("window: [0, 5]", "window: [0, 9]"), ("window: [5, 7.4]", "window: [0, 1]"), plain)
+    end = ("window: [0, 5]", "window: [6, 9]"), ("window: [5, 7.4]", "window: [5, 6]")
+    whole = check(folder, "tx40", *end, plain)
     assert ("rest", None) in whole["warning"]
     turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"), plain)
     assert turned["warning"] == {("sign", "joint_2")}
-    swapped = check(folder, "panda", ("tau.1,", "tau.6,"), plain)
+    some = ("window: [0, 14.7]", "window: [0, 7]"), ("window: [14.7, null]", "window: [14.7, 18]")
+    swapped = check(folder, "panda", ("tau.1,", "tau.6,"), *some, plain)
     assert ("foreign", "panda_joint2") in swapped["warning"]
+    assert {("jitter", None), ("lost", None)} <= swapped["info"]

@@ -35,7 +35,7 @@ def seven() -> str:
 
 
 def recorded(model: dy.Model, theta: Any, name: str) -> dy.Log:
-    t, rng = np.arange(1501) * 0.01, np.random.default_rng(0)
+    t, rng = np.arange(601) * 0.025, np.random.default_rng(0)
     w = 1.0 + 0.37 * np.arange(len(model.joints))
     phase = np.multiply.outer(t, w)
     tau = model.torque(np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase), theta)

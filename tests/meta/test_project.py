@@ -16,7 +16,8 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT: dict[str, Any] = SETTINGS["project"]
 TASKS: dict[str, str] = runpy.run_path(str(ROOT / "dev.py"))["EXTRAS"]
 
 
@@ -58,6 +59,19 @@ def test_help_of_dev_py_lists_every_task_and_installs_nothing(capsys: pytest.Cap
     runpy.run_path(str(ROOT / "dev.py"))["main"](["--help"])
     shown = capsys.readouterr().out
     assert re.findall(r"^python3 dev\.py (\w+)", shown, re.MULTILINE) == list(TASKS)
+
+
+def test_a_whole_run_of_the_tests_includes_the_examples_of_docstrings(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It names no path, so that pytest takes those of pyproject.toml."""
+    options, commands = SETTINGS["tool"]["pytest"]["ini_options"], []
+    assert options["testpaths"] == ["tests", "src"]
+    assert "--doctest-modules" in options["addopts"].split()
+    main = runpy.run_path(str(ROOT / "dev.py"))["main"]
+    monkeypatch.setitem(main.__globals__, "install", lambda extra: None)
+    monkeypatch.setitem(main.__globals__, "run", lambda *words: commands.append(words))
+    main(["test"])
+    ((_, *words),) = commands
+    assert words == ["-m", "pytest", "-n", "2", "--dist", "worksteal"]
 
 
 def test_dev_py_names_what_a_python_without_pip_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

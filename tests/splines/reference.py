@@ -1,4 +1,4 @@
-"""The smoothing spline in 50 digits: an independent banded Cholesky solution of eq. (32) with mpmath."""
+"""Series to smooth; the matrices of the article; and its spline in 50 digits, an independent solution of eq. (32)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,34 @@ import mpmath
 import numpy as np
 
 
+def grid(n: int, h: float, kind: str, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    factor = {"uniform": 0.0, "jittered": 0.3}.get(kind)
+    steps = (
+        h * (1 + factor * rng.uniform(-1, 1, n - 1)) if factor is not None else h * np.exp(rng.uniform(-2, 2, n - 1))
+    )
+    return np.arange(n) * h if kind == "uniform" else np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def series(n: int = 300, h: float = 0.01, kind: str = "jittered", sigma: float = 1e-2) -> tuple[np.ndarray, np.ndarray]:
+    t = grid(n, h, kind)
+    return t, np.sin(3 * t) + 0.5 * np.sin(9.3 * t) + sigma * np.random.default_rng(1).standard_normal(n)
+
+
+def matrices(t: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M, N, Q as printed: eqs. (27)-(31)."""
+    h, n = np.diff(t), len(t) - 1
+    N, Q = np.zeros((n - 1, n - 1)), np.zeros((n + 1, n - 1))
+    for i in range(n - 1):
+        N[i, i] = 2 * (h[i] + h[i + 1]) / 3
+        if i + 1 < n - 1:
+            N[i, i + 1] = N[i + 1, i] = h[i + 1] / 3
+        Q[i, i], Q[i + 1, i], Q[i + 2, i] = 1 / h[i], -1 / h[i] - 1 / h[i + 1], 1 / h[i + 1]
+    return np.diag(delta), N, Q
+
+
 def second_derivative(t: Sequence[float], y: Sequence[float], p: float, delta: Sequence[float]) -> np.ndarray:
-    """Return g'' = 2 c at the samples, rounded from 50 digits."""
+    """Return g'' = 2 c at the samples, rounded from 50 digits: a banded Cholesky solution with mpmath."""
     with mpmath.workdps(50):
         return np.array([float(x) for x in _exact(t, y, p, delta)])
 

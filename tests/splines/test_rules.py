@@ -7,6 +7,7 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named, smooth
+from tests.splines.reference import matrices, series
 
 
 def test_rules_have_names() -> None:
@@ -92,3 +93,57 @@ def test_the_limits_of_a_given_p() -> None:
     np.testing.assert_allclose(smooth(t, y, Fixed(p=0.5)).values, smooth(t, y, Fixed(lam=1.0)).values, rtol=1e-14)
     with pytest.raises(ConfigError, match=r"p is nan; it must be a number >= 0"):
         smooth(t, y, Fixed(p=np.nan))
+
+
+@pytest.mark.parametrize("S", [1e-6, 1.0, 150.0, 300.0, 900.0])
+@pytest.mark.parametrize("kind", ["uniform", "jittered", "wild"])
+def test_reaches_the_constraint(kind: str, S: float) -> None:
+    t, y = series(kind=kind)
+    fit = smooth(t, y, Constraint(S=S), sigma=1e-2)
+    assert np.sum(((fit.values - y) / 1e-2) ** 2) == pytest.approx(S, rel=1e-8)
+    assert pytest.approx(S, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("n", [20_000, 100_000])
+def test_reaches_the_constraint_on_long_data(n: int) -> None:
+    """Long data start from their middle; a middle that stands still must not mislead the search."""
+    t = np.arange(n) * 1e-3
+    y = np.where(np.abs(t - t[-1] / 2) < 3.0, 0.0, np.sin(t)) + 1e-3 * np.random.default_rng(0).standard_normal(n)
+    fit = smooth(t, y, sigma=1e-3)
+    assert pytest.approx(n, rel=1e-8) == fit.S
+
+
+@pytest.mark.parametrize("rule", [GCV(), REML()])
+def test_criteria_are_minimal(rule: GCV | REML) -> None:
+    """The lam chosen by GCV and REML minimises the criterion computed in dense algebra."""
+    t, y = series(n=120)
+    _, N, Q = matrices(t, np.ones(len(t)))
+
+    def criterion(lam: float) -> float:
+        A = Q.T @ Q + 0.5 / lam * N
+        u = np.linalg.solve(A, Q.T @ y)
+        if isinstance(rule, REML):
+            return len(A) * np.log(y @ Q @ u) + np.linalg.slogdet(A)[1]
+        return np.log(u @ Q.T @ Q @ u) - 2 * np.log(np.trace(Q @ np.linalg.solve(A, Q.T)))
+
+    chosen = float(smooth(t, y, rule).lam)
+    assert criterion(chosen) <= min(criterion(chosen * f) for f in (1e-3, 0.1, 0.8, 0.98, 1.02, 1.25, 10, 1e3))
+
+
+def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -> None:
+    """Where the noise is nearly all there is, the search must not run away."""
+    one = smooth(
+        [0, 0.1, 0.2, 0.3], [-0.32605163, 1.48951205, 0.00707818, -0.86067922], Constraint(2.00146018), sigma=1
+    )
+    assert pytest.approx(2.00146018, rel=1e-8) == one.S
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        n = int(rng.integers(3, 13))
+        S = rng.uniform(0.01, 1.2) * n
+        fit = smooth(np.cumsum(rng.uniform(0.1, 1, n)), rng.standard_normal(n), Constraint(S), sigma=1.0)
+        assert pytest.approx(S, rel=1e-8) == fit.S or fit.p == 0
+    t = np.arange(4000) * 1e-3
+    for _ in range(20):
+        y = 1e-2 * np.sin(0.3 * t) + 1e-3 * rng.standard_normal(4000)
+        fit = smooth(t, y, sigma=1e-3 * rng.uniform(0.7, 0.99))
+        assert pytest.approx(4000, rel=1e-8) == fit.S or fit.p == 0

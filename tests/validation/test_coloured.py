@@ -44,9 +44,11 @@ def test_intervals_hold_what_they_say(rho: float) -> None:
     held, longrun = [], []
     for seed in range(200):
         one = regression(seed, rho)
-        error = np.abs(fit(one) - TRUTH)
-        held.append(error < NORMAL_95 * correlated_std(one, fit(one)))
-        longrun.append(error < NORMAL_95 * np.sqrt(np.diag(robust_covariance(one, fit(one)))))
+        value = fit(one)
+        error = np.abs(value - TRUTH)
+        held.append(error < NORMAL_95 * correlated_std(one, value))
+        if rho > 0.99:
+            longrun.append(error < NORMAL_95 * np.sqrt(np.diag(robust_covariance(one, value))))
     assert 0.91 < np.mean(held) < 0.99
     assert np.mean(held, axis=0).min() > 0.85
     if rho > 0.99:

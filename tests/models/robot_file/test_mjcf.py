@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dynident.errors import ModelError
 from dynident.models import RigidBodies
 from tests.robots import ARM_MJCF
 
@@ -109,3 +110,51 @@ def test_a_tendon_that_is_only_measured_couples_nothing(tendon: str) -> None:
     fixed = f'<tendon><fixed name="t"{tendon}><joint joint="rail" coef="1"/><joint joint="twist" coef="2"/></fixed>'
     text = replaced(("</mujoco>", f"{fixed}</tendon></mujoco>"))
     np.testing.assert_array_equal(torque(text), torque(ARM_MJCF))
+
+
+END = "</worldbody></mujoco>"
+BAD_MJCF = {
+    "include": ("<default>", '<include file="x.xml"/><default>', "<include> names another file"),
+    "replicate": ('<body name="slide"', '<replicate count="2"/><body name="slide"', "<replicate> is not supported"),
+    "attach": ('<body name="slide"', '<attach model="x"/><body name="slide"', "<attach> is not supported"),
+    "global": ('angle="radian"', 'coordinate="global"', "coordinate='global' is not supported"),
+    "nameless joint": ('<joint name="twist"', "<joint", "of body 'wrist': it has no name"),
+    "same bodies": ('<body name="tool"', '<body name="base"', "the name 'base' is given to more than one body"),
+    "same joints": ('<joint name="twist"', '<joint name="rail"', "the name 'rail' is given to more than one joint"),
+    "ball": ('type="slide"', 'type="ball"', "joint 'rail' .* it is a ball joint"),
+    "unknown type": ('type="slide"', 'type="slider"', "type 'slider'; did you mean 'slide'"),
+    "nameless ball": ('<inertial mass="1"', '<joint type="ball"/><inertial mass="1"', "'slide .ball.' .* it is"),
+    "spring": ('damping="0.4"', 'damping="0.4" stiffness="3"', "it has a spring .stiffness 3."),
+    "unknown class": ('class="main"', 'class="mian"', "no default class 'mian'; did you mean 'main'"),
+    "two turns": ('euler="0.1 0.2 0.3"', 'euler="0 0 0" quat="1 0 0 0"', "quat and euler are both given"),
+    "zero quaternion": ('euler="0.1 0.2 0.3"', 'quat="0 0 0 0"', "quat is zero"),
+    "euler sequence": ('eulerseq="XYZ"', 'eulerseq="XY"', "eulerseq = 'XY'; give three"),
+    "few numbers": ('euler="0.1 0.2 0.3"', 'euler="0.1 0.2"', "euler = '0.1 0.2', expected 3 numbers below"),
+    "polynomial": (
+        END, '</worldbody><equality><joint joint1="rail" joint2="twist" polycoef="0 1 2"/></equality></mujoco>',
+        "binds it to",
+    ),
+    "follows nothing": (
+        END, '</worldbody><equality><joint joint1="rail" joint2="twits"/></equality></mujoco>', "did you mean 'twist'"
+    ),
+    "coupled tendons": (
+        END,
+        END.replace("</mujoco>", "<equality><tendon tendon1='t'/></equality><tendon><fixed name='t'>")
+        + "<joint joint='rail'/></fixed></tendon></mujoco>",
+        "<equality> <tendon> '' binds it to 'rail'",
+    ),
+    "connect": (END, '</worldbody><equality><connect body1="upper" body2="wrist"/></equality></mujoco>', "a loop"),
+    "weld to world": (END, '</worldbody><equality><weld body1="wrist"/></equality></mujoco>', "closes a loop"),
+    "sites": (END, '</worldbody><equality><weld site1="a" site2="b"/></equality></mujoco>', "closes a loop"),
+    "tendon": (
+        END, '</worldbody><tendon><fixed name="t" stiffness="3"><joint joint="rail"/></fixed></tendon></mujoco>',
+        "<tendon> <fixed> 't' binds it to 'rail'",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD_MJCF.values(), ids=BAD_MJCF)
+def test_bad_mjcf_files(old, new, message):
+    assert old in ARM_MJCF
+    with pytest.raises(ModelError, match=message):
+        RigidBodies(ARM_MJCF.replace(old, new, 1))

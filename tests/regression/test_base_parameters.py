@@ -316,3 +316,17 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
 
     assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
     assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_missing_parameters_of_very_different_units_are_all_named(unit: float) -> None:
+    """Both frictions of a joint at rest, the one a million million times larger in numbers, not in torque."""
+    joints = (Joint("a"), Joint("b"))
+
+    class InOtherUnits(Coulomb):
+        def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+            return unit * super().regressor(q, dq, ddq)
+
+    model = Model((Viscous(joints), InOtherUnits(joints)))
+    missing = compare(structural_base_parameters(model), on_data(model, motion(model, still=(1,))), model)
+    assert {one.groupings for one in missing} == {("Fv_b",), ("Fc_b",)}

@@ -371,3 +371,26 @@ def test_total_mass_needs_a_body() -> None:
     joints = single().joints
     with pytest.raises(ConfigError, match=r"total mass \(1.0, 1.0\): the model has no body"):
         PhysicallyConsistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))
+
+
+def test_towards_an_impossible_prior_the_bodies_go_as_far_as_they_may() -> None:
+    """The second body should weigh less than nothing: its constraints act, and no possible step is nearer."""
+    rng = np.random.default_rng(8)
+    both = np.concatenate((BODY, random_body(rng)))
+    aims = np.concatenate((random_body(rng), -random_body(rng)))
+    model, X = welded()
+    found = PhysicallyConsistent(prior=named(model, aims), distance="euclidean")(problem(model, both, 0.1)).value
+    scale = np.tile(0.1 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]), 2)
+
+    def distance(theta: Array) -> float:
+        return float(np.sum(((theta - aims) / scale) ** 2))
+
+    assert 0 < smallest(found[10:]) < 1e-4
+    tried = 0
+    for size in np.repeat([1e-1, 1e-2, 1e-3], 50):
+        second = size * random_body(rng)
+        other = found + np.concatenate((moved(found[10:] - second, X), second - found[10:]))
+        if smallest(other[:10]) > 1e-3 * size:  # possible, as all between is
+            tried += 1
+            assert distance(0.9 * found + 0.1 * other) > distance(found) * (1 - 1e-6)
+    assert tried > 50

@@ -190,21 +190,21 @@ def files(part: Part) -> list[str]:
     return [path.relative_to(ROOT).as_posix() for path in found if path.name != "__init__.py"]
 
 
-def tests_of(part: Part, path: str) -> tuple[str, ...]:
-    """Return the tests to run: those that mirror the file, or its folder, its examples, and those of the part."""
+def tests_of(part: Part, path: str, root: Path) -> tuple[str, ...]:
+    """Return the tests below ``root``: those that mirror the file, or its folder, its examples, those of the part."""
     inner = Path(path).relative_to(SOURCE)
     mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
-    return tuple(dict.fromkeys([*(one for one in mirrors if (ROOT / one).is_file()), path, *part.tests, *EVERY]))
+    return tuple(dict.fromkeys([*(one for one in mirrors if (root / one).is_file()), path, *part.tests, *EVERY]))
 
 
-def all_tests(part: Part) -> tuple[str, ...]:
+def all_tests(part: Part, root: Path) -> tuple[str, ...]:
     """Return the tests of all files of a part."""
-    return tuple(dict.fromkeys(test for path in files(part) for test in tests_of(part, path)))
+    return tuple(dict.fromkeys(test for path in files(part) for test in tests_of(part, path, root)))
 
 
-def digest(*paths: str) -> str:
-    """Return a hash of files, and of the Python files of folders."""
-    found = [one for path in paths for one in (sorted((ROOT / path).rglob("*.py")) or [ROOT / path])]
+def digest(root: Path, *paths: str) -> str:
+    """Return a hash of files, and of the Python files of folders, below ``root``."""
+    found = [one for path in paths for one in (sorted((root / path).rglob("*.py")) or [root / path])]
     return hashlib.sha256(b"\0".join(one.read_bytes() for one in found)).hexdigest()[:16]
 
 
@@ -240,11 +240,12 @@ class Copy:
     def try_out(self, mutant: Mutant, tests: tuple[str, ...], limit: float) -> str:
         """Return what becomes of a mutant, and put its file back."""
         target = self.root / mutant.path
+        before = target.read_text(encoding="utf-8")
         try:
             self._write(target, mutant.code)
             return self.run(tests, limit)
         finally:
-            self._write(target, (ROOT / mutant.path).read_text(encoding="utf-8"))
+            self._write(target, before)
 
     @staticmethod
     def _write(target: Path, code: str) -> None:
@@ -270,14 +271,15 @@ def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, list[Out
     before, found = known(out), defaultdict[str, list[Outcome]](list)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        copy = Copy(Path(folder))
-        for name in names:
-            for mutant in sample(PARTS[name], size, seed):
-                tests = tests_of(PARTS[name], mutant.path)
-                source, checks = digest(mutant.path), digest(*tests)
+        samples = {name: sample(PARTS[name], size, seed) for name in names}
+        copy = Copy(Path(folder))  # all further is of the copy: the project may change meanwhile
+        for name, drawn in samples.items():
+            for mutant in drawn:
+                tests = tests_of(PARTS[name], mutant.path, copy.root)
+                source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests)
                 old = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
                 if old is None or not holds(old, source, checks):
-                    limit, start = copy.limit(all_tests(PARTS[name])), time.monotonic()
+                    limit, start = copy.limit(all_tests(PARTS[name], copy.root)), time.monotonic()
                     place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
                     result = copy.try_out(mutant, tests, limit)
                     old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1))

@@ -1,6 +1,6 @@
 """Least squares: rank, scaling, and what its covariance promises."""
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -195,3 +195,17 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     assert (np.abs(inside.mean(axis=0) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / runs)).all()
     expected = p * freedom / (freedom - 2)  # p times the mean of an F(p, freedom) variable
     assert abs(distance.mean() - expected) < 3 * distance.std() / np.sqrt(runs)
+
+
+@pytest.mark.parametrize("weights", ["equal", "per_joint"])
+def test_the_weights_reported_are_those_of_the_fit(weights: Literal["equal", "per_joint"]) -> None:
+    """One over the noise of each joint, 0.1 and 1, where they are not equal; the value is the solution with them."""
+    model = two_link_arm()
+    posed = problem(model, np.asarray(model.values), np.random.default_rng(2).normal(size=(100, 2)) * (0.1, 1.0))
+    found, (motion,) = LeastSquares(weights=weights)(posed), posed.motions
+    assert (found.residual.weights is None) == (weights == "equal")
+    used = np.ones(2) if found.residual.weights is None else found.residual.weights
+    Y = model.regressor(motion.q, motion.dq, motion.ddq) * used[:, None]
+    expected = np.linalg.lstsq(Y.reshape(-1, 7), (motion.tau * used).ravel())[0]
+    np.testing.assert_allclose(found.value, expected, rtol=1e-6, atol=1e-9)
+    assert used[0] / used[1] == pytest.approx(1.0 if weights == "equal" else 10.0, rel=0.2)

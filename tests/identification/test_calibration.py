@@ -317,3 +317,44 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     assert found.seconds == 0.0
     assert found.std is not None
     assert 0 < found.std < 0.1
+
+
+def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:
+    """Of 4 ms where a repetition without offset shows 1.5 ms, 2.5 ms are left; where it shows all, none."""
+    motion = sliding(0.004, 0.2)
+    found, none = (
+        find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _, late=late: [[sliding(late, 0.2)]])
+        for late in (0.0015, 0.00399)
+    )
+    assert found.seconds == pytest.approx(0.0025, abs=2e-4)
+    assert found.after == pytest.approx(left(sliding(0.0015, 0.2)), rel=0.02)
+    assert found.before == pytest.approx(left(motion), rel=0.02)
+    assert none.seconds == 0.0
+    assert none.after == none.before == pytest.approx(left(motion), rel=0.02)
+
+
+def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> None:
+    """Repetitions that show 3 ms of either sign have the mean zero and the deviation 3 ms: 4 ms is no offset beside."""
+    sets = [[sliding(late, 0.2)] for late in (-0.003, 0.003)]
+    found = find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares(), repeat=lambda _: sets)
+    assert found.seconds == 0.0
+    assert found.std == pytest.approx(0.003, rel=0.02)
+
+
+def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
+    """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
+    motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)
+    whole = find_time_offset(slider(), [motion], LeastSquares())
+    rest = find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _: [[invented]])
+    assert 0.005 < 1 - whole.after / whole.before < 0.008
+    assert (rest.seconds, rest.after) == (0.0, rest.before)
+    assert rest.std is not None
+    assert 3 * rest.std < 0.001
+
+
+def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
+    def repeat(_: np.ndarray) -> list[list[Motion]]:
+        pytest.fail("repeated for nothing")
+
+    for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.1, 0.2)):
+        assert find_time_offset(slider(), [motion], LeastSquares(), repeat=repeat).seconds == 0.0

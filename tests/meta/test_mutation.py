@@ -16,8 +16,8 @@ def test_parts_name_files_and_tests_that_exist() -> None:
         found = RUN["files"](part)
         assert len(found) >= len(part.files)
         for path in found:
-            assert all((ROOT / one).exists() for one in RUN["tests_of"](part, path)), path
-    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/splines/noise.py")
+            assert all((ROOT / one).exists() for one in RUN["tests_of"](part, path, ROOT)), path
+    first, *_ = RUN["tests_of"](RUN["PARTS"]["splines"], "src/dynident/splines/noise.py", ROOT)
     assert first == "tests/splines/test_noise.py"
 
 

@@ -81,3 +81,9 @@ def test_a_narrow_smooth_sign_does_not_overflow():
 def test_wrong_fields(arguments, message):
     with pytest.raises(ModelError, match=message):
         Coulomb(JOINTS, **arguments)
+
+
+def test_dry_friction_is_continuous_with_a_width_or_a_dead_band() -> None:
+    assert Coulomb(JOINTS).discontinuous
+    assert not Coulomb(JOINTS, width=0.1).discontinuous
+    assert not Coulomb(JOINTS, dead_band=0.1).discontinuous

@@ -23,6 +23,7 @@ from dynident.regression import (
     structural_base_parameters,
     triangularise,
 )
+from dynident.regression.base_parameters import _choose
 from tests.estimators.welded import Drag, Welded, single, turned
 from tests.robots import joint, link, urdf
 
@@ -316,3 +317,30 @@ def test_rounded_angles_of_a_robot_file_add_no_base_parameter() -> None:
 
     assert rank(1.57080001) == rank(np.pi / 2) == rank(np.pi / 2, tolerance=1e-12)
     assert rank(1.57080001, tolerance=1e-12) > rank(1.57080001)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_missing_parameters_of_very_different_units_are_all_named(unit: float) -> None:
+    """Both frictions of a joint at rest, the one a million million times larger in numbers, not in torque."""
+    joints = (Joint("a"), Joint("b"))
+
+    class InOtherUnits(Coulomb):
+        def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+            return unit * super().regressor(q, dq, ddq)
+
+    model = Model((Viscous(joints), InOtherUnits(joints)))
+    missing = compare(structural_base_parameters(model), on_data(model, motion(model, still=(1,))), model)
+    assert {one.groupings for one in missing} == {("Fv_b",), ("Fc_b",)}
+
+
+def test_of_columns_that_are_nearly_dependent_the_largest_remainder_leads() -> None:
+    """After the first, none is a hundredth away from the others: the last is farthest."""
+    R = np.array([[1.0, 1.0, 1.0], [0.0, 2e-3, 9e-3], [0.0, 0.0, 0.0]])
+    assert _choose(R, 2, [0, 1, 2]) == [0, 2]
+    assert _choose(R, 1, [1, 0, 2]) == [1]
+
+
+def test_six_names_are_shown_of_the_parameters_that_lead() -> None:
+    names = tuple("abcdefgh")
+    shown = repr(BaseParameters(names, 8, np.ones(8), tuple(range(8)), np.eye(8), np.ones(8)))
+    assert shown == "<BaseParameters: 8 of 8 parameters, led by a, b, c, d, e, f and 2 more>"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynident.splines import bridged, frozen, spikes, torn_ends
+from dynident.splines.spikes import _increment
 
 T = np.arange(5000) * 1e-3
 NOISE = 1e-4
@@ -105,3 +106,51 @@ def test_torn_ends_are_found_and_continued(width: int) -> None:
     found = torn_ends(T, torn)
     assert np.flatnonzero(found).tolist() == [*range(width), *range(len(T) - width, len(T))]
     assert np.abs(bridged(T, torn, found) - x).max() < 30 * NOISE
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_frozen_stretch_needs_eight_samples_beyond_the_end_that_jumps(mirrored: bool) -> None:
+    """Held back to the value it leaves with, it jumps at its start alone."""
+    for start, seen in ((8, True), (7, False)):
+        x = np.sin(np.pi * np.arange(400) / 200)  # a whole period: the ends are near each other
+        x[start:60] = x[59]
+        held = frozen(T[:400], x[::-1] if mirrored else x)
+        expected = range(340, 400 - start) if mirrored else range(start, 60)
+        assert np.flatnonzero(held).tolist() == (list(expected) if seen else [])
+
+
+def test_the_step_of_rounded_values_is_the_twentieth_percentile_of_their_steps() -> None:
+    """Steps of 1 to 101 and as many rests; where no value repeats, or none differs, there is none."""
+    x = np.cumsum(np.arange(1.0, 102.0) * (-1.0) ** np.arange(101))
+    assert _increment(np.repeat(np.concatenate(([0.0], x)), 2)) == 21.0
+    assert _increment(x) == _increment(np.ones(9)) == 0.0
+
+
+def test_two_of_a_thousand_steps_make_values_that_repeat() -> None:
+    steps = np.ones(1000)
+    for rests, found in ((1, 0.0), (2, 1.0)):
+        steps[:rests] = 0.0
+        assert _increment(np.cumsum(np.append(0.0, steps))) == found
+
+
+def test_a_spike_of_rounded_values_is_higher_than_twice_their_steps() -> None:
+    """Slow, where a step is 1, and at two and a half a sample, where the largest is 3."""
+    slow, fast = np.floor(0.04 * np.arange(600)), np.floor(0.005 * np.arange(600.0) ** 2)
+    for x, row, height, seen in (
+        (slow, 312, 3, True),
+        (slow, 312, -3, True),
+        (fast, 250, 5, False),
+        (fast, 250, 7, True),
+    ):
+        y = x.copy()
+        y[row] += height
+        assert np.flatnonzero(spikes(T[:600], y)).tolist() == [row] * seen
+
+
+def test_a_bridge_to_three_samples_starts_at_their_line() -> None:
+    """The line through 0, 1, 0 is 1/3; the cubic between 1/3 and 0, both level, is half of it in the middle."""
+    t, x = np.arange(20.0), np.zeros(20)
+    x[1] = 1.0
+    gone = (t >= 3) & (t <= 6)
+    bridge = bridged(np.delete(t, 4), np.delete(x, 4), np.delete(gone, 4))  # 4.5 lies midway between 2 and 7
+    np.testing.assert_allclose(np.interp(5.0, np.delete(t, 4), bridge), (1 / 3) * (1 - 3 * 0.6**2 + 2 * 0.6**3))

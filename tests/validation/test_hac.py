@@ -249,3 +249,9 @@ def test_pieces_are_spread_over_the_stretch() -> None:
     assert all(100 <= part.start < part.stop <= 100_100 for part in parts)
     assert parts[-1].start > 40_000
     assert hac._pieces(slice(0, 30), 1.0, hac.PIECE) == [slice(0, 30)]
+
+
+def test_less_than_a_hundred_samples_are_taken_whole() -> None:
+    assert hac._pieces(slice(0, 199), 0.5, 20_000) == [slice(0, 199)]
+    (piece,) = hac._pieces(slice(0, 200), 0.5, 20_000)
+    assert piece.stop - piece.start == 100

@@ -83,3 +83,12 @@ def test_several_barriers_are_settled_together(rng: np.random.Generator) -> None
     slope = d - g + kept.slopes(origin + d)[0] + edge.slopes(origin + d, 1e-2)[0]
     np.testing.assert_allclose(slope, 0.0, atol=1e-6)
     assert 0 < (origin + d)[3] < 1e-2
+
+
+def test_what_acts_on_a_matrix_is_bound_and_what_acts_on_a_number_is_not() -> None:
+    matrix = np.zeros((2, 2, 2, 4))
+    matrix[0, 0, 0, 0] = matrix[1, 0, 1, 2] = matrix[1, 1, 0, 2] = 1.0
+    number = np.zeros((1, 1, 1, 4))
+    number[..., 1] = 1.0
+    assert Barrier((PsdConstraint(matrix), PsdConstraint(number))).bound.tolist() == [True, False, True, False]
+    assert Barrier((PsdConstraint(number),)).bound.tolist() == [False]

@@ -101,3 +101,14 @@ def test_a_centre_of_mass_lies_in_its_box() -> None:
     assert limit.labels[-1] == "centre of mass of b to 0.6 m along z"
     with pytest.raises(ConfigError, match="no body 'c' with ten inertial parameters"):
         box("centre", (body("a", 0),), 10, {"c": ((0, 0, 0), (1, 1, 1))})
+
+
+def test_the_nearest_feasible_point_is_the_same_in_any_units() -> None:
+    """[[x, z], [z, y]] must be positive; y is counted in units of 1e-5."""
+    slopes = np.zeros((1, 2, 2, 3))
+    slopes[0, 0, 0, 0] = slopes[0, 1, 1, 1] = slopes[0, 0, 1, 2] = slopes[0, 1, 0, 2] = 1.0
+    theta, unit = np.array([2.0, 1.0, 3.0]), np.array([1.0, 1e-5, 1.0])
+    plain = nearest_feasible(theta, HESSIAN, [slopes], [0.1])
+    found = nearest_feasible(theta / unit, HESSIAN * np.outer(unit, unit), [slopes * unit], [0.1])
+    np.testing.assert_allclose(found * unit, plain, rtol=1e-5)
+    assert np.linalg.eigvalsh(slopes @ plain)[0, 0] == pytest.approx(0.1, rel=1e-4)

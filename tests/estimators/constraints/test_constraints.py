@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from dynident.estimators.constraints import Constraints, PsdConstraint, interval, physics
+from dynident.estimators.constraints.constraints import bodies_of
+from dynident.models import INERTIAL, Parameter
 from dynident.models.gallery import two_link_arm
 from tests.estimators.welded import random_body, single
 
@@ -59,3 +61,23 @@ def test_psd_constraints_of_bodies_hold_the_margin() -> None:
     assert isinstance(one, PsdConstraint)
     np.testing.assert_allclose(one.constant[0], found.bodies[0].scaled(theta) - 0.1 * np.eye(4))
     assert float(np.linalg.eigvalsh(one.constant)[0, 0]) == pytest.approx(-found.violation(theta))
+
+
+@pytest.mark.parametrize(
+    ("mass", "moments", "size"),
+    [
+        (4.0, (0.03, 0.02, 0.03), (0.2, 2.0)),  # sum 0.08: half of it is m r^2, r = 0.1 m; sqrt(m) r and sqrt(m)
+        (4.0, (0.0, 0.0, 0.0), (0.1, 1.0)),
+        (0.0, (0.03, 0.02, 0.03), (0.1, 1.0)),
+        (4.0, (0.03, None, 0.03), (0.1, 1.0)),
+    ],
+)
+def test_the_size_of_a_body_is_nominal_or_a_kilogram_of_a_decimetre(
+    mass: float, moments: tuple[float | None, ...], size: tuple[float, float]
+) -> None:
+    x, y, z = moments
+    nominal = (mass, 0.0, 0.0, 0.0, x, 0.0, y, 0.0, 0.0, z)
+    parameters = [Parameter(role, "", "", value, role, "b") for role, value in zip(INERTIAL, nominal, strict=True)]
+    (body,) = bodies_of(parameters)
+    np.testing.assert_allclose(body.size, [size[0]] * 3 + [size[1]], rtol=1e-12)
+    assert bodies_of(parameters[:-1]) == ()

@@ -8,9 +8,9 @@ import pytest
 
 from dynident.bounds import cramer_rao_bound
 from dynident.errors import ConfigError
-from dynident.estimators import Estimate, MaximumLikelihood, PhysicallyConsistent, Problem
+from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent, Problem
 from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import measured, newton, psd_constraints
+from dynident.estimators.maximum_likelihood import fit, measured, newton, psd_constraints
 from dynident.estimators.notes import (
     Averaged,
     Failed,
@@ -24,7 +24,7 @@ from dynident.estimators.notes import (
 from dynident.log import Log
 from dynident.models import Coulomb, Joint, Model, Offset, RigidBodies, RotorInertia, Viscous
 from dynident.models.gallery import two_link_arm
-from dynident.regression import Regression, informed_std, structural_base_parameters
+from dynident.regression import Regression, informed_std, rank_of_information, structural_base_parameters
 from dynident.smoothers import Spline, TimeShifted
 from dynident.studies import SCENARIOS
 from tests.robots import joint, link, urdf
@@ -321,3 +321,16 @@ def test_failure_returns_the_start_and_says_so(monkeypatch: pytest.MonkeyPatch) 
 def test_refuses_bad_settings(settings: dict, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         MaximumLikelihood(**settings)
+
+
+@pytest.mark.parametrize("converged", [True, False])
+@pytest.mark.parametrize("determined", [True, False])
+def test_a_fit_is_searched_once_more_unless_it_is_both(
+    converged: bool, determined: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, given, run = [], axes(0.3, 1.0), fit.Search.run
+    monkeypatch.setattr(fit.Search, "run", lambda self, **how: replace(run(self, **how), converged=converged))
+    monkeypatch.setattr(fit._Run, "directions", lambda *_: rank_of_information(np.diag([1.0, 1.0, float(determined)])))
+    monkeypatch.setattr(fit._Run, "restarted", lambda _, fitted: asked.append(fitted) or fitted)
+    fit._Run.begin(MaximumLikelihood(rounds=1), given, LeastSquares()(given)).fitted()
+    assert len(asked) == (not (converged and determined))

@@ -125,3 +125,12 @@ class TestSegment:
 def test_state_is_immutable() -> None:
     with pytest.raises(AttributeError):
         State(np.zeros((3, 1)), np.zeros((0, 1))).C = np.ones((3, 1))
+
+
+def test_torque_between_the_samples_after_a_step_is_linear_up_to_the_last_knot() -> None:
+    t = np.arange(200) * 0.01
+    log = Log(t, np.sin(t)[:, None], np.cos(t)[:, None], ("a",))
+    one = plan(log, (), 20.0, np.full(1, 0.1), rest=True)
+    (knots,), between = one.torque_knots, ~one.measured
+    assert (one.points[between].min(), one.points[between].max()) == (knots[0], knots[-1])
+    np.testing.assert_allclose(one.hats @ (2 + 3 * knots), np.where(between, 2 + 3 * one.points, 0.0), rtol=1e-12)

@@ -265,3 +265,10 @@ def test_total_mass_needs_a_body() -> None:
     joints = single().joints
     with pytest.raises(ConfigError, match=r"total mass \(1.0, 1.0\): the model has no body"):
         PhysicallyConsistent(total_mass=1.0)(problem(Model((Drag(joints, "viscous"),)), np.array([1.0])))
+
+
+def test_only_what_is_at_its_bound_is_said_to_be() -> None:
+    model = single(None, ("viscous", 3))
+    found = PhysicallyConsistent(bounds={model.names[-1]: (0.6, None)})(problem(model, np.append(BODY, 0.5), 0.01))
+    assert found.provenance == ("data",) * 10 + ("bound",)
+    assert found.value[-1] == 0.6

@@ -61,16 +61,19 @@ class _Program:
 
     def descended(self) -> tuple[Array, float]:
         """Follow the central path from x = 0; return x and a bound on the objective's distance from its optimum."""
-        x, weight = np.zeros(len(self.g)), 1.0
+        x = np.zeros(len(self.g))
+        weight = max(1.0, self._with_edge(1.0).newton(x)[1])  # smaller beside the way to go, it takes too many steps
         while True:
-            both = ((self.kept, 1.0), (self.edge, weight))
-            task = Penalised(self.H, self.g, np.zeros_like(x), both, np.arange(len(x)))
-            x, fall = task.minimised(x, 1e-2 * weight, STEPS)
+            x, fall = self._with_edge(weight).minimised(x, 1e-2 * weight, STEPS)
             cost = float(0.5 * x @ self.H @ x - self.g @ x) + self.kept.value(x)
             gap = (weight * self.edge.degree + fall) / max(1.0, abs(cost))
             if gap < GAP or weight < 1e-2 * GAP:
                 return x, gap
             weight *= 0.1
+
+    def _with_edge(self, weight: float) -> Penalised:
+        everything = ((self.kept, 1.0), (self.edge, weight))
+        return Penalised(self.H, self.g, np.zeros_like(self.g), everything, np.arange(len(self.g)))
 
 
 def _held(constraints: Constraints, free: Array) -> Array:

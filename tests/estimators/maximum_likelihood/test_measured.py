@@ -1,0 +1,84 @@
+"""The input of maximum likelihood, by hand: thinned logs, their noise, the size of the accelerations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.estimators import Problem
+from dynident.estimators.maximum_likelihood.measured import misfit, recordings, usual_noise
+from dynident.estimators.notes import Averaged
+from dynident.log import Log, Motion
+from dynident.models import Joint, Model, Viscous
+from dynident.regression import Regression
+
+MODEL = Model((Viscous((Joint("a"), Joint("b"))),))
+
+
+def posed(*sizes: int, min_speed: tuple[float, float] | None = None) -> Problem:
+    """Random motions at 100 Hz with the logs they were smoothed from."""
+    motions = []
+    for seed, n in enumerate(sizes):
+        q, dq, ddq, tau = np.random.default_rng(seed).normal(size=(4, n, 2)) * np.array([1.0, 30.0])
+        motions.append(Motion(np.arange(n) * 0.01, q, dq, ddq, tau, ("a", "b"), np.ones(n, dtype=bool)))
+    logs = tuple(Log(one.t, one.q, one.tau, one.joints) for one in motions)
+    return Problem(MODEL, tuple(motions), Regression(MODEL, tuple(motions), min_speed=min_speed), logs)
+
+
+def test_the_usual_acceleration_is_ten_deviations_of_the_motion_where_it_is_largest() -> None:
+    given = posed(60, 80)
+    found, notes = recordings(given, None, steps=False)
+    expected = 10 * np.max([np.std(one.ddq, axis=0) for one in given.motions], axis=0)
+    np.testing.assert_allclose(found.usual_acceleration, expected, rtol=1e-9)
+    assert notes == []
+    assert found.steps == ((), ())
+
+
+@pytest.mark.parametrize(("rate", "group"), [(100.0, 1), (99.0, 2), (34.0, 3), (33.0, 1)])
+def test_neighbours_are_averaged_down_to_the_rate_where_twenty_samples_are_left(rate: float, group: int) -> None:
+    given = posed(62, 80, min_speed=(0.5, 0.0))
+    found, notes = recordings(given, rate, steps=False)
+    assert notes == ([] if group == 1 else [Averaged(group)])
+    for log, was, motion, used in zip(found.logs, given.logs, given.motions, found.used, strict=True):
+        count = len(was) // group
+        for name in ("t", "q", "tau"):
+            whole = getattr(was, name)[: count * group]
+            expected = [whole[k * group : (k + 1) * group].mean(axis=0) for k in range(count)]
+            np.testing.assert_allclose(getattr(log, name), expected, rtol=1e-12)
+        fast = (np.abs(motion.dq) >= (0.5, 0.0))[: count * group]
+        np.testing.assert_array_equal(used, [fast[k * group : (k + 1) * group].all(axis=0) for k in range(count)])
+
+
+@pytest.mark.parametrize(("usable", "lengths"), [(20, [20, 28]), (19, [28])])
+def test_without_logs_runs_of_twenty_usable_samples_are_recordings(usable: int, lengths: list[int]) -> None:
+    (motion,) = posed(60).motions
+    mask = np.abs(np.arange(60) - 30) > 1
+    mask[usable:30] = False
+    given = replace(posed(60), motions=(replace(motion, mask=mask),), logs=())
+    logs = recordings(given, None, steps=False)[0].logs
+    assert [len(log) for log in logs] == lengths
+    np.testing.assert_array_equal(logs[-1].tau, motion.tau[32:])
+    none = replace(given, motions=(replace(motion, mask=np.arange(60) < 19),))
+    with pytest.raises(InputError, match="a run of at least 20 usable samples"):
+        recordings(none, None, steps=False)
+
+
+def test_noise_is_the_mean_square_of_the_logs_and_misfit_the_residual_without_transients() -> None:
+    rng, sizes = np.random.default_rng(3), (3000, 9000)
+    logs = [
+        Log(np.arange(n) * 0.01, 0.1 * size * rng.normal(size=(n, 2)), size * rng.normal(size=(n, 2)), ("a", "b"))
+        for n, size in zip(sizes, (1.0, 3.0), strict=True)
+    ]
+    expected = np.sqrt((3000 * 1.0 + 9000 * 9.0) / 12_000)
+    q, tau = usual_noise(logs)
+    np.testing.assert_allclose(q, 0.1 * expected, rtol=0.05)  # 4 standard deviations of a median of 9000
+    np.testing.assert_allclose(tau, expected, rtol=0.05)
+    (motion,) = posed(4000).motions
+    theta = np.array([2.0, 0.5])
+    tau = motion.dq * theta + rng.normal(size=(4000, 2)) * (0.1, 0.3)
+    tau[:200] += 1e3
+    given = replace(posed(4000), motions=(replace(motion, tau=tau, mask=np.arange(4000) < 3900),))
+    np.testing.assert_allclose(misfit(given, theta), (0.1, 0.3), rtol=0.15)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.splines import bridged, frozen, spikes, torn_ends
+from dynident.splines import bridged, frozen, median_sigma, spikes, torn_ends
+from dynident.splines.spikes import BLOCK, NEARBY, _candidates
 
 T = np.arange(5000) * 1e-3
 NOISE = 1e-4
@@ -105,3 +106,14 @@ def test_torn_ends_are_found_and_continued(width: int) -> None:
     found = torn_ends(T, torn)
     assert np.flatnonzero(found).tolist() == [*range(width), *range(len(T) - width, len(T))]
     assert np.abs(bridged(T, torn, found) - x).max() < 30 * NOISE
+
+
+@pytest.mark.parametrize("samples", [40, 149, 1000, 1049])
+def test_the_noise_nearby_is_the_largest_of_three_blocks(samples: int) -> None:
+    t, x = T[:samples], signal(0)[:samples]
+    bend = np.concatenate(([0.0], x[1:-1] - (x[:-2] + x[2:]) / 2, [0.0]))
+    blocks = np.array_split(bend, max(samples // BLOCK, 1))
+    spread = np.array([float(median_sigma(block - np.median(block))) for block in blocks])
+    around = [max(spread[k - 1], spread[k], spread[(k + 1) % len(spread)]) for k in range(len(spread))]
+    _, nearby = _candidates(t, x)
+    assert nearby == pytest.approx(NEARBY * np.repeat(around, [len(block) for block in blocks]), rel=1e-6)

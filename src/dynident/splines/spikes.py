@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,10 +67,11 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
         steps = stretches(np.diff(column) == 0)
         runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= LONG]
         if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
-            usual = _usual(times, column)
-            for start, stop in runs:
-                ends = _ends(times, column, start, stop)
-                found[start:stop, j] = any(off > max(clear * usual, HIGH * pace) for off, pace in ends)
+            high = {run: max((off for off, pace in _ends(times, column, *run) if off > HIGH * pace), default=0.0)
+                    for run in runs}  # fmt: skip
+            least = clear * _usual(times, column) if any(high.values()) else np.inf
+            for (start, stop), off in high.items():
+                found[start:stop, j] = off > least
     return found.reshape(data.shape)
 
 
@@ -84,11 +86,11 @@ def torn_ends(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     if len(times) < 4 * SIDE:
         return found.reshape(data.shape)
     for column, marked in zip(data.reshape(found.shape).T, found.T, strict=True):
-        least = max(clear * _usual(times, column), TORN * _increment(column))
         for signal, end in ((column, marked), (column[::-1], marked[::-1])):
             steps = np.abs(np.diff(signal[: WIDEST + SIDE + 1]))
-            torn = [k for k in range(WIDEST) if steps[k] > max(least, TORN * float(steps[k + 1 : k + 1 + SIDE].max()))]
-            end[: torn[-1] + 1 if torn else 0] = True
+            torn = [k for k in range(WIDEST) if steps[k] > TORN * float(steps[k + 1 : k + 1 + SIDE].max())]
+            least = max(clear * _usual(times, column), TORN * _increment(column)) if torn else np.inf
+            end[: max((k + 1 for k in torn if steps[k] > least), default=0)] = True
     return found.reshape(data.shape)
 
 
@@ -150,11 +152,13 @@ def _once(t: Array, x: Array, clear: float) -> Mask:
     paces, (starts, nearby) = _paces(x), _candidates(t, x)
     even, steps = np.arange(len(t), dtype=float), np.diff(t)
     axes = [even] if np.ptp(steps) < EVEN * float(steps.mean()) else [even, t]
-    usual = [_usual(axis, x) for axis in axes]
+    usual = [cache(partial(_usual, axis, x)) for axis in axes]  # seldom needed: most signals have no spike
     for width in range(1, WIDEST + 1):
         first = starts[(starts >= SIDE) & (starts + width + SIDE <= len(t))]
         for axis, deviation in zip(axes, usual, strict=True):
-            first = _standing_out(axis, x, first, width, np.maximum(deviation, nearby[first]), clear, paces)
+            first = _standing_out(axis, x, first, width, nearby[first], clear, paces)
+            if len(first):
+                first = _standing_out(axis, x, first, width, np.maximum(deviation(), nearby[first]), clear, paces)
         for k in first:
             if not found[k : k + width].any():  # a narrower one is a better account of it
                 found[k : k + width] = True
@@ -209,10 +213,13 @@ def _candidates(t: Array, x: Array) -> tuple[Rows, Array]:
     standard deviation (N) that white noise nearby has, by this distance."""
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     bend = np.concatenate(([0.0], x[1:-1] - (1 - share) * x[:-2] - share * x[2:], [0.0]))
-    parts = np.array_split(bend, max(len(t) // BLOCK, 1))
-    sizes = [len(part) for part in parts]
-    middle = np.array([np.median(part) for part in parts])
-    spread = np.array([median_sigma(part - np.median(part)) for part in parts])
+    count = max(len(t) // BLOCK, 1)
+    size, longer = divmod(len(t), count)
+    blocks = bend[: longer * (size + 1)].reshape(longer, size + 1), bend[longer * (size + 1) :].reshape(-1, size)
+    sizes = np.repeat([size + 1, size], [longer, count - longer])
+    middles = [np.median(block, axis=1) for block in blocks]
+    middle = np.concatenate(middles)
+    spread = np.concatenate([median_sigma((block - at[:, None]).T) for block, at in zip(blocks, middles, strict=True)])
     least = np.maximum(spread, 0.1 * np.median(spread))
     rows = np.flatnonzero(np.abs(bend - np.repeat(middle, sizes)) > LIKELY * np.repeat(least, sizes))
     around = np.max([np.roll(spread, shift) for shift in (-1, 0, 1)], axis=0)
@@ -243,8 +250,7 @@ def _off(t: Array, x: Array, known: Rows, asked: Rows, degree: int) -> Array:
     rows = slice(0, 1) if even else slice(None)
     middle, scale = t[known[rows]].mean(axis=1, keepdims=True), np.ptp(t[known[rows]], axis=1)[:, None]
     base = x[known].mean(axis=1, keepdims=True)
-    powers = np.arange(degree + 1)
-    A, at = (((t[k[rows]] - middle) / scale)[..., None] ** powers for k in (known, asked))
+    A, at = (np.polynomial.polynomial.polyvander((t[k[rows]] - middle) / scale, degree) for k in (known, asked))
     turned = A.swapaxes(1, 2)
     weights = at @ np.linalg.solve(turned @ A, turned)
     return np.asarray(x[asked] - base - (weights @ (x[known] - base)[..., None])[..., 0])

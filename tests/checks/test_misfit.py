@@ -24,7 +24,7 @@ def test_an_unknown_is_found_as_if_it_had_been_fitted_with_all_others() -> None:
     spring = replace(RIGHT, tau=RIGHT.tau + 0.3 * column())
     fit = misfit(spring)
     weight = fit.weight.max(axis=0)
-    found = fit.evidence(column())
+    (found,) = fit.evidence([column()])
     assert found is not None
     whole = misfit(replace(spring, extra=(column(),)), weight)
     assert found.share == pytest.approx(1.0 - whole.size / fit.size, rel=1e-9)
@@ -39,7 +39,7 @@ def test_its_standard_error_is_the_scatter_over_noises() -> None:
     values, stds = [], []
     for seed in range(16):
         noise = np.random.default_rng(seed).standard_normal(RIGHT.q.shape) / fit.weight.max(axis=0)
-        found = misfit(replace(RIGHT, tau=fit.predicted + noise)).evidence(column())
+        (found,) = misfit(replace(RIGHT, tau=fit.predicted + noise)).evidence([column()])
         values.append(found.value)
         stds.append(found.std)
     assert np.std(values) == pytest.approx(np.mean(stds), rel=0.5)
@@ -50,14 +50,14 @@ def test_what_the_model_has_already_cannot_be_seen() -> None:
     for x in (RIGHT.dq, RIGHT.ddq, np.ones_like(RIGHT.q)):
         own = np.zeros_like(x)
         own[:, 2] = x[:, 2]
-        assert fit.evidence(own) is None
+        assert list(fit.evidence([own])) == [None]
 
 
 def test_a_chance_effect_does_not_hold_in_all_parts() -> None:
     fit = misfit(RIGHT)
     rng = np.random.default_rng(5)
     for _ in range(10):
-        found = fit.evidence(rng.standard_normal(RIGHT.q.shape))
+        (found,) = fit.evidence([rng.standard_normal(RIGHT.q.shape)])
         assert found is not None
         assert max(found.share, found.held_out) < 0.01
 

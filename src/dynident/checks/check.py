@@ -16,7 +16,7 @@ from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.checks.units import radian_findings
+from dynident.checks.units import radian_findings, thin
 from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
@@ -206,8 +206,9 @@ def _moving(
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
+    few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, slow_findings):
-        findings += look(model, motions, min_speed)
+        findings += look(few)
     seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
     progress("looking for what explains the residual")

@@ -51,7 +51,7 @@ def _payload(case: Case, last: Sequence[int]) -> OtherPayload | None:
     weight = before.weight.max(axis=0)
     rest = replace(case, extra=tuple(own[:, :, k] for k in range(1, 10)))
     fit = misfit(rest, weight)
-    evidence = fit.evidence(own[:, :, 0])
+    (evidence,) = fit.evidence([own[:, :, 0]])
     if evidence is None or abs(evidence.value) < max(CERTAIN * evidence.std, LIGHTEST):
         return None
     share = 1.0 - fit.size * (1.0 - evidence.share) / before.size

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 POOR = 0.03  # relative error of the torque from which something else is tried
 MUCH = 0.5  # times the error as given: a better alternative is below
 ALIKE = 1.1  # times the least error: alternatives up to here fit as well
-SLACK = 1.2  # times an error: the normal equations have only half of the digits
+SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE = 1e-13  # of their diagonal, so that they can be solved
 ACROSS = 0.1  # sine of the angle between axes that count as different
 
@@ -89,7 +89,7 @@ class _NormalEquations:
     __repr__ = brief
 
     def error(self, tau: Array) -> float:
-        """Return about the least error, as ``_error``, with which any parameters explain the torques (M, n)."""
+        """Return the least error with which any parameters explain the torques (M, n); ``_error`` is never below it."""
         size = np.linalg.norm(tau, axis=0)
         squared = np.square(np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0))
         counted = tau * self.case.keep

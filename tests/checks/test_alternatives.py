@@ -87,4 +87,13 @@ def test_orders_and_signs_of_the_torques_share_a_regressor(monkeypatch: pytest.M
     assert len(calls) == len(moved) < 0.7 * len(tried)
 
 
+def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exchanged() -> int:
+        return sum(one.topic is Topic.SWAPPED for one in _alternatives(case(samples=50)))
+
+    assert exchanged() == 3 * len(Channel)
+    monkeypatch.setattr("dynident.checks.alternatives.NEIGHBOURS", 2)
+    assert exchanged() == 2 * len(Channel)
+
+
 evaluated = Model.regressor

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from dynident.checks.robot_notes import Channel
 from dynident.errors import Note, Severity, brief
 from dynident.models import HasGeometry, HasGravity, Model, Term
 
-__all__ = ["better_alternative"]
+__all__ = ["NEIGHBOURS", "better_alternative"]
 
 Array = NDArray[np.float64]
 POOR = 0.03  # relative error of the torque from which something else is tried
@@ -30,6 +30,7 @@ MUCH = 0.5  # times the error as given: a better alternative is below
 ALIKE = 1.1  # times the least error: alternatives up to here fit as well
 SLACK = 1.05  # times an error: the normal equations have only half of the digits
 RIDGE = 1e-13  # of their diagonal, so that they can be solved
+NEIGHBOURS = 24  # joints: of more, only neighbours are exchanged, as all pairs would take minutes
 ACROSS = 0.1  # sine of the angle between axes that count as different
 
 
@@ -122,7 +123,8 @@ def _alternatives(case: Case) -> Iterator[Alternative]:
 
 def _swapped(case: Case) -> Iterator[Alternative]:
     names = [joint.name for joint in case.model.joints]
-    for i, j in combinations(range(len(names)), 2):
+    pairs = combinations(range(len(names)), 2) if len(names) <= NEIGHBOURS else pairwise(range(len(names)))
+    for i, j in pairs:
         order = np.arange(len(names))
         order[[i, j]] = j, i
         for channel, other in _with(case, order=order):

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 from dynident.checks import notes
+from dynident.checks.alternatives import NEIGHBOURS
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
 from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
@@ -31,6 +33,8 @@ __all__ = ["CheckResult", "run_checks", "with_findings"]
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 LEANING = 1000  # samples of all motions with which the tilt of the base is sought
+FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
+SEARCHED = 2e7  # the same, above which what explains the residual is not looked for: about 50 joints
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 
@@ -185,6 +189,9 @@ def _moving(
     progress: Callable[[str], None],
 ) -> CheckResult:
     """Return the result with the checks of the smoothed training logs; adds to the findings."""
+    if _size(model) > FITTED:
+        findings.append(_left_out(Search.FITS, model))
+        return whole
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
     logs, masked = sound["train"], recipe.outliers == "mask"
     every = (*logs, *sound["validation"])
@@ -255,6 +262,9 @@ def _faults(
     """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
     if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
         return list(findings)
+    if _size(model) > SEARCHED:
+        return [*findings, _left_out(Search.CAUSES, model)]
+    pairs = [_left_out(Search.PAIRS, model)] if len(model.joints) > NEIGHBOURS else []
     tilt = _tilt(model, motions, recipe, min_speed)
     if recipe.base_tilt is not None:
         x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
@@ -262,4 +272,15 @@ def _faults(
     found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
     if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
-    return [*findings, *found]
+    return [*findings, *found, *pairs]
+
+
+def _size(model: Model) -> int:
+    """Return how many numbers the triangular factors of all joints have."""
+    return len(model.joints) * (len(model.parameters) + 1) ** 2
+
+
+def _left_out(search: Search, model: Model) -> Finding:
+    severity = Severity.INFO if search is Search.PAIRS else Severity.WARNING
+    note = SearchLeftOut(search, len(model.joints), len(model.parameters))
+    return Finding(severity, None, note, Topic.LEFT_OUT)

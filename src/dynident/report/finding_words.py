@@ -9,6 +9,7 @@ from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
 from dynident.report.wording import words
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.checks import Finding
@@ -271,3 +272,16 @@ def _times(factor: float) -> str:
     if factor > 1000:
         return "over 1000 times"
     return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"
+
+
+@words.register
+def _(note: motion_notes.SearchLeftOut) -> str:
+    left_out = {
+        motion_notes.Search.FITS: "nothing was fitted: excitation, outliers of the torques, gravity, units and what "
+        "explains the residual were not checked. Give joints that are not needed a position in `lock` of `model`.",
+        motion_notes.Search.CAUSES: "what explains the residual was not looked for: wrong gains, zeros, lengths and "
+        "axes, missing terms, exchanged columns. Check a part of the joints, with the others in `lock` of `model`.",
+        motion_notes.Search.PAIRS: "exchanged columns were looked for only among joints that follow each other.",
+    }
+    size = f"{count(note.parameters, 'parameter')} of {count(note.joints, 'joint')}"
+    return f"the model has {size}, so that {left_out[note.search]}"

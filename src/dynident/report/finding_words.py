@@ -57,7 +57,8 @@ def _(note: notes.SamplingJitter) -> str:
 @words.register
 def _(note: notes.LostSamples) -> str:
     return (
-        f"about {note.count} samples ({100 * note.share:.2g} %) are lost, in steps of up to {note.longest:.0f} times "
+        f"about {count(note.count, 'sample')} ({100 * note.share:.2g} %) {'is' if note.count == 1 else 'are'} lost, in "
+        f"steps of up to {note.longest:.0f} times "
         "the median: a spline bridges them if the time is taken from the stamps and not from a `rate`."
     )
 
@@ -220,8 +221,9 @@ def _(note: notes.UnrelatedTorque) -> str:
 
 @words.register
 def _(note: motion_notes.FewReversals) -> str:
+    often = {0: "never reverses", 1: "reverses only once"}.get(note.count, f"reverses only {note.count} times")
     return (
-        f"the joint reverses only {note.count} times: friction, offset and gravity are then strongly correlated. "
+        f"the joint {often}: friction, offset and gravity are then strongly correlated. "
         "Record a motion that goes back and forth."
     )
 

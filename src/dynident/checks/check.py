@@ -34,7 +34,7 @@ PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
 LEANING = 1000  # samples of all motions with which the tilt of the base is sought
 FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
-SEARCHED = 2e7  # the same, above which what explains the residual is not looked for: about 50 joints
+SEARCHED = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
 WORTH = 0.03  # share of the error that a tilted base must explain to be reported
 
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.misfit import SAMPLES, case_of, misfit
-from dynident.log import Motion
-from tests.checks.moving_arm import T, arm, case, motion, truth
+from dynident.checks.misfit import misfit
+from tests.checks.moving_arm import arm, case, motion, truth
 
 RIGHT = case()
 
@@ -71,27 +70,6 @@ def test_white_noise_is_known_and_lowers_what_is_worth_a_word() -> None:
     assert misfit(case(moved)).worth < 0.05
     wrong = replace(moved, tau=moved.tau + 2.0 * np.sin(3.0 * moved.q))
     assert misfit(case(wrong)).worth == 0.1
-
-
-def test_rows_near_a_reversal_do_not_count() -> None:
-    moved = motion()
-    kept = case_of(arm(), [moved], samples=len(T)).keep
-    for j in range(3):
-        turns = T[np.flatnonzero(np.diff(np.signbit(moved.dq[:, j])))]
-        away = np.abs(T[:, None] - turns).min(axis=1)
-        assert not kept[away < 0.07, j].any()
-        assert kept[away > 0.08, j].all()
-
-
-def test_a_long_log_is_thinned_and_a_slow_one_is_not_filtered() -> None:
-    moved = motion()
-    many = Motion(
-        np.arange(4 * len(T)) * 0.01, *(np.tile(x, (4, 1)) for x in (moved.q, moved.dq, moved.ddq, moved.tau)),
-        moved.joints, np.ones(4 * len(T), bool),
-    )  # fmt: skip
-    assert SAMPLES <= len(case_of(arm(), [many]).q) <= 2 * SAMPLES
-    slow = replace(moved, t=10.0 * moved.t)
-    np.testing.assert_array_equal(case_of(arm(), [slow], samples=len(T)).tau, moved.tau)
 
 
 def test_what_is_left_free_has_the_values_of_the_file() -> None:

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import notes, robot_notes
+from dynident.checks.case import Case
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.geometry import displaced
-from dynident.checks.misfit import Case, misfit
+from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import Channel
 from dynident.errors import Note, Severity, brief
 from dynident.models import HasGeometry, HasGravity, Model, Term

@@ -7,11 +7,12 @@ from dataclasses import replace
 from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.case import Case, case_of
 from dynident.checks.cost import Cost, cost
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
-from dynident.checks.misfit import Case, Misfit, case_of, misfit
+from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import TermKind, TiltedBase

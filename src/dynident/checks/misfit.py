@@ -1,34 +1,30 @@
 """What plain least squares leaves of the torque, and how much of it one more unknown would explain: score tests.
 
-The torque and the motion are low-passed alike and thinned to a few thousand samples, which bounds the cost for long
-logs. The parameters of the model are eliminated (variable projection; Golub and Pereyra 1973): of the derivative of the
+The parameters of the model are eliminated (variable projection; Golub and Pereyra 1973): of the derivative of the
 torque by an unknown only the part orthogonal to the regressor counts, and its regression on the residual is one
 Gauss-Newton step towards the unknown. An unknown whose derivative lies within the regressor cannot be seen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case
 from dynident.errors import brief
-from dynident.log import Motion, subsample
 from dynident.models import Model, Parameter
-from dynident.regression import ParallelFilter, Rank, TriangularFactors, fast_enough, rank_of, stretches
+from dynident.regression import Rank, TriangularFactors, rank_of
 from dynident.validation import long_run
 
-__all__ = ["Case", "Evidence", "Misfit", "case_of", "misfit"]
+__all__ = ["Evidence", "Misfit", "misfit"]
 
 Array = NDArray[np.float64]
 BATCH = 64  # columns that are tested together
-SAMPLES = 1000  # of all motions, up to twice as many
-BAND = 20.0  # Hz: cut-off without a filter in the recipe; rigid bodies move more slowly
-RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
 WORTH = 0.1  # share of the squared residual that an unknown must explain: 5 % of the error
 PART, LEAST = 0.3, 0.1  # or this part of what is not white noise, counted as at least that share
 FOLDS = 5  # consecutive parts of the data; the value from the others must explain each of them
@@ -36,36 +32,6 @@ TELLING = 0.02  # share of an unknown's effect below which a part says nothing o
 ROUNDS = 3  # of the weights of the joints
 UNSEEN = 1e-5  # share of a derivative, beside the regressor, below which it is rounding error
 FLOOR = 1e-7  # share of a joint's torque below which its residual is rounding error
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A model with the samples to explain: q, dq, ddq, dddq, tau (M, n), which of them count, and the lengths of the
-    logs.
-
-    ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
-    model, and ``beyond`` the same at twice the speed; ``gain`` (n) are what the torques of the model are multiplied
-    with.
-    """
-
-    model: Model
-    q: Array
-    dq: Array
-    ddq: Array
-    dddq: Array
-    tau: Array
-    keep: NDArray[np.bool_]
-    lengths: tuple[int, ...]
-    noise: Array
-    extra: tuple[Array, ...] = ()
-    beyond: tuple[Array, ...] = ()
-    gain: Array | float = 1.0
-
-    __repr__ = brief
-
-    def torque(self, theta: Array) -> Array:
-        """Return the torque (M, n) of the model with parameters theta (p)."""
-        return self.model.torque(self.q, self.dq, self.ddq, theta) * self.gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,85 +156,6 @@ class Misfit:
                 size = UNSEEN * float(np.linalg.norm(column * self.weight))
                 seen = float(np.linalg.norm(z)) > size and self.size > 0
                 yield Evidence(self.residual, z, self.case.lengths) if seen else None
-
-
-def case_of(
-    model: Model,
-    motions: Sequence[Motion],
-    parallel_filter: ParallelFilter | None = None,
-    min_speed: tuple[float, ...] | None = None,
-    samples: int = SAMPLES,
-) -> Case:
-    """Return the case of a model and motions: low-passed as the recipe says, and thinned to ``samples``."""
-    cutoff = BAND if parallel_filter is None else float(parallel_filter.cutoff or BAND)
-    cutoff = min(cutoff, BAND)
-    slow = [_low_passed(motion, cutoff) for motion in motions]
-    rows = subsample(slow, samples)
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(one, name)[kept] for one, kept in zip(slow, rows, strict=True)])
-        for name in ("q", "dq", "ddq", "tau")
-    )
-    jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in zip(slow, rows, strict=True)]
-    steady = [_steady(one, RESPONSE / cutoff) for one in slow]
-    keep = np.concatenate([one[kept] for one, kept in zip(steady, rows, strict=True)])
-    fast = fast_enough(dq, min_speed)
-    above = [_low_passed(motion, 2.0 * cutoff).tau - one.tau for motion, one in zip(motions, slow, strict=True)]
-    noise = [np.where(one, np.square(x), 0.0).sum(axis=0) for x, one in zip(above, steady, strict=True)]
-    count = np.maximum(np.sum([one.sum(axis=0) for one in steady], axis=0), 1)
-    return Case(
-        model,
-        q,
-        dq,
-        ddq,
-        np.concatenate(jerks),
-        tau,
-        keep if fast is None else keep & fast,
-        tuple(map(len, rows)),
-        _white(motions[0], cutoff) * np.sum(noise, axis=0) / count,
-    )
-
-
-def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
-    """Return where each joint (N, n) does not reverse within ``margin`` (s)."""
-    found = np.ones(motion.q.shape, dtype=bool)
-    for j, dq in enumerate(motion.dq.T):
-        turns = motion.t[np.flatnonzero(np.diff(np.signbit(dq)))]
-        first, last = (np.searchsorted(turns, motion.t + side * margin) for side in (-1, 1))
-        found[:, j] = first == last
-    return found
-
-
-def _white(motion: Motion, cutoff: float) -> float:
-    """Return the energy of white noise that the low-pass leaves, over that in the octave above it."""
-    low, high = _response(motion, cutoff), _response(motion, 2.0 * cutoff)
-    above = float(np.square(high - low).sum())
-    return float(np.square(low).sum()) / above if above > 0 else 0.0
-
-
-def _response(motion: Motion, cutoff: float) -> Array:
-    """Return the frequency response of ``_low_passed``, which has no phase, from zero to half the sampling rate."""
-    from scipy.signal import sosfreqz
-
-    if not _lowers(motion, cutoff):
-        return np.ones(512)
-    return np.asarray(np.abs(sosfreqz(ParallelFilter(cutoff=cutoff).sections(motion))[1]) ** 2)
-
-
-def _lowers(motion: Motion, cutoff: float) -> bool:
-    return cutoff <= 0.4 / float(np.diff(motion.t).mean())
-
-
-def _low_passed(motion: Motion, cutoff: float) -> Motion:
-    if not _lowers(motion, cutoff):
-        return motion
-    low = ParallelFilter(cutoff=cutoff)
-    sections = low.sections(motion)
-    series = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "tau")}
-    for part in stretches(motion.mask):
-        if part.stop - part.start > 3 * low.order:
-            for x in series.values():
-                x[part] = low.apply(sections, x[part])
-    return replace(motion, **series)
 
 
 def misfit(case: Case, weight: Array | None = None) -> Misfit:

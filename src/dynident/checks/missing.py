@@ -9,9 +9,10 @@ from itertools import tee
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case
 from dynident.checks.cost import Cost, faster
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.misfit import Case, Evidence, Misfit
+from dynident.checks.misfit import Evidence, Misfit
 from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case, case_of
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.misfit import Case, case_of, misfit
+from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import OtherPayload
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity

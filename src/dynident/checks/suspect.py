@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case
 from dynident.checks.finding import Topic
-from dynident.checks.misfit import Case, Evidence, Misfit, misfit
+from dynident.checks.misfit import Evidence, Misfit, misfit
 from dynident.checks.robot_notes import Quantity, Rival, WrongValue
 from dynident.errors import brief
 

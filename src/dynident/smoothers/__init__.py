@@ -1,6 +1,6 @@
 """Smoothers: Log -> Motion. A family of interchangeable parts; ``smoother`` holds their protocol."""
 
-from dynident.smoothers.butterworth import Butterworth
+from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask
@@ -16,6 +16,7 @@ __all__ = [
     "Spline",
     "TimeShifted",
     "as_used",
+    "cutoff_complaint",
     "ends_mask",
     "motion_of",
     "repaired",

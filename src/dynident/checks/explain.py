@@ -98,7 +98,7 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
     as the first.
     """
-    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)
+    seen = sorted(promising(fit, suspects), key=lambda pair: -round(pair[1].share, 6))  # equal ones in their order
     most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
     tried = [one for one, evidence in seen[:TRIED] if evidence.share > most]
     if any(one.topic is Topic.GAIN for one in tried):  # a small gain looks like large ones of the others at first

@@ -61,7 +61,7 @@ def test_a_chance_effect_does_not_hold_in_all_parts() -> None:
         assert max(found.share, found.held_out) < 0.01
 
 
-def test_white_noise_is_known_and_lowers_what_is_worth_a_word() -> None:
+def test_white_noise_is_known_and_lowers_what_must_be_explained() -> None:
     moved = motion(noise=0.02)
     clean = arm().torque(moved.q, moved.dq, moved.ddq, truth(arm()))
     sigma = (moved.tau - clean).std(axis=0)

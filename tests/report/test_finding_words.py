@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding, file_notes, log_notes, motion_notes, notes
+from dynident.checks import Finding, file_notes, motion_notes, notes
 from dynident.errors import Note, Severity
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
@@ -325,24 +325,3 @@ def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> No
 def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
     assert finding_words(Finding(Severity.ERROR, None, "no such file.")) == "no such file."
     assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("Time offset: none")
-
-
-def test_one_spike_is_spoken_of_as_one() -> None:
-    one, two = (words(log_notes.PositionSpikes(k, (3,) * k, (0.1,) * k, 0.5, replaced=True)) for k in (1, 2))
-    assert "1 position stands out by up to 0.5: sample 3 (t = 0.1 s). It is replaced by what is around it" in one
-    assert "2 positions stand out by up to 0.5: samples 3" in two
-    assert "They are replaced by what is around them" in two
-    left_out, kept, held = (
-        words(log_notes.TorqueSpikes(1, (3,), (0.1,), 5.0, masked=masked, held_out=held_out))
-        for masked, held_out in ((True, False), (False, False), (False, True))
-    )
-    assert "It is left out of the fit." in left_out
-    assert "It is in the fit: `outliers: mask` leaves it out." in kept
-    assert "counts it as measured; correct it in the file" in held
-
-
-@pytest.mark.parametrize(
-    ("count", "said"), [(1, "after sample 7 (t = 0.1 s): are"), (2, "and once more: are"), (3, "and 2 more times")]
-)
-def test_jumps_are_counted(count: int, said: str) -> None:
-    assert said in words(log_notes.PositionJump(count, 0.5, 7, 0.1))

@@ -23,7 +23,7 @@ from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
@@ -32,10 +32,10 @@ __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
-LEANING = 1000  # samples of all motions with which the tilt of the base is sought
+TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
 FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
 SEARCHED = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
-WORTH = 0.03  # share of the error that a tilted base must explain to be reported
+TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
 
 
 @dataclass(frozen=True)
@@ -243,12 +243,10 @@ def _tilt(
     if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
         return None
     try:
-        rows = subsample(motions, LEANING)
-        few = [one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1]
-        found = find_base_tilt(model, few, PLAIN, min_speed)
+        found = find_base_tilt(model, thinned(motions, TILT_SAMPLES), PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
         return None
-    return found if found.after < (1.0 - WORTH) * found.before else None
+    return found if found.after < (1.0 - TILT_SHARE) * found.before else None
 
 
 def _faults(

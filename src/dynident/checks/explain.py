@@ -65,14 +65,14 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
         absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
         share = max((one.evidence.share for one in absent), default=0.0)
         level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
-        leaning = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
-        share = max(share, leaning)
+        tilted = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
+        share = max(share, tilted)
         found, others = _likeliest(fit, suspects, share)
         if found is not None and ALIKE * found.share > share:
             yield _finding(fit, found, others)
             case = found.case
-        elif tilt and share == leaning > fit.worth:
-            yield _leaning(tilt, cost(fit, misfit(level, weight)))
+        elif tilt and share == tilted > fit.worth:
+            yield _tilted(tilt, cost(fit, misfit(level, weight)))
             case, tilt = level, None
         elif absent:
             alike = _of_one_kind(absent)
@@ -109,7 +109,7 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     return (alike[0], alike[1:]) if alike else (None, [])
 
 
-def _leaning(tilt: BaseTilt, price: Cost) -> Finding:
+def _tilted(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
     note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint)
     return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)

@@ -127,7 +127,7 @@ class Misfit:
 
     @property
     def worth(self) -> float:
-        """Share of the squared residual that is worth a word: less where most of it is white noise."""
+        """Share of the squared residual that an unknown must explain: less where most of it is white noise."""
         all_of_it = (np.square(self.weight) * self.case.noise).sum(axis=0)
         noise = float(np.minimum(all_of_it, np.square(self.residual).sum(axis=0)).sum())
         return min(WORTH, PART * max(1.0 - noise / self.size, LEAST)) if self.size > 0 else WORTH

@@ -25,8 +25,8 @@ STEP = 1e-4  # s, of the differences in time
 SLOW = 0.05  # of the rms speed: width of the sign of a velocity
 STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
-LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
-GRAVE = 0.4  # ... and to be warned of
+FELT = 0.005  # share of a joint's torque (rms) below which an effect is none
+WARNED = 0.4  # ... and to be warned of
 OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 
@@ -54,9 +54,9 @@ class Missing:
         """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
         figures = self.evidence.value, self.evidence.std, self.share, partner
-        left_out = self.share > GRAVE and self.kind in OFFERED
+        left_out = self.share > WARNED and self.kind in OFFERED
         note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
-        severity = Severity.WARNING if self.share > GRAVE or note.forbidden else Severity.INFO
+        severity = Severity.WARNING if self.share > WARNED or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 
 
@@ -79,7 +79,7 @@ def _counts(kind: TermKind, j: int, partner: int | None, evidence: Evidence, err
     share = float(evidence.by_joint[j])
     sensible = kind not in POSITIVE or evidence.value > 0
     mutual = partner is None or evidence.by_joint[partner] > WORTH
-    if not (share > WORTH and share**0.5 * error[j] > LEAST and sensible and mutual):
+    if not (share > WORTH and share**0.5 * error[j] > FELT and sensible and mutual):
         return False
     lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
     return lasting and abs(evidence.value) > CERTAIN * evidence.std

@@ -19,7 +19,7 @@ from dynident.splines import stretches
 
 __all__ = [
     "BLOCK",
-    "HIGHEST",
+    "HIGHEST_ORDER",
     "ParallelFilter",
     "Regression",
     "RegressorBlock",
@@ -33,7 +33,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 BLOCK = 4096
-HIGHEST = 12  # order of a digital filter: poles of higher ones are lost in rounding
+HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class ParallelFilter:
 
     def __post_init__(self) -> None:
         whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not whole or self.order > HIGHEST or not (self.cutoff is None or self.cutoff > 0):
+        if not whole or self.order > HIGHEST_ORDER or not (self.cutoff is None or self.cutoff > 0):
             raise ConfigError(
                 f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
-                f"from 1 to {HIGHEST}, and cutoff = {self.cutoff} positive (Hz)."
+                f"from 1 to {HIGHEST_ORDER}, and cutoff = {self.cutoff} positive (Hz)."
             )
         if self.decimate == 1 and self.cutoff is None:
             raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")

@@ -20,25 +20,18 @@ def _at(rows: Sequence[int], times: Sequence[float], total: int) -> str:
     return f"sample {named}" if total == 1 else f"samples {named}{', ...' if total > len(rows) else ''}"
 
 
-def _pronouns(total: int) -> tuple[str, str]:
-    return ("It is", "it") if total == 1 else ("They are", "them")
-
-
-def _what(note: notes.TorqueSpikes | notes.FrozenTorque | notes.ClippedTorque) -> str:
-    they, them = _pronouns(note.count)
-    if note.held_out:
+def _what(masked: bool, held_out: bool) -> str:
+    if held_out:
         return (
-            f"The error on this log counts {them} as measured; correct {them} in the file, or leave {them} out with a "
-            "window."
+            "The error on this log counts them as measured; correct them in the file, or leave them out with a window."
         )
-    return f"{they} left out of the fit." if note.masked else f"{they} in the fit: `outliers: mask` leaves {them} out."
+    return "They are left out of the fit." if masked else "They are in the fit: `outliers: mask` leaves them out."
 
 
-def _replaced(note: notes.PositionSpikes | notes.FrozenPosition) -> str:
-    they, them = _pronouns(note.count)
-    if note.replaced:
-        return f"{they} replaced by what is around {them}, and left out of the fit."
-    return f"{they} used as measured: `outliers: mask` replaces {them}."
+def _replaced(replaced: bool) -> str:
+    if replaced:
+        return "They are replaced by what is around them, and left out of the fit."
+    return "They are used as they are: `outliers: mask` replaces them."
 
 
 @words.register
@@ -46,7 +39,7 @@ def _(note: notes.PositionSpikes) -> str:
     return (
         f"{count(note.count, 'position')} {'stands' if note.count == 1 else 'stand'} out by up to "
         f"{note.largest:.3g}: {_at(note.rows, note.times, note.count)}. "
-        f"{_replaced(note)} {CABLE}"
+        f"{_replaced(note.replaced)} {CABLE}"
     )
 
 
@@ -62,14 +55,13 @@ def _(note: notes.ManyPositionSpikes) -> str:
 def _(note: notes.FrozenPosition) -> str:
     return (
         f"the position is {note.value:.6g} for {note.count} samples, from sample {note.row} (t = {note.start:.6g} s) "
-        f"to t = {note.stop:.6g} s, and jumps: it was not read there. "
-        f"{_replaced(note)} {CABLE}"
+        f"to t = {note.stop:.6g} s, and jumps: it was not read there. {_replaced(note.replaced)} {CABLE}"
     )
 
 
 @words.register
 def _(note: notes.PositionJump) -> str:
-    more = {1: "", 2: ", and once more"}.get(note.count, f", and {note.count - 1} more times")
+    more = f", and {note.count - 1} more times" if note.count > 1 else ""
     return (
         f"the position jumps by {note.size:.4g} after sample {note.row} (t = {note.time:.6g} s){more}: are two "
         "recordings joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."
@@ -89,7 +81,7 @@ def _(note: notes.InterpolatedPositions) -> str:
 def _(note: notes.TorqueSpikes) -> str:
     return (
         f"{count(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to {note.largest:.4g}, "
-        f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note)} {CABLE}"
+        f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out)} {CABLE}"
     )
 
 
@@ -107,7 +99,7 @@ def _(note: notes.FrozenTorque) -> str:
     return (
         f"the torque is {what} for {note.count} samples, from sample {note.row} (t = {note.start:.6g} s) to "
         f"t = {note.stop:.6g} s, though the motion needs another: it was not read there, or the drive was off. "
-        f"{_what(note)} {CABLE}"
+        f"{_what(note.masked, note.held_out)} {CABLE}"
     )
 
 
@@ -115,7 +107,7 @@ def _(note: notes.FrozenTorque) -> str:
 def _(note: notes.ClippedTorque) -> str:
     return (
         f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {note.time:.6g} s), where "
-        f"the motion needs more: the sensor or the signal is at its limit. {_what(note)} Record "
+        f"the motion needs more: the sensor or the signal is at its limit. {_what(note.masked, note.held_out)} Record "
         "with a larger range, or a gentler motion."
     )
 

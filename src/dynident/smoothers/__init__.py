@@ -5,11 +5,11 @@ from dynident.smoothers.difference import Difference
 from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask
 from dynident.smoothers.spline import Spline
-from dynident.smoothers.time_offset import LONGEST, TimeShifted, unshifted
+from dynident.smoothers.time_offset import LONGEST_OFFSET, TimeShifted, unshifted
 
 __all__ = [
     "BY_JOINT",
-    "LONGEST",
+    "LONGEST_OFFSET",
     "Butterworth",
     "Difference",
     "Smoother",

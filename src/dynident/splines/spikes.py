@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.splines.noise import median_sigma
 from dynident.splines.stretches import stretches
 
-__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes", "torn_ends"]
+__all__ = ["LONGEST_SPIKE", "SHORTEST_FROZEN", "bridged", "frozen", "spikes", "torn_ends"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-WIDEST = 5  # samples of the longest spike
-LONG = 10  # samples of the shortest frozen stretch
+LONGEST_SPIKE = 5  # samples of the longest spike
+SHORTEST_FROZEN = 10  # samples of the shortest frozen stretch
 SIDE = 8  # samples on each side that say where the signal should be
 LIKELY = 3.5  # deviations of the second difference from which a sample is looked at
 CLEAR = 7.0  # deviations from what both sides together predict: of a normal distribution, one in 4e11
@@ -65,7 +65,7 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     found = np.zeros(columns.shape, dtype=bool)
     for j, column in enumerate(columns.T):
         steps = stretches(np.diff(column) == 0)
-        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= LONG]
+        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= SHORTEST_FROZEN]
         if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
             high = {run: max((off for off, pace in _ends(times, column, *run) if off > HIGH * pace), default=0.0)
                     for run in runs}  # fmt: skip
@@ -87,8 +87,8 @@ def torn_ends(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
         return found.reshape(data.shape)
     for column, marked in zip(data.reshape(found.shape).T, found.T, strict=True):
         for signal, end in ((column, marked), (column[::-1], marked[::-1])):
-            steps = np.abs(np.diff(signal[: WIDEST + SIDE + 1]))
-            torn = [k for k in range(WIDEST) if steps[k] > TORN * float(steps[k + 1 : k + 1 + SIDE].max())]
+            steps = np.abs(np.diff(signal[: LONGEST_SPIKE + SIDE + 1]))
+            torn = [k for k in range(LONGEST_SPIKE) if steps[k] > TORN * float(steps[k + 1 : k + 1 + SIDE].max())]
             least = max(clear * _usual(times, column), TORN * _increment(column)) if torn else np.inf
             end[: max((k + 1 for k in torn if steps[k] > least), default=0)] = True
     return found.reshape(data.shape)
@@ -115,7 +115,7 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
         before = np.flatnonzero(there[: part.start])[-SIDE:]
         after = part.stop + np.flatnonzero(there[part.stop :])[:SIDE]
         known, length = np.concatenate((before, after)), part.stop - part.start
-        if (part.start == 0 or part.stop == len(t)) and length <= WIDEST and len(known) == SIDE:
+        if (part.start == 0 or part.stop == len(t)) and length <= LONGEST_SPIKE and len(known) == SIDE:
             out[part] -= _off(t, x, known[None], np.arange(part.start, part.stop)[None], 2)[0]
             continue
         if len(before) < 3 or len(after) < 3:
@@ -153,7 +153,7 @@ def _once(t: Array, x: Array, clear: float) -> Mask:
     even, steps = np.arange(len(t), dtype=float), np.diff(t)
     axes = [even] if np.ptp(steps) < EVEN * float(steps.mean()) else [even, t]
     usual = [cache(partial(_usual, axis, x)) for axis in axes]  # seldom needed: most signals have no spike
-    for width in range(1, WIDEST + 1):
+    for width in range(1, LONGEST_SPIKE + 1):
         first = starts[(starts >= SIDE) & (starts + width + SIDE <= len(t))]
         for axis, deviation in zip(axes, usual, strict=True):
             first = _standing_out(axis, x, first, width, nearby[first], clear, paces)

@@ -261,6 +261,7 @@ class Motion:
 
         ddq is interpolated linearly between samples, as in a cubic spline, and integrated for dq and q. Samples whose
         motion lies outside the recording are masked out. ``rows`` (increasing indices, at least two) selects samples.
+        ``keep`` stays with the torque, whose equations it leaves out.
         """
         if time_offset == 0.0 and rows is None:
             return self

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.checks.misfit import Case, case_of
+from dynident.checks.case import Case, case_of
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RigidBodies, RotorInertia, Viscous
 from tests.robots import joint, link, urdf

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import notes
-from dynident.checks.alternatives import better_alternative
+from dynident.checks.alternatives import _alternatives, _error, _NormalEquations, _possible, better_alternative
 from dynident.checks.finding import Topic
 from dynident.checks.robot_notes import Channel, ColumnReversed, JointsSwapped, OtherAxis
 from dynident.models import Model, RigidBodies
@@ -68,3 +68,32 @@ def test_gravity_that_is_another_whatever_the_inertias_of_the_file() -> None:
     assert one.topic is Topic.GRAVITY
     assert isinstance(one.message, notes.OtherGravity)
     np.testing.assert_allclose(one.message.fitted, np.round(gravity, 1))
+
+
+def test_the_normal_equations_tell_the_error_of_every_alternative() -> None:
+    """They use directions that act less than the precision of the file, so that the error may be a little less."""
+    given = case(samples=100)
+    for one in _alternatives(given):
+        exact, least = _error(one.case), _NormalEquations(one.case).error(one.case.tau)
+        assert 0.5 * exact < least < 1.001 * exact
+
+
+def test_orders_and_signs_of_the_torques_share_a_regressor(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, calls = case(samples=100), []
+    monkeypatch.setattr(Model, "regressor", lambda *states: calls.append(1) or evaluated(*states))
+    tried = list(_alternatives(given))
+    assert list(_possible(given, tried, np.inf)) == tried
+    moved = {(id(one.case.q), id(one.case.model)) for one in tried}
+    assert len(calls) == len(moved) < 0.7 * len(tried)
+
+
+def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exchanged() -> int:
+        return sum(one.topic is Topic.SWAPPED for one in _alternatives(case(samples=50)))
+
+    assert exchanged() == 3 * len(Channel)
+    monkeypatch.setattr("dynident.checks.alternatives.NEIGHBOURS", 2)
+    assert exchanged() == 2 * len(Channel)
+
+
+evaluated = Model.regressor

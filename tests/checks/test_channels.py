@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -157,3 +158,23 @@ def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
     (found,) = channels(log(q=rounded[:, None], tau=np.random.default_rng(10).normal(0, 1, (N, 1))))
     assert found.resolution == pytest.approx(3.14159265e-4, rel=1e-3)
     assert np.isnan(found.torque_resolution)
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic", "height"), [("revolute", "degrees", 3.0), ("prismatic", "millimetres", 30.0)]
+)
+def test_spikes_of_positions_are_no_other_unit(kind: str, topic: str, height: float) -> None:
+    """Nine spikes of 3 rad in 2000 samples: over 20 ms they move by 150 rad/s, in 2 % of the samples."""
+    rng = np.random.default_rng(3)
+    q = np.sin(2 * T) + 1e-4 * rng.standard_normal(N)
+    q[rng.choice(np.arange(50, N - 50, 20), 9, replace=False)] += height * rng.choice([-1, 1], 9)
+    topics = {finding.topic for finding in check_log_fully(log(q=q[:, None]), {"elbow": kind})}
+    assert "position spikes" in topics
+    assert topic not in topics
+
+
+def test_jumps_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr(sys.modules[check_log.__module__], "jumps", lambda one: calls.append(one) or [])
+    check_log_fully(log(), {"elbow": "revolute"})
+    assert len(calls) == 1

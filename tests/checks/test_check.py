@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from dynident.checks import Finding, notes, run_checks, with_findings
+from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.errors import Severity
 from dynident.identification import Recipe, identify
 from dynident.log import Log, Motion
 from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
+from dynident.report.finding_words import finding_words
 from dynident.smoothers import Butterworth, Spline
 from tests.robots import ARM_MJCF
 
@@ -140,3 +143,14 @@ def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     assert [type(one.message) for one in both.findings] == [notes.ReversedSign]
     assert both.findings == run_checks(slider(), logs, recipe).findings
     assert both.notes == found.warnings
+
+
+@pytest.mark.parametrize(("limit", "search", "fitted"), [("FITTED", "FITS", False), ("SEARCHED", "CAUSES", True)])
+def test_what_many_joints_leave_out_is_said(limit: str, search: str, fitted: bool, monkeypatch) -> None:
+    """The factor of one joint with four parameters and the torque has 25 numbers."""
+    monkeypatch.setattr(sys.modules[run_checks.__module__], limit, 24)
+    found = run_checks(slider(), {"train": {"one": log()}})
+    (one,) = found.findings
+    assert one.message == SearchLeftOut(Search[search], 1, len(slider().parameters))
+    assert (found.rank is not None) is fitted
+    assert "1 joint" in finding_words(one)

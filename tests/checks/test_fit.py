@@ -7,6 +7,7 @@ import pytest
 
 from dynident.checks import log_notes
 from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
+from dynident.checks.units import thin
 from dynident.log import Log, Motion
 from dynident.models import Model, RigidBodies
 from tests.robots import ARM
@@ -34,13 +35,13 @@ def motion(seed: int, *, speed: float = 1.0, gravity: bool = True, noise: float 
 @pytest.mark.parametrize("seed", range(20))
 def test_whole_torques_of_fast_motion_have_no_findings(seed: int) -> None:
     one = [motion(seed)]
-    assert list(compensation_findings(MODEL, one, None)) == []
-    assert list(slow_findings(MODEL, one)) == []
+    assert list(compensation_findings(thin(MODEL, one))) == []
+    assert list(slow_findings(thin(MODEL, one))) == []
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
-    (found,) = compensation_findings(MODEL, [motion(seed, gravity=False)], None)
+    (found,) = compensation_findings(thin(MODEL, [motion(seed, gravity=False)]))
     note = found.message
     assert isinstance(note, log_notes.GravityCompensated)
     assert abs(note.factor) < max(5 * note.std, 0.02)
@@ -49,7 +50,7 @@ def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_slow_motion_is_said(seed: int) -> None:
-    (found,) = slow_findings(MODEL, [motion(seed, speed=0.02)])
+    (found,) = slow_findings(thin(MODEL, [motion(seed, speed=0.02)]))
     assert isinstance(found.message, log_notes.SlowMotion)
     assert found.message.share < found.message.residual / 3
     assert found.message.faster > 3

@@ -42,7 +42,7 @@ def test_the_zeros_of_a_vertical_and_of_the_last_axis_cannot_be_seen(joint: int)
     assert list(explained(off)) == []
     (zero,) = (one for one in geometry_suspects(arm()) if (one.topic, one.joint) == (Topic.ZERO, f"j{joint + 1}"))
     fit = misfit(off)
-    seen = fit.evidence(zero.derivative(fit))
+    (seen,) = fit.evidence([zero.derivative(fit)])
     assert seen is None or seen.std > 1.0
 
 

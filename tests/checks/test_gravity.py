@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks import Topic, run_checks
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.notes import OtherGravity
-from dynident.log import Motion
+from dynident.log import Log, Motion
 from dynident.models import Coulomb, Model, RigidBodies, RotorInertia, Viscous
 from dynident.models.gallery import slider
 from tests.robots import joint, link, urdf
@@ -77,3 +78,48 @@ def test_what_cannot_tell_says_nothing() -> None:
     n = len(model.joints)
     moved = Motion(T, *np.ones((4, len(T), n)), tuple(x.name for x in model.joints), np.ones(len(T), bool))
     assert list(gravity_findings(model, [moved])) == []
+
+
+PLANAR = urdf(
+    link("base", 10.0),
+    link("upper", 3.0, (0.2, 0.02, 0.02), tensor=np.diag([0.01, 0.05, 0.05])),
+    link("fore", 2.0, (0.15, 0.03, 0.01), tensor=np.diag([0.008, 0.02, 0.02])),
+    joint("j1", "revolute", "base", "upper"),
+    joint("j2", "revolute", "upper", "fore", (0.4, 0.0, 0.0)),
+)
+NONE, FLAT, UPRIGHT = (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.0, -9.81, 0.0)
+
+
+def planar(gravity) -> Model:
+    bodies = RigidBodies(PLANAR, gravity=gravity)
+    return Model((bodies, Viscous(bodies.joints)))
+
+
+def swung(gravity) -> Motion:
+    """The planar arm swings, its joints' axes along z."""
+    model, rng = planar(gravity), np.random.default_rng(3)
+    theta = np.array([1.0 if x.value is None else x.value for x in model.parameters])
+    rates, wave = np.array([2.1, 3.4]), np.outer(T, [2.1, 3.4])
+    tau = model.torque(np.sin(wave), rates * np.cos(wave), -(rates**2) * np.sin(wave), theta)
+    tau += 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    moved = np.sin(wave), rates * np.cos(wave), -(rates**2) * np.sin(wave), tau
+    return Motion(T, *moved, ("j1", "j2"), np.ones(len(T), bool))
+
+
+@pytest.mark.parametrize("assumed", [NONE, FLAT])
+def test_of_a_planar_arm_the_gravity_in_its_plane_is_told(assumed) -> None:
+    """That along the axes of its joints does not act."""
+    assert list(gravity_findings(planar(assumed), [swung(FLAT)])) == []
+    (found,) = gravity_findings(planar(assumed), [swung(UPRIGHT)])
+    np.testing.assert_allclose(found.message.fitted, UPRIGHT, atol=0.5)
+    assert list(gravity_findings(planar(UPRIGHT), [swung(UPRIGHT)])) == []
+    tilted = 9.81 * np.array([0.0, -0.5, -0.866])
+    assert list(gravity_findings(planar(FLAT), [swung(tuple(tilted))])) == []
+
+
+@pytest.mark.parametrize("given", [NONE, FLAT])
+def test_a_planar_arm_that_lies_flat_is_asked_nothing(given) -> None:
+    moved, rng = swung(NONE), np.random.default_rng(4)
+    log = Log(T, moved.q + 1e-5 * rng.standard_normal(moved.q.shape), moved.tau, moved.joints)
+    topics = {one.topic for one in run_checks(planar(given), {"train": {"log": log}}).findings}
+    assert not topics & {Topic.GRAVITY, Topic.COMPENSATED, Topic.BASE_TILT, Topic.MISSING_TERM, Topic.SLOW}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.checks import check_log, log_notes
-from dynident.checks.units import length_unit, radian_findings
+from dynident.checks.units import length_unit, radian_findings, thin
 from dynident.log import Log
 from dynident.models import simulate
 from dynident.models.gallery import pendulum
@@ -57,7 +57,7 @@ def test_radians_declared_as_degrees_are_said() -> None:
         one = record(wide, sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
         right = Spline(sigma=1e-4)(one)
         small = [replace(right, **{name: getattr(right, name) * np.pi / 180 for name in ("q", "dq", "ddq")})]
-        assert len(list(radian_findings(arm, small, None))) == 1
-        assert list(radian_findings(arm, [right], None)) == []
+        assert len(list(radian_findings(thin(arm, small)))) == 1
+        assert list(radian_findings(thin(arm, [right]))) == []
         narrow = record(slight, sigma_q=1e-5, sigma_tau=0.02, rng=np.random.default_rng(seed)).log
-        assert list(radian_findings(arm, [Spline(sigma=1e-5)(narrow)], None)) == []
+        assert list(radian_findings(thin(arm, [Spline(sigma=1e-5)(narrow)]))) == []

@@ -326,3 +326,20 @@ def test_pulls_are_the_products_with_the_rows(weights: Array | None) -> None:
     kept = (np.abs(one.dq) >= (0.5, 0.0)) * one.mask[:, None] * w2
     Y = ARM.regressor(one.q, one.dq, one.ddq)
     np.testing.assert_allclose(regression.pulls([c], weights), np.einsum("bjp,bj,bjk->pk", Y, kept, c), rtol=1e-10)
+
+
+def test_a_filtered_motion_has_the_torque_and_motion_of_the_rows() -> None:
+    """Stretch by stretch, as the regression filters; the samples between are as they were."""
+    t = np.arange(600) * 0.01
+    wave = np.sin(np.outer(t, [3.0, 60.0, 100.0, 40.0]))
+    mask = np.ones(600, dtype=bool)
+    mask[250:260] = False
+    q, dq, ddq, tau = (wave[:, [k]] for k in range(4))
+    motion = Motion(t, q, dq, ddq, tau, ("slider",), mask, source="made")
+    low = ParallelFilter(decimate=4)
+    assert low.cutoff_at(motion) == pytest.approx(10.0)
+    found = low.filtered(motion)
+    for part in (slice(0, 250), slice(260, 600)):
+        np.testing.assert_allclose(found.tau[part], low.apply(low.sections(motion), tau[part]))
+        np.testing.assert_allclose(found.q[part], low.apply(low.sections(motion), q[part]))
+    np.testing.assert_array_equal(found.tau[250:260], tau[250:260])

@@ -18,7 +18,7 @@ SAID = [
     (
         notes.LongGap(0.102, 0.998, 51.0, 1),
         (
-            "a gap of 0.102 s after t = 0.998 s (51 times the median step; 1 such gaps in all). Leave it out with "
+            "a gap of 0.102 s after t = 0.998 s (51 times the median step; the only one). Leave it out with "
             "a window, or set `gaps: split` to smooth each piece separately."
         ),
     ),
@@ -243,7 +243,7 @@ SAID = [
     (
         motion_notes.FewReversals(1),
         (
-            "the joint reverses only 1 times: friction, offset and gravity are then strongly correlated. Record a "
+            "the joint reverses only once: friction, offset and gravity are then strongly correlated. Record a "
             "motion that goes back and forth."
         ),
     ),
@@ -277,6 +277,13 @@ SAID = [
         ),
     ),
     (
+        motion_notes.SearchLeftOut(motion_notes.Search.PAIRS, 30, 330),
+        (
+            "the model has 330 parameters of 30 joints, so that exchanged columns were looked for only among joints "
+            "that follow each other."
+        ),
+    ),
+    (
         motion_notes.CorrelatedParameters(5, 1e6),
         (
             "the 5 base parameters are strongly correlated in these motions (condition number 1e+06): move more "
@@ -293,7 +300,10 @@ def test_findings_say_their_figures_and_what_to_do(note: Note, said: str) -> Non
 
 def test_every_note_of_the_checks_is_tried() -> None:
     modules = (notes, file_notes, motion_notes)
-    kinds = {getattr(module, name) for module in modules for name in module.__all__} - {notes.ReadingNote}
+    kinds = {getattr(module, name) for module in modules for name in module.__all__} - {
+        notes.ReadingNote,
+        motion_notes.Search,
+    }
     assert {type(note) for note, _ in SAID} == kinds
     assert all(words.dispatch(kind) is not words.dispatch(object) for kind in kinds)
 

@@ -41,3 +41,16 @@ def test_another_motion_is_none(seed: int) -> None:
 
 def test_the_other_may_be_too_short() -> None:
     assert repeat_of(log(0.0, 1), log(0.0, 1).window(stop=2.0)).error == np.inf
+
+
+def test_a_sliding_joint_counts_as_much_as_a_turning_one() -> None:
+    """A rail of 0.2 m beside a joint that turns by 2 rad; a joint that stands still has only noise to repeat."""
+
+    def both(seed: int, rail: Log) -> Log:
+        turning, rng = log(0.0, seed), np.random.default_rng(seed)
+        still = 1e-4 * rng.standard_normal((len(T), 1))
+        q = np.hstack([turning.q, 0.05 * rail.q, still])
+        return Log(T, q, np.repeat(turning.tau, 3, axis=1), ("a", "rail", "still"))
+
+    assert repeat_of(both(1, log(0.0, 1)), both(2, log(0.0, 2))).error < 1
+    assert repeat_of(both(1, log(0.0, 1)), both(2, log(0.0, 2, scale=0.7))).error > 30

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
 from dynident.log import Log
+from dynident.smoothers.outliers import repaired
 from dynident.splines import noise_sigma, stretches
 
 __all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
@@ -79,17 +80,24 @@ def check_log(
     number of turns. With ``torque`` False the torques are not checked. Raises InputError where a joint of the log has
     no kind.
     """
+    return _quickly(log, kinds, multi_turn, list(jumps(log)), torque)
+
+
+def _quickly(
+    log: Log, kinds: Mapping[str, str], multi_turn: Set[str], jumped: Sequence[Finding], torque: bool = True
+) -> tuple[Finding, ...]:
+    """Return the findings of ``check_log``, of ``jumped`` those on positions that wrap."""
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     clock = list(units.time_unit(log))
     findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock]
-    findings += [found for found in jumps(log) if found.topic is Topic.WRAPPED]
+    findings += [found for found in jumped if found.topic is Topic.WRAPPED]
     wrapped = [found.joint for found in findings if found.topic is Topic.WRAPPED]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
         turns = kinds[name] == "revolute" and name not in multi_turn and not clock and name not in wrapped
-        found = [*_still(q), *(_degrees(log.t, q) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
+        found = [*_still(q), *(_degrees(log, j) if turns else ()), *_quantised(q), *(_torque(tau) if torque else ())]
         findings += [replace(finding, joint=name) for finding in found]
     return tuple(findings)
 
@@ -102,13 +110,15 @@ def check_log_fully(
 
     Each finding names the log's source. Raises the errors of ``check_log``.
     """
-    found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
+    jumped = list(jumps(log))
+    found = [finding for finding in _quickly(log, kinds, multi_turn, jumped) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
         found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
-        found += [one for one in jumps(log) if one.topic is Topic.JUMP]
+        found += [one for one in jumped if one.topic is Topic.JUMP]
+        clean = repaired(log, torque=False)
         found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
-                  for one in units.length_unit(name, log.t, log.q[:, j])]  # fmt: skip
+                  for one in units.length_unit(name, log.t, clean.q[:, j])]  # fmt: skip
         found += [replace(finding, joint=name) for j, name in enumerate(log.joints) for finding in _stale(log.q[:, j])]
     return tuple(replace(finding, source=log.source) for finding in found)
 
@@ -119,10 +129,18 @@ def _still(q: Array) -> Iterator[Finding]:
         yield Finding(Severity.WARNING, None, notes.NeverMoves(levels, float(q[0])), Topic.STILL)
 
 
-def _degrees(t: Array, q: Array) -> Iterator[Finding]:
-    span, speed = float(np.ptp(q)), _peak_speed(t, q)
-    if span > _RANGE or speed > _SPEED:
-        yield Finding(Severity.ERROR, None, notes.PerhapsDegrees(span, speed), Topic.DEGREES)
+def _degrees(log: Log, j: int) -> Iterator[Finding]:
+    if not _far_or_fast(log.t, log.q[:, j]):
+        return
+    clean = repaired(log, torque=False)  # spikes are no motion
+    q = clean.q[:, j]
+    if _far_or_fast(clean.t, q):
+        note = notes.PerhapsDegrees(float(np.ptp(q)), _peak_speed(clean.t, q))
+        yield Finding(Severity.ERROR, None, note, Topic.DEGREES)
+
+
+def _far_or_fast(t: Array, q: Array) -> bool:
+    return float(np.ptp(q)) > _RANGE or _peak_speed(t, q) > _SPEED
 
 
 def _peak_speed(t: Array, q: Array) -> float:

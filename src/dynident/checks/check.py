@@ -6,22 +6,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 from dynident.checks import notes
+from dynident.checks.alternatives import NEIGHBOURS
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
 from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
+from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
 from dynident.checks.robot import LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
-from dynident.checks.units import radian_findings
+from dynident.checks.units import radian_findings, thin
 from dynident.errors import DynidentError, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
-from dynident.log import Log, Motion, subsample
+from dynident.log import Log, Motion, thinned
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
@@ -30,8 +32,10 @@ __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
-LEANING = 1000  # samples of all motions with which the tilt of the base is sought
-WORTH = 0.03  # share of the error that a tilted base must explain to be reported
+TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
+FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
+SEARCHED = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
+TILT_SHARE = 0.03  # share of the error that a tilted base must explain to be reported
 
 
 @dataclass(frozen=True)
@@ -185,6 +189,9 @@ def _moving(
     progress: Callable[[str], None],
 ) -> CheckResult:
     """Return the result with the checks of the smoothed training logs; adds to the findings."""
+    if _size(model) > FITTED:
+        findings.append(_left_out(Search.FITS, model))
+        return whole
     min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
     logs, masked = sound["train"], recipe.outliers == "mask"
     every = (*logs, *sound["validation"])
@@ -206,8 +213,9 @@ def _moving(
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
+    few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, slow_findings):
-        findings += look(model, motions, min_speed)
+        findings += look(few)
     seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
     progress("looking for what explains the residual")
@@ -235,12 +243,10 @@ def _tilt(
     if isinstance(recipe.base_tilt, tuple) or not any(isinstance(term, HasGravity) for term in model.terms):
         return None
     try:
-        rows = subsample(motions, LEANING)
-        few = [one.shifted(0.0, keep) for one, keep in zip(motions, rows, strict=True) if len(keep) > 1]
-        found = find_base_tilt(model, few, PLAIN, min_speed)
+        found = find_base_tilt(model, thinned(motions, TILT_SAMPLES), PLAIN, min_speed)
     except DynidentError:  # not a small tilt: other findings name the fault
         return None
-    return found if found.after < (1.0 - WORTH) * found.before else None
+    return found if found.after < (1.0 - TILT_SHARE) * found.before else None
 
 
 def _faults(
@@ -254,6 +260,9 @@ def _faults(
     """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
     if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
         return list(findings)
+    if _size(model) > SEARCHED:
+        return [*findings, _left_out(Search.CAUSES, model)]
+    pairs = [_left_out(Search.PAIRS, model)] if len(model.joints) > NEIGHBOURS else []
     tilt = _tilt(model, motions, recipe, min_speed)
     if recipe.base_tilt is not None:
         x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
@@ -261,4 +270,15 @@ def _faults(
     found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
     if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
-    return [*findings, *found]
+    return [*findings, *found, *pairs]
+
+
+def _size(model: Model) -> int:
+    """Return how many numbers the triangular factors of all joints have."""
+    return len(model.joints) * (len(model.parameters) + 1) ** 2
+
+
+def _left_out(search: Search, model: Model) -> Finding:
+    severity = Severity.INFO if search is Search.PAIRS else Severity.WARNING
+    note = SearchLeftOut(search, len(model.joints), len(model.parameters))
+    return Finding(severity, None, note, Topic.LEFT_OUT)

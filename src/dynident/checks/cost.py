@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks.misfit import Case, Misfit
+from dynident.checks.case import Case
+from dynident.checks.misfit import Misfit
 from dynident.identification.verdict.unconstrained import FASTER
 
 __all__ = ["Cost", "cost", "faster"]

@@ -7,11 +7,12 @@ from dataclasses import replace
 from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.case import Case, case_of
 from dynident.checks.cost import Cost, cost
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
-from dynident.checks.misfit import Case, Misfit, case_of, misfit
+from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import TermKind, TiltedBase
@@ -64,14 +65,14 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
         absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
         share = max((one.evidence.share for one in absent), default=0.0)
         level = replace(case, model=mounted(case.model, tilt.x, tilt.y)) if tilt else case
-        leaning = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
-        share = max(share, leaning)
+        tilted = 1.0 - misfit(level, weight).size / fit.size if tilt else 0.0
+        share = max(share, tilted)
         found, others = _likeliest(fit, suspects, share)
         if found is not None and ALIKE * found.share > share:
             yield _finding(fit, found, others)
             case = found.case
-        elif tilt and share == leaning > fit.worth:
-            yield _leaning(tilt, cost(fit, misfit(level, weight)))
+        elif tilt and share == tilted > fit.worth:
+            yield _tilted(tilt, cost(fit, misfit(level, weight)))
             case, tilt = level, None
         elif absent:
             alike = _of_one_kind(absent)
@@ -97,7 +98,7 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     Only suspects that may explain more than ``least`` are looked at: several steps explain at most about twice as much
     as the first.
     """
-    seen = sorted(promising(fit, suspects), key=lambda pair: -pair[1].share)
+    seen = sorted(promising(fit, suspects), key=lambda pair: -round(pair[1].share, 6))  # equal ones in their order
     most = max(NEAR * seen[0][1].share, least / 2) if seen else 0.0
     tried = [one for one, evidence in seen[:TRIED] if evidence.share > most]
     if any(one.topic is Topic.GAIN for one in tried):  # a small gain looks like large ones of the others at first
@@ -108,7 +109,7 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
     return (alike[0], alike[1:]) if alike else (None, [])
 
 
-def _leaning(tilt: BaseTilt, price: Cost) -> Finding:
+def _tilted(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
     note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint)
     return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)

@@ -36,6 +36,7 @@ class Topic(StrEnum):
     INTERPOLATED = "interpolated"
     JITTER = "jitter"
     JUMP = "jump"
+    LEFT_OUT = "left out"
     LENGTH = "length"
     LIMBS = "limbs"
     LIMITS = "limits"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.units import least_error, thin
+from dynident.checks.units import joint_errors, least_error
 from dynident.errors import Severity
-from dynident.log import Log, Motion
-from dynident.models import HasGravity, Model
+from dynident.log import Log
+from dynident.models import HasGravity
+from dynident.regression import Regression
 from dynident.validation import REPEATED, repeat_of
 
 __all__ = ["compensation_findings", "repeat_findings", "slow_findings"]
-
-Array = NDArray[np.float64]
 
 BETTER = 0.8  # of the error with gravity: without it, a fit must be better by that much
 NEAR = 0.3  # share of gravity from which on it is not compensated
@@ -28,23 +27,20 @@ POOR = 30.0  # %: what a fit leaves of a torque that another fault explains
 STRONG = 3.0  # times the residual: more shows them well
 
 
-def compensation_findings(
-    model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None
-) -> Iterator[Finding]:
+def compensation_findings(few: Regression) -> Iterator[Finding]:
     """Yield where the torque fits the model far better without gravity, which then was compensated before logging.
 
     The share of gravity is fitted, the parameters being eliminated at each trial; its error is that of white residuals.
     """
     from scipy.optimize import minimize_scalar
 
-    if not any(isinstance(term, HasGravity) and any(term.gravity) for term in model.terms):
+    if not any(isinstance(term, HasGravity) and any(term.gravity) for term in few.model.terms):
         return
-    small = thin(model, motions)
 
     def error(share: float) -> float:
-        return least_error(model.with_gravity(lambda g: share * g), small, min_speed)
+        return least_error(replace(few, model=few.model.with_gravity(lambda g: share * g)))
 
-    before, after = error(1.0), error(0.0)
+    before, after = least_error(few), error(0.0)
     if not after < BETTER * before:
         return
     factor = float(minimize_scalar(error, bounds=(-NEAR, NEAR), method="bounded", options={"xatol": 1e-3}).x)
@@ -52,49 +48,22 @@ def compensation_findings(
         return
     least, *sides = (error(factor + side) ** 2 for side in (0.0, -STEP, STEP))
     curvature = max((sides[0] + sides[1] - 2 * least) / STEP**2, 1e-12)
-    count = sum(int(one.mask.sum()) for one in small) * len(model.joints)
+    count = sum(int(one.mask.sum()) for one in few.motions) * len(few.model.joints)
     std = float(np.sqrt(2 * least / (count * curvature)))
     note = notes.GravityCompensated(factor, std, before, after)
     yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
 
 
-def slow_findings(
-    model: Model,
-    motions: Sequence[Motion],
-    min_speed: tuple[float, ...] | None = None,  # noqa: ARG001
-) -> Iterator[Finding]:
+def slow_findings(few: Regression) -> Iterator[Finding]:
     """Yield where accelerations explain less of every joint's torque than a third of what the fit leaves."""
-    small = thin(model, motions)
-    use = [one.mask for one in small]
-    tau = np.concatenate([one.tau[mask] for one, mask in zip(small, use, strict=True)])
-    size = np.sqrt(np.mean(tau**2, axis=0))
-    weight = 1 / np.where(size > 0, size, np.inf)
-    whole, still = (_left(model, small, use, tau, weight, acceleration) for acceleration in (1.0, 0.0))
+    slow = tuple(replace(one, ddq=np.zeros_like(one.ddq)) for one in few.motions)
+    whole, still = joint_errors(few), joint_errors(replace(few, motions=slow))
     share = np.sqrt(np.maximum(still**2 - whole**2, 0.0))
-    used = size > 0
+    used = few.triangular_factors.factors[:, :, -1].any(axis=1)
     if used.any() and (whole[used] < POOR).all() and (share[used] < WEAK * whole[used]).all():
         k = int(np.argmax(np.where(used, share / np.maximum(whole, 1e-12), -1.0)))
         faster = float(np.sqrt(STRONG * whole[k] / max(share[k], 1e-3 * whole[k])))
         yield Finding(Severity.WARNING, None, notes.SlowMotion(float(share[k]), float(whole[k]), faster), Topic.SLOW)
-
-
-def _left(
-    model: Model,
-    motions: Sequence[Motion],
-    use: Sequence[NDArray[np.bool_]],
-    tau: Array,
-    weight: Array,
-    acceleration: float,
-) -> Array:
-    """Return what least squares leaves of each torque (n), in % of its rms, with accelerations times a factor."""
-    pairs = zip(motions, use, strict=True)
-    Y = np.concatenate([model.regressor(one.q, one.dq, acceleration * one.ddq)[mask] for one, mask in pairs])
-    A = (Y * weight[:, None]).reshape(-1, Y.shape[2])
-    scale = np.linalg.norm(A, axis=0)
-    A = A / np.where(scale > 0, scale, 1.0)
-    y = (tau * weight).ravel()
-    left = (y - A @ np.linalg.lstsq(A, y, rcond=1e-10)[0]).reshape(tau.shape)
-    return np.asarray(100.0 * np.sqrt(np.mean(left**2, axis=0)))
 
 
 def repeat_findings(logs: Mapping[str, Mapping[str, Log]]) -> Iterator[Finding]:

@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
+from dynident.checks.case import Case
 from dynident.checks.finding import Topic
-from dynident.checks.misfit import Case, Misfit
+from dynident.checks.misfit import Misfit
 from dynident.checks.suspect import Others, Suspect
 from dynident.models import Model
 
 __all__ = ["gain_suspects"]
 
 Array = NDArray[np.float64]
-LARGEST = 3.0  # natural logarithm of a gain: a factor of 20
+LARGEST_GAIN = 3.0  # natural logarithm of a gain: a factor of 20
 ORDER = 1
 
 
@@ -40,4 +41,4 @@ def _gain(model: Model, j: int, name: str) -> Suspect:
         factor = float(np.exp(value))
         return robot_notes.TorqueGain(factor, factor * std, share, others)
 
-    return Suspect(name, Topic.GAIN, derivative, corrected, note, LARGEST, ORDER)
+    return Suspect(name, Topic.GAIN, derivative, corrected, note, LARGEST_GAIN, ORDER)

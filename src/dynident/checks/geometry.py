@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks import robot_notes
+from dynident.checks.case import Case
 from dynident.checks.finding import Topic
-from dynident.checks.misfit import Case, Misfit
+from dynident.checks.misfit import Misfit
 from dynident.checks.suspect import Others, Suspect
 from dynident.models import HasGeometry, Joint, Model
 from dynident.models.robot_file import RobotJoint

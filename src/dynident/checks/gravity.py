@@ -64,19 +64,31 @@ def _rows(model: Model, motions: Sequence[Motion], size: float) -> tuple[Array, 
 
 def _down(X: Array, y: Array, assumed: Array) -> Array | None:
     """Return the direction (3) of gravity in a fit of y (M) by X (M, 4), if it is clearly not the assumed one (3)."""
-    singular = np.linalg.svd(X, compute_uv=False)
-    if singular[-1] < SEEN * singular[0]:
+    _, acting, axes = np.linalg.svd(X[:, 1:], full_matrices=False)
+    shown = axes[acting > SEEN * acting[0]]  # of a planar arm not the axis of its joints
+    A = np.column_stack([X[:, 0], X[:, 1:] @ shown.T])
+    singular = np.linalg.svd(A, compute_uv=False)
+    if singular[-1] <= SEEN * singular[0]:
         return None
-    found = np.linalg.lstsq(X, y)[0]
+    share, *parts = np.linalg.lstsq(A, y)[0]
     along = np.column_stack([X[:, 0], X[:, 1:] @ assumed])
     usual = np.maximum(np.linalg.lstsq(along, y)[0], 0.0)
-    rest, before = (float(np.square(y - A @ x).sum()) for A, x in ((X, found), (along, usual)))
-    length = float(np.linalg.norm(found[1:]))
-    likely = found[0] > 0 and 1 / FACTOR < length < FACTOR
+    rest, before = float(np.square(y - A @ [share, *parts]).sum()), float(np.square(y - along @ usual).sum())
+    found = _completed(parts @ shown, shown, assumed)
+    length = float(np.linalg.norm(found))
+    likely = share > 0 and 1 / FACTOR < length < FACTOR
     explains = rest < (1 - CLEAR) * float(y @ y) and rest < BETTER * before
-    if likely and explains and float(found[1:] @ assumed) / length < np.cos(np.deg2rad(ANGLE)):
-        return np.asarray(found[1:] / length)
+    if likely and explains and float(found @ assumed) / length < np.cos(np.deg2rad(ANGLE)):
+        return np.asarray(found / length)
     return None
+
+
+def _completed(found: Array, shown: Array, assumed: Array) -> Array:
+    """Return a gravity (3) that was ``found`` along the ``shown`` directions (r, 3), of at least the assumed size."""
+    hidden = assumed - assumed @ shown.T @ shown
+    size = float(np.linalg.norm(hidden))
+    more = np.sqrt(max(float(assumed @ assumed) - float(found @ found), 0.0))
+    return found + hidden / size * more if size > SEEN else found
 
 
 def _columns(model: Model, q: Array, dq: Array, ddq: Array, size: float) -> Array:

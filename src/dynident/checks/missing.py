@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import tee
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case
 from dynident.checks.cost import Cost, faster
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.misfit import Case, Evidence, Misfit
+from dynident.checks.misfit import Evidence, Misfit
 from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
@@ -23,8 +25,8 @@ STEP = 1e-4  # s, of the differences in time
 SLOW = 0.05  # of the rms speed: width of the sign of a velocity
 STRIBECK = 0.2  # of the rms speed: where friction has fallen
 WORTH = 0.1  # share of a joint's squared residual that an effect of its own must explain to be reported
-LEAST = 0.005  # share of a joint's torque (rms) below which an effect is none
-GRAVE = 0.4  # ... and to be warned of
+FELT = 0.005  # share of a joint's torque (rms) below which an effect is none
+WARNED = 0.4  # ... and to be warned of
 OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
 
@@ -52,28 +54,35 @@ class Missing:
         """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
         figures = self.evidence.value, self.evidence.std, self.share, partner
-        left_out = self.share > GRAVE and self.kind in OFFERED
+        left_out = self.share > WARNED and self.kind in OFFERED
         note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
-        severity = Severity.WARNING if self.share > GRAVE or note.forbidden else Severity.INFO
+        severity = Severity.WARNING if self.share > WARNED or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 
 
 def missing(fit: Misfit) -> list[Missing]:
     """Return the effects that explain much of a joint's residual, the most explaining first."""
-    found = []
-    for (kind, j, partner, column), (*_, beyond) in zip(
-        _columns(fit, fit.case), _columns(fit, faster(fit.case)), strict=True
-    ):
-        evidence = fit.evidence(column)
-        if evidence is not None and abs(evidence.value) > CERTAIN * evidence.std:
-            one = Missing(kind, j, partner, column, beyond, evidence)
-            sensible = kind not in POSITIVE or evidence.value > 0
-            lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
-            felt = max(one.share, 0.0) ** 0.5 * fit.error[j] > LEAST
-            mutual = partner is None or evidence.by_joint[partner] > WORTH
-            if one.share > WORTH and felt and sensible and lasting and mutual:
-                found.append(one)
-    return sorted(found, key=lambda one: -one.evidence.share)
+    columns, same = tee(_columns(fit, fit.case))
+    seen = zip(columns, fit.evidence(column for *_, column in same), strict=True)
+    error = fit.error
+    found = {k: (what, one) for k, (what, one) in enumerate(seen) if one is not None and _counts(*what[:3], one, error)}
+    if not found:
+        return []
+    beyond = (column for k, (*_, column) in enumerate(_columns(fit, faster(fit.case))) if k in found)
+    every = [Missing(*what, far, one) for (what, one), far in zip(found.values(), beyond, strict=True)]
+    return sorted(every, key=lambda one: -one.evidence.share)
+
+
+def _counts(kind: TermKind, j: int, partner: int | None, evidence: Evidence, error: Array) -> bool:
+    """Tell whether an effect explains enough of a joint's torque, of which the fit leaves the share ``error`` (n),
+    makes sense, and is no chance."""
+    share = float(evidence.by_joint[j])
+    sensible = kind not in POSITIVE or evidence.value > 0
+    mutual = partner is None or evidence.by_joint[partner] > WORTH
+    if not (share > WORTH and share**0.5 * error[j] > FELT and sensible and mutual):
+        return False
+    lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
+    return lasting and abs(evidence.value) > CERTAIN * evidence.std
 
 
 def with_missing(case: Case, found: Missing) -> Case:

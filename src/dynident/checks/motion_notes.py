@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from dynident.errors import Note
 
@@ -12,6 +13,8 @@ __all__ = [
     "EffortFarBelowLimit",
     "FewReversals",
     "PositionBeyondLimits",
+    "Search",
+    "SearchLeftOut",
     "VelocityAboveLimit",
 ]
 
@@ -66,3 +69,20 @@ class CorrelatedParameters(Note):
 
     rank: int
     condition: float
+
+
+class Search(StrEnum):
+    """What is not looked for in a model of many joints."""
+
+    FITS = "whatever needs a fit"
+    CAUSES = "what explains the residual"
+    PAIRS = "exchanged columns of joints that are no neighbours"
+
+
+@dataclass(frozen=True)
+class SearchLeftOut(Note):
+    """What was not looked for, as the model has so many joints and parameters."""
+
+    search: Search
+    joints: int
+    parameters: int

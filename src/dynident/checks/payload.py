@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case, case_of
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.misfit import Case, case_of, misfit
+from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import OtherPayload
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity
@@ -51,7 +52,7 @@ def _payload(case: Case, last: Sequence[int]) -> OtherPayload | None:
     weight = before.weight.max(axis=0)
     rest = replace(case, extra=tuple(own[:, :, k] for k in range(1, 10)))
     fit = misfit(rest, weight)
-    evidence = fit.evidence(own[:, :, 0])
+    (evidence,) = fit.evidence([own[:, :, 0]])
     if evidence is None or abs(evidence.value) < max(CERTAIN * evidence.std, LIGHTEST):
         return None
     share = 1.0 - fit.size * (1.0 - evidence.share) / before.size

@@ -23,9 +23,10 @@ def _(note: notes.TooFewSamples) -> str:
 
 @reading_words.register
 def _(note: notes.LongGap) -> str:
+    every = "the only one" if note.count == 1 else f"{note.count} such gaps in all"
     return (
         f"a gap of {note.length:.4g} s after t = {note.after:.6g} s "
-        f"({note.ratio:.0f} times the median step; {note.count} such gaps in all). "
+        f"({note.ratio:.0f} times the median step; {every}). "
         "Leave it out with a window, or set `gaps: split` to smooth each piece separately."
     )
 
@@ -41,8 +42,9 @@ def _(note: notes.UnevenSteps) -> str:
 
 @reading_words.register
 def _(note: notes.NeverMoves) -> str:
+    values = "one value" if note.levels == 1 else f"{note.levels} distinct values"
     return (
-        f"the position never moves ({note.levels} distinct values near {note.near:.6g}): nothing about this joint's "
+        f"the position never moves ({values} near {note.near:.6g}): nothing about this joint's "
         "own motion can be identified. Check that the right column is named, or use another window; a joint of a robot "
         "file that is to stand still goes under `model.lock`."
     )

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.checks.case import Case
 from dynident.checks.finding import Topic
-from dynident.checks.misfit import Case, Evidence, Misfit, misfit
+from dynident.checks.misfit import Evidence, Misfit, misfit
 from dynident.checks.robot_notes import Quantity, Rival, WrongValue
 from dynident.errors import brief
 
@@ -64,14 +65,14 @@ class Found:
 
 def convincing(evidence: Evidence, worth: float) -> bool:
     """Tell whether an unknown explains enough, in the whole data and in each part, to be no chance."""
-    clear = min(evidence.share, evidence.held_out) > worth and evidence.agreed
+    clear = evidence.share > worth and evidence.held_out > worth and evidence.agreed  # what is quick is asked first
     return clear and abs(evidence.value) > CERTAIN * evidence.std
 
 
 def promising(fit: Misfit, suspects: Sequence[Suspect]) -> Iterator[tuple[Suspect, Evidence]]:
     """Yield the suspects whose one step is convincing, with what it explains."""
-    for one in suspects:
-        evidence = fit.evidence(one.derivative(fit))
+    found = fit.evidence(one.derivative(fit) for one in suspects)
+    for one, evidence in zip(suspects, found, strict=True):
         if evidence is not None and convincing(evidence, fit.worth / 2):
             yield one, evidence
 
@@ -82,7 +83,7 @@ def refined(fit: Misfit, suspect: Suspect) -> Found | None:
     weight = fit.weight.max(axis=0)
     for _ in range(STEPS):
         now = misfit(case, weight)
-        evidence = now.evidence(suspect.derivative(now))
+        (evidence,) = now.evidence([suspect.derivative(now)])
         if evidence is None:
             return None
         step = float(np.clip(evidence.value, -suspect.limit / 2, suspect.limit / 2))

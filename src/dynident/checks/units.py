@@ -16,7 +16,7 @@ from dynident.log import Log, Motion, thinned
 from dynident.models import Model
 from dynident.regression import Regression
 
-__all__ = ["least_error", "length_unit", "radian_findings", "thin", "time_unit"]
+__all__ = ["joint_errors", "least_error", "length_unit", "radian_findings", "thin", "time_unit"]
 
 Array = NDArray[np.float64]
 
@@ -54,30 +54,35 @@ def length_unit(joint: str, t: Array, q: Array) -> Iterator[Finding]:
         yield Finding(Severity.WARNING, joint, notes.PerhapsMillimetres(span, speed), Topic.MILLIMETRES)
 
 
-def radian_findings(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> Iterator[Finding]:
+def radian_findings(few: Regression) -> Iterator[Finding]:
     """Yield where all angles are small, and as degrees that should have been radians explain the torque far better."""
-    angles = np.array([joint.kind == "revolute" for joint in model.joints])
-    spans: Array = np.max([np.ptp(one.q, axis=0) for one in motions], axis=0)
+    angles = np.array([joint.kind == "revolute" for joint in few.model.joints])
+    spans: Array = np.max([np.ptp(one.q, axis=0) for one in few.motions], axis=0)
     if not angles.any() or spans[angles].max() > NARROW:
         return
-    small = thin(model, motions)
     factor = np.where(angles, 180 / np.pi, 1.0)
-    large = [replace(one, q=one.q * factor, dq=one.dq * factor, ddq=one.ddq * factor) for one in small]
-    before, after = least_error(model, small, min_speed), least_error(model, large, min_speed)
+    large = tuple(replace(one, q=one.q * factor, dq=one.dq * factor, ddq=one.ddq * factor) for one in few.motions)
+    before, after = least_error(few), least_error(replace(few, motions=large))
     if after < BETTER * before:
         note = notes.PerhapsRadians(float(spans[angles].max()), before, after)
         yield Finding(Severity.WARNING, None, note, Topic.RADIANS)
 
 
-def thin(model: Model, motions: Sequence[Motion]) -> tuple[Motion, ...]:
-    """Return a few samples of motions, enough to compare fits."""
-    return thinned(motions, max(SAMPLES, 3 * len(model.parameters)))
+def thin(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Regression:
+    """Return the regression of a few samples of motions, enough to compare fits."""
+    return Regression(model, thinned(motions, max(SAMPLES, 3 * len(model.parameters))), min_speed=min_speed)
 
 
-def least_error(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> float:
-    """Return the relative error (%) of least squares, each joint's by the size of its torque."""
-    factors = Regression(model, tuple(motions), min_speed=min_speed).triangular_factors
+def joint_errors(regression: Regression) -> Array:
+    """Return the relative error (n), in %, of least squares that weighs each joint by the size of its torque; zero for
+    a joint without torque."""
+    factors = regression.triangular_factors
     size = np.square(factors.factors[:, :, -1]).sum(axis=1)
-    weights = 1 / np.sqrt(np.where(size > 0, size, np.inf))
-    fit = solve(factors.stacked(weights))
-    return 100.0 * float(np.sqrt(fit.rss / max(int(np.count_nonzero(size)), 1)))
+    size[size == 0] = np.inf
+    return np.asarray(100.0 * np.sqrt(factors.residual(solve(factors.stacked(1 / np.sqrt(size))).value) / size))
+
+
+def least_error(regression: Regression) -> float:
+    """Return the root mean square of ``joint_errors`` over the joints that have a torque."""
+    torque = regression.triangular_factors.factors[:, :, -1].any(axis=1)
+    return float(np.sqrt(np.square(joint_errors(regression)).sum() / max(int(np.count_nonzero(torque)), 1)))

@@ -15,8 +15,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, Wit
 from pydantic_core import PydanticCustomError
 
 from dynident.errors import ConfigError, choices
-from dynident.regression import HIGHEST
-from dynident.smoothers import LONGEST
+from dynident.regression import HIGHEST_ORDER
+from dynident.smoothers import LONGEST_OFFSET
 
 __all__ = [
     "FEW",
@@ -253,12 +253,14 @@ _TEXTS = {"type": "object", "additionalProperties": {"type": "string"}, "minProp
 FEW = BeforeValidator(_few)
 Number = Annotated[float, BeforeValidator(_between(-LARGEST, LARGEST))]
 Gravity = Annotated[float, BeforeValidator(_between(-1e3, 1e3, " m/s^2"))]
-Delay = Annotated[float, BeforeValidator(_between(-LONGEST, LONGEST, " s"))]
+Delay = Annotated[float, BeforeValidator(_between(-LONGEST_OFFSET, LONGEST_OFFSET, " s"))]
 Positive = Annotated[float, BeforeValidator(_positive), _schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_non_negative), _schema(type="number", minimum=0)]
 Count = Annotated[int, BeforeValidator(_whole(MOST)), _schema(type="integer", minimum=1, maximum=MOST)]
 CountOrEach = Annotated[int | Mapping[str, int] | None, BeforeValidator(_each(_whole(MOST)))]
-Order = Annotated[int, BeforeValidator(_whole(HIGHEST)), _schema(type="integer", minimum=1, maximum=HIGHEST)]
+Order = Annotated[
+    int, BeforeValidator(_whole(HIGHEST_ORDER)), _schema(type="integer", minimum=1, maximum=HIGHEST_ORDER)
+]
 PositiveOrEach = Annotated[float | Mapping[str, float] | None, BeforeValidator(_each(_positive))]
 Name = Annotated[str, BeforeValidator(_name), _schema(type=["string", "integer"])]
 Gain = Annotated[float | str, BeforeValidator(_gain)]

@@ -281,7 +281,8 @@ class RigidBodies:
 
     @cached_property
     def _arm(self) -> Arm:
-        return displaced(assemble(self._file, self.joints_used, dict(self.locked)), dict(self.displacements))
+        locked = tuple(self.locked)
+        return displaced(_assembled(self.xml, self.source, self.joints_used, locked), dict(self.displacements))
 
     @cached_property
     def _plain(self) -> bool:
@@ -325,6 +326,12 @@ def read_robot_file(xml: str, source: str) -> RobotFile:
 def _parsed(xml: str, source: str) -> RobotFile:
     """Return the file as parsed; kept, because bodies that are displaced or turned have the same text."""
     return read_robot_file(xml, source)
+
+
+@lru_cache(maxsize=8)
+def _assembled(xml: str, source: str, used: tuple[str, ...] | None, locked: tuple[tuple[str, float], ...]) -> Arm:
+    """Return the bodies of a file before they are displaced; kept, as the file is."""
+    return assemble(_parsed(xml, source), used, dict(locked))
 
 
 def _values(body: ArmBody) -> list[float | None]:

@@ -11,7 +11,7 @@ from dynident.regression.base_parameters import (
 )
 from dynident.regression.linear_problem import (
     BLOCK,
-    HIGHEST,
+    HIGHEST_ORDER,
     ParallelFilter,
     Regression,
     RegressorBlock,
@@ -26,7 +26,7 @@ from dynident.regression.rank import Rank, precision, rank_of, rank_of_informati
 
 __all__ = [
     "BLOCK",
-    "HIGHEST",
+    "HIGHEST_ORDER",
     "BaseParameters",
     "ParallelFilter",
     "Rank",

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, InputError, brief
 from dynident.log import Motion
 from dynident.models import Model
+from dynident.smoothers import cutoff_complaint
 from dynident.splines import stretches
 
 __all__ = [
     "BLOCK",
-    "HIGHEST",
+    "HIGHEST_ORDER",
     "ParallelFilter",
     "Regression",
     "RegressorBlock",
@@ -32,8 +33,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 BLOCK = 4096
-HIGHEST = 12  # order of a digital filter: poles of higher ones are lost in rounding
-SLOWEST = 0.1  # periods of the cut-off frequency in a recording
+HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class ParallelFilter:
 
     def __post_init__(self) -> None:
         whole = all(isinstance(number, (int, np.integer)) and number >= 1 for number in (self.decimate, self.order))
-        if not whole or self.order > HIGHEST or not (self.cutoff is None or self.cutoff > 0):
+        if not whole or self.order > HIGHEST_ORDER or not (self.cutoff is None or self.cutoff > 0):
             raise ConfigError(
                 f"parallel filter: decimate = {self.decimate} must be a whole number from 1, order = {self.order} one "
-                f"from 1 to {HIGHEST}, and cutoff = {self.cutoff} positive (Hz)."
+                f"from 1 to {HIGHEST_ORDER}, and cutoff = {self.cutoff} positive (Hz)."
             )
         if self.decimate == 1 and self.cutoff is None:
             raise ConfigError("parallel filter: give decimate > 1, a cutoff in Hz, or both.")
@@ -67,20 +67,23 @@ class ParallelFilter:
         """Return the filter's second-order sections for the mean rate of a motion."""
         from scipy.signal import butter
 
-        rate, length = 1.0 / float(np.diff(motion.t).mean()), float(motion.t[-1] - motion.t[0])
-        cutoff = self.cutoff or 0.4 * rate / self.decimate
-        if not cutoff * length >= SLOWEST:
-            of = "cut-off" if self.cutoff else f"cut-off for decimate = {self.decimate},"
-            raise ConfigError(
-                f"{motion.source}: the parallel filter's {of} {cutoff:.3g} Hz is too low for {length:.4g} s, "
-                f"of which it leaves nothing; give at least {SLOWEST / length:.2g} Hz."
-            )
-        if not cutoff < 0.5 * rate:
-            raise ConfigError(
-                f"{motion.source}: the parallel filter's cut-off {cutoff:g} Hz does not lie below half the sampling "
-                f"rate ({0.5 * rate:g} Hz)."
-            )
-        return np.asarray(butter(self.order, cutoff, fs=rate, output="sos"))
+        cutoff, of = self.cutoff_at(motion), "" if self.cutoff else f" for decimate = {self.decimate},"
+        if wrong := cutoff_complaint(f"the parallel filter's cut-off{of}", cutoff, motion.t):
+            raise ConfigError(f"{motion.source}: {wrong}")
+        return np.asarray(butter(self.order, cutoff, fs=_rate(motion), output="sos"))
+
+    def cutoff_at(self, motion: Motion) -> float:
+        """Return the cut-off (Hz) for a motion."""
+        return self.cutoff or 0.4 * _rate(motion) / self.decimate
+
+    def filtered(self, motion: Motion) -> Motion:
+        """Return a motion with q, dq, ddq and tau filtered in each stretch of usable samples, and not decimated."""
+        sections = self.sections(motion)
+        series = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "tau")}
+        for part in stretches(motion.mask):
+            for x in series.values() if part.stop - part.start > 1 else ():
+                x[part] = self.apply(sections, x[part])
+        return replace(motion, **series)
 
     def pad(self, sections: Array) -> int:
         """Return the number of samples in which the filter's response decays to about 1e-12."""
@@ -93,6 +96,10 @@ class ParallelFilter:
         from scipy.signal import sosfiltfilt
 
         return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=min(3 * self.order, len(x) - 1)))
+
+
+def _rate(motion: Motion) -> float:
+    return 1.0 / float(np.diff(motion.t).mean())
 
 
 @dataclass(frozen=True, eq=False)

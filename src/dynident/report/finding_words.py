@@ -9,6 +9,7 @@ from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
 from dynident.report.wording import words
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.checks import Finding
@@ -56,7 +57,8 @@ def _(note: notes.SamplingJitter) -> str:
 @words.register
 def _(note: notes.LostSamples) -> str:
     return (
-        f"about {note.count} samples ({100 * note.share:.2g} %) are lost, in steps of up to {note.longest:.0f} times "
+        f"about {count(note.count, 'sample')} ({100 * note.share:.2g} %) {'is' if note.count == 1 else 'are'} lost, in "
+        f"steps of up to {note.longest:.0f} times "
         "the median: a spline bridges them if the time is taken from the stamps and not from a `rate`."
     )
 
@@ -219,8 +221,9 @@ def _(note: notes.UnrelatedTorque) -> str:
 
 @words.register
 def _(note: motion_notes.FewReversals) -> str:
+    often = {0: "never reverses", 1: "reverses only once"}.get(note.count, f"reverses only {note.count} times")
     return (
-        f"the joint reverses only {note.count} times: friction, offset and gravity are then strongly correlated. "
+        f"the joint {often}: friction, offset and gravity are then strongly correlated. "
         "Record a motion that goes back and forth."
     )
 
@@ -271,3 +274,16 @@ def _times(factor: float) -> str:
     if factor > 1000:
         return "over 1000 times"
     return f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.0f} %"
+
+
+@words.register
+def _(note: motion_notes.SearchLeftOut) -> str:
+    left_out = {
+        motion_notes.Search.FITS: "nothing was fitted: excitation, outliers of the torques, gravity, units and what "
+        "explains the residual were not checked. Give joints that are not needed a position in `lock` of `model`.",
+        motion_notes.Search.CAUSES: "what explains the residual was not looked for: wrong gains, zeros, lengths and "
+        "axes, missing terms, exchanged columns. Check a part of the joints, with the others in `lock` of `model`.",
+        motion_notes.Search.PAIRS: "exchanged columns were looked for only among joints that follow each other.",
+    }
+    size = f"{count(note.parameters, 'parameter')} of {count(note.joints, 'joint')}"
+    return f"the model has {size}, so that {left_out[note.search]}"

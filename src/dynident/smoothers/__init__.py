@@ -1,21 +1,22 @@
 """Smoothers: Log -> Motion. A family of interchangeable parts; ``smoother`` holds their protocol."""
 
-from dynident.smoothers.butterworth import Butterworth
+from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.outliers import motion_of, repaired
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask
 from dynident.smoothers.spline import Spline
-from dynident.smoothers.time_offset import LONGEST, TimeShifted, unshifted
+from dynident.smoothers.time_offset import LONGEST_OFFSET, TimeShifted, unshifted
 
 __all__ = [
     "BY_JOINT",
-    "LONGEST",
+    "LONGEST_OFFSET",
     "Butterworth",
     "Difference",
     "Smoother",
     "Spline",
     "TimeShifted",
     "as_used",
+    "cutoff_complaint",
     "ends_mask",
     "motion_of",
     "repaired",

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
+from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
 from dynident.log import Log, Motion
 from dynident.smoothers.difference import forward
 from dynident.smoothers.smoother import ends_mask
 
-__all__ = ["Butterworth"]
+__all__ = ["Butterworth", "cutoff_complaint"]
 
 JITTER = 0.05
 SLOWEST = 0.1  # periods of a cut-off frequency in a recording
@@ -88,15 +89,22 @@ class Butterworth:
                 f"{log.source}: the step after t = {log.t[worst]:.6g} s is {step[worst]:.4g} s, the mean {mean:.4g} s; "
                 "too irregular for a digital filter. Use the spline smoother, which takes the times as they are."
             )
-        length = float(log.t[-1] - log.t[0])
-        if min(self.cutoffs) * length < SLOWEST:
-            raise InputError(
-                f"{log.source}: a cut-off of {min(self.cutoffs):.3g} Hz is too low for {length:.4g} s, of which it "
-                f"leaves nothing; give at least {SLOWEST / length:.2g} Hz."
-            )
-        if max(self.cutoffs) >= 0.5 / mean:
-            raise InputError(
-                f"{log.source}: a cut-off of {max(self.cutoffs):g} Hz does not lie below half the sampling rate "
-                f"({0.5 / mean:.4g} Hz); lower it or sample faster."
-            )
+        for cutoff in self.cutoffs:
+            if wrong := cutoff_complaint("a cut-off of", cutoff, log.t):
+                raise InputError(f"{log.source}: {wrong}")
         return 1.0 / mean
+
+
+def cutoff_complaint(what: str, cutoff: float, t: NDArray[np.float64]) -> str:
+    """Return what is wrong with a cut-off (Hz) for samples at times t (N), s; empty where nothing is."""
+    length = float(t[-1] - t[0])
+    half = 0.5 * (len(t) - 1) / length
+    if not cutoff * length >= SLOWEST:
+        return (
+            f"{what} {cutoff:.3g} Hz is too low for {length:.4g} s, of which it leaves nothing; give at least "
+            f"{SLOWEST / length:.2g} Hz."
+        )
+    if not cutoff < half:
+        below = f"does not lie below half the sampling rate ({half:.4g} Hz)"
+        return f"{what} {cutoff:g} Hz {below}; lower it or sample faster."
+    return ""

@@ -11,9 +11,9 @@ from dynident.errors import ConfigError, InputError, called
 from dynident.log import Log, Motion
 from dynident.smoothers.smoother import Smoother, as_used
 
-__all__ = ["LONGEST", "TimeShifted", "unshifted"]
+__all__ = ["LONGEST_OFFSET", "TimeShifted", "unshifted"]
 
-LONGEST = 60.0  # s
+LONGEST_OFFSET = 60.0  # s
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,13 @@ class TimeShifted:
     """
 
     smoother: Smoother
-    time_offset: Annotated[float, Ge(-LONGEST), Le(LONGEST)]
+    time_offset: Annotated[float, Ge(-LONGEST_OFFSET), Le(LONGEST_OFFSET)]
 
     def __post_init__(self) -> None:
-        if not abs(self.time_offset) <= LONGEST:
-            raise ConfigError(f"time offset is {self.time_offset} s: give a number from -{LONGEST:g} to {LONGEST:g}.")
+        if not abs(self.time_offset) <= LONGEST_OFFSET:
+            raise ConfigError(
+                f"time offset is {self.time_offset} s: give a number from -{LONGEST_OFFSET:g} to {LONGEST_OFFSET:g}."
+            )
 
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""

@@ -2,15 +2,15 @@
 
 from dynident.splines.noise import NORMAL_95, coloured_noise, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
-from dynident.splines.spikes import WIDEST, bridged, frozen, spikes, torn_ends
+from dynident.splines.spikes import LONGEST_SPIKE, bridged, frozen, spikes, torn_ends
 from dynident.splines.spline import SmoothingSpline, smooth
 from dynident.splines.stretches import stretches
 
 __all__ = [
     "GCV",
+    "LONGEST_SPIKE",
     "NORMAL_95",
     "REML",
-    "WIDEST",
     "Constraint",
     "Fixed",
     "Interpolation",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.splines.noise import median_sigma
 from dynident.splines.stretches import stretches
 
-__all__ = ["LONG", "WIDEST", "bridged", "frozen", "spikes", "torn_ends"]
+__all__ = ["LONGEST_SPIKE", "SHORTEST_FROZEN", "bridged", "frozen", "spikes", "torn_ends"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-WIDEST = 5  # samples of the longest spike
-LONG = 10  # samples of the shortest frozen stretch
+LONGEST_SPIKE = 5  # samples of the longest spike
+SHORTEST_FROZEN = 10  # samples of the shortest frozen stretch
 SIDE = 8  # samples on each side that say where the signal should be
 LIKELY = 3.5  # deviations of the second difference from which a sample is looked at
 CLEAR = 7.0  # deviations from what both sides together predict: of a normal distribution, one in 4e11
@@ -64,12 +65,13 @@ def frozen(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     found = np.zeros(columns.shape, dtype=bool)
     for j, column in enumerate(columns.T):
         steps = stretches(np.diff(column) == 0)
-        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= LONG]
+        runs = [(one.start, one.stop + 1) for one in steps if one.stop + 1 - one.start >= SHORTEST_FROZEN]
         if runs and np.ptp(column) > 0 and len(times) >= 4 * SIDE:
-            usual = _usual(times, column)
-            for start, stop in runs:
-                ends = _ends(times, column, start, stop)
-                found[start:stop, j] = any(off > max(clear * usual, HIGH * pace) for off, pace in ends)
+            high = {run: max((off for off, pace in _ends(times, column, *run) if off > HIGH * pace), default=0.0)
+                    for run in runs}  # fmt: skip
+            least = clear * _usual(times, column) if any(high.values()) else np.inf
+            for (start, stop), off in high.items():
+                found[start:stop, j] = off > least
     return found.reshape(data.shape)
 
 
@@ -84,11 +86,11 @@ def torn_ends(t: ArrayLike, x: ArrayLike, clear: float = CLEAR) -> Mask:
     if len(times) < 4 * SIDE:
         return found.reshape(data.shape)
     for column, marked in zip(data.reshape(found.shape).T, found.T, strict=True):
-        least = max(clear * _usual(times, column), TORN * _increment(column))
         for signal, end in ((column, marked), (column[::-1], marked[::-1])):
-            steps = np.abs(np.diff(signal[: WIDEST + SIDE + 1]))
-            torn = [k for k in range(WIDEST) if steps[k] > max(least, TORN * float(steps[k + 1 : k + 1 + SIDE].max()))]
-            end[: torn[-1] + 1 if torn else 0] = True
+            steps = np.abs(np.diff(signal[: LONGEST_SPIKE + SIDE + 1]))
+            torn = [k for k in range(LONGEST_SPIKE) if steps[k] > TORN * float(steps[k + 1 : k + 1 + SIDE].max())]
+            least = max(clear * _usual(times, column), TORN * _increment(column)) if torn else np.inf
+            end[: max((k + 1 for k in torn if steps[k] > least), default=0)] = True
     return found.reshape(data.shape)
 
 
@@ -113,7 +115,7 @@ def bridged(t: Array, x: Array, gone: Mask) -> Array:
         before = np.flatnonzero(there[: part.start])[-SIDE:]
         after = part.stop + np.flatnonzero(there[part.stop :])[:SIDE]
         known, length = np.concatenate((before, after)), part.stop - part.start
-        if (part.start == 0 or part.stop == len(t)) and length <= WIDEST and len(known) == SIDE:
+        if (part.start == 0 or part.stop == len(t)) and length <= LONGEST_SPIKE and len(known) == SIDE:
             out[part] -= _off(t, x, known[None], np.arange(part.start, part.stop)[None], 2)[0]
             continue
         if len(before) < 3 or len(after) < 3:
@@ -150,11 +152,13 @@ def _once(t: Array, x: Array, clear: float) -> Mask:
     paces, (starts, nearby) = _paces(x), _candidates(t, x)
     even, steps = np.arange(len(t), dtype=float), np.diff(t)
     axes = [even] if np.ptp(steps) < EVEN * float(steps.mean()) else [even, t]
-    usual = [_usual(axis, x) for axis in axes]
-    for width in range(1, WIDEST + 1):
+    usual = [cache(partial(_usual, axis, x)) for axis in axes]  # seldom needed: most signals have no spike
+    for width in range(1, LONGEST_SPIKE + 1):
         first = starts[(starts >= SIDE) & (starts + width + SIDE <= len(t))]
         for axis, deviation in zip(axes, usual, strict=True):
-            first = _standing_out(axis, x, first, width, np.maximum(deviation, nearby[first]), clear, paces)
+            first = _standing_out(axis, x, first, width, nearby[first], clear, paces)
+            if len(first):
+                first = _standing_out(axis, x, first, width, np.maximum(deviation(), nearby[first]), clear, paces)
         for k in first:
             if not found[k : k + width].any():  # a narrower one is a better account of it
                 found[k : k + width] = True
@@ -209,10 +213,13 @@ def _candidates(t: Array, x: Array) -> tuple[Rows, Array]:
     standard deviation (N) that white noise nearby has, by this distance."""
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     bend = np.concatenate(([0.0], x[1:-1] - (1 - share) * x[:-2] - share * x[2:], [0.0]))
-    parts = np.array_split(bend, max(len(t) // BLOCK, 1))
-    sizes = [len(part) for part in parts]
-    middle = np.array([np.median(part) for part in parts])
-    spread = np.array([median_sigma(part - np.median(part)) for part in parts])
+    count = max(len(t) // BLOCK, 1)
+    size, longer = divmod(len(t), count)
+    blocks = bend[: longer * (size + 1)].reshape(longer, size + 1), bend[longer * (size + 1) :].reshape(-1, size)
+    sizes = np.repeat([size + 1, size], [longer, count - longer])
+    middles = [np.median(block, axis=1) for block in blocks]
+    middle = np.concatenate(middles)
+    spread = np.concatenate([median_sigma((block - at[:, None]).T) for block, at in zip(blocks, middles, strict=True)])
     least = np.maximum(spread, 0.1 * np.median(spread))
     rows = np.flatnonzero(np.abs(bend - np.repeat(middle, sizes)) > LIKELY * np.repeat(least, sizes))
     around = np.max([np.roll(spread, shift) for shift in (-1, 0, 1)], axis=0)
@@ -243,8 +250,7 @@ def _off(t: Array, x: Array, known: Rows, asked: Rows, degree: int) -> Array:
     rows = slice(0, 1) if even else slice(None)
     middle, scale = t[known[rows]].mean(axis=1, keepdims=True), np.ptp(t[known[rows]], axis=1)[:, None]
     base = x[known].mean(axis=1, keepdims=True)
-    powers = np.arange(degree + 1)
-    A, at = (((t[k[rows]] - middle) / scale)[..., None] ** powers for k in (known, asked))
+    A, at = (np.polynomial.polynomial.polyvander((t[k[rows]] - middle) / scale, degree) for k in (known, asked))
     turned = A.swapaxes(1, 2)
     weights = at @ np.linalg.solve(turned @ A, turned)
     return np.asarray(x[asked] - base - (weights @ (x[known] - base)[..., None])[..., 0])

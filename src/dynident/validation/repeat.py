@@ -14,14 +14,18 @@ __all__ = ["REPEATED", "Repeat", "repeat_of"]
 Array = NDArray[np.float64]
 
 REPEATED = 10.0  # %, difference of positions and torques below which two recordings are of one motion
-MOST = 2**15  # points of the common time axis of each recording
-LEAST = 0.5  # share of the recording that the other must overlap
+POINTS = 2**15  # of the common time axis of each recording
+FINE_POINTS = 4000  # of a recording, to refine the lag
+OVERLAP = 0.5  # share of the recording that the other must overlap
+STILL = 0.05  # of the largest range of a joint: with a smaller one a joint hardly moves
 
 
 @dataclass(frozen=True)
 class Repeat:
     """The ``lag`` (s), counted from both starts, at which another recording resembles one most, and there the relative
-    differences (%) of the torques and of the positions about their mean; infinite where the other is too short."""
+    differences (%) of the torques and of the positions about their mean; infinite where the other is too short.
+
+    A joint's position counts by its range, so that rad and m can be compared, unless it hardly moves."""
 
     lag: float
     torque: float
@@ -40,9 +44,11 @@ def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
     tenth of a sample. A motion that is repeated faster, slower or backwards is another motion.
     """
     lengths = [float(np.ptp(x.t)) for x in (one, other)]
-    step = max(*(float(np.median(np.diff(x.t))) for x in (one, other)), max(lengths) / MOST)
-    a, b = _even(one, step), _even(other, step)
-    if min(len(a), len(b)) < 10 or len(b) < LEAST * len(a):
+    step = max(*(float(np.median(np.diff(x.t))) for x in (one, other)), max(lengths) / POINTS)
+    span = np.ptp(one.q, axis=0)
+    span = np.maximum(span, STILL * span.max()) if span.any() else np.ones(len(span))
+    a, b = _even(one, step, span), _even(other, step, span)
+    if min(len(a), len(b)) < 10 or len(b) < OVERLAP * len(a):
         return Repeat(0.0, np.inf, np.inf)
     n = a.shape[1] // 2
     middle = np.concatenate((a[:, :n].mean(axis=0), np.zeros(n)))  # the torque's mean is gravity
@@ -50,16 +56,17 @@ def repeat_of(one: Log | Motion, other: Log | Motion) -> Repeat:
     parts = [_differences(a[:, part], b[:, part]) for part in (slice(0, n), slice(n, 2 * n))]
     lags = np.arange(-len(a) + 1, len(b))
     total = np.maximum(*parts)
-    total[_overlap(len(a), len(b)) < LEAST * len(a)] = np.inf
+    total[_overlap(len(a), len(b)) < OVERLAP * len(a)] = np.inf
     best = float(lags[int(np.argmin(total))])
-    found = [_at(one, other, float((best + part) * step)) for part in np.linspace(-1, 1, 21)]
-    return min(found, key=lambda repeat: repeat.error)
+    near, every = (best + np.linspace(-1, 1, 21)) * step, max(1, len(one) // FINE_POINTS)
+    finest = min(near, key=lambda lag: _at(one, other, float(lag), span, every).error)
+    return _at(one, other, float(finest), span)
 
 
-def _even(one: Log | Motion, step: float) -> Array:
-    """Return positions and torques (N, 2 n) at equal steps (s) from the start."""
+def _even(one: Log | Motion, step: float, span: Array) -> Array:
+    """Return positions over their ranges ``span`` (n), and torques (N, 2 n), at equal steps (s) from the start."""
     t = np.arange(one.t[0], one.t[-1] + step / 2, step)
-    both = np.column_stack((one.q, one.tau))
+    both = np.column_stack((one.q / span, one.tau))
     return np.column_stack([np.interp(t, one.t, x) for x in both.T])
 
 
@@ -82,15 +89,16 @@ def _differences(a: Array, b: Array) -> Array:
     return np.where(size > 1e-12 * left[-1], np.maximum(whole, 0.0) / np.maximum(size, 1e-300), np.inf)
 
 
-def _at(one: Log | Motion, other: Log | Motion, lag: float) -> Repeat:
-    """Return the differences at a lag (s), at the stamps of the one."""
-    t, u = one.t - one.t[0] + lag, other.t - other.t[0]
+def _at(one: Log | Motion, other: Log | Motion, lag: float, span: Array, every: int = 1) -> Repeat:
+    """Return the differences at a lag (s), at every so many stamps of the one."""
+    t, u = one.t[::every] - one.t[0] + lag, other.t - other.t[0]
     use = (t >= 0) & (t <= u[-1])
-    if use.sum() < LEAST * len(one):
+    if use.sum() < OVERLAP * len(t):
         return Repeat(lag, np.inf, np.inf)
     errors = []
-    for mine, its, about in ((one.tau, other.tau, 0.0), (one.q, other.q, one.q.mean(axis=0))):
-        twin = np.column_stack([np.interp(t[use], u, x) for x in its.T])
-        size = float(np.linalg.norm(mine[use] - about))
-        errors.append(100.0 * float(np.linalg.norm(mine[use] - twin)) / size if size > 0 else np.inf)
+    ones = np.ones(len(span))
+    for mine, its, about, unit in ((one.tau, other.tau, 0.0, ones), (one.q, other.q, one.q.mean(axis=0), span)):
+        twin, own = np.column_stack([np.interp(t[use], u, x) for x in its.T]), mine[::every][use]
+        size = float(np.linalg.norm((own - about) / unit))
+        errors.append(100.0 * float(np.linalg.norm((own - twin) / unit)) / size if size > 0 else np.inf)
     return Repeat(lag, *errors)

@@ -1,0 +1,124 @@
+"""The samples that a model is to explain: torque and motion low-passed alike, and thinned to a few thousand samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import brief
+from dynident.log import Motion, subsample
+from dynident.models import Model
+from dynident.regression import ParallelFilter, fitted_rows
+
+__all__ = ["Case", "case_of"]
+
+Array = NDArray[np.float64]
+SAMPLES = 1000  # of all motions, up to twice as many
+BAND = 20.0  # Hz: largest cut-off; rigid bodies move more slowly
+RESPONSE = 1.5  # over the cut-off: time (s) from a jump of friction within which the low-passed torque is another
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A model with the samples to explain: q, dq, ddq, dddq, tau (M, n), which of them count, and the lengths of the
+    logs.
+
+    ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
+    model, and ``beyond`` the same at twice the speed; ``gain`` (n) are what the torques of the model are multiplied
+    with.
+    """
+
+    model: Model
+    q: Array
+    dq: Array
+    ddq: Array
+    dddq: Array
+    tau: Array
+    keep: NDArray[np.bool_]
+    lengths: tuple[int, ...]
+    noise: Array
+    extra: tuple[Array, ...] = ()
+    beyond: tuple[Array, ...] = ()
+    gain: Array | float = 1.0
+
+    __repr__ = brief
+
+    def torque(self, theta: Array) -> Array:
+        """Return the torque (M, n) of the model with parameters theta (p)."""
+        return self.model.torque(self.q, self.dq, self.ddq, theta) * self.gain
+
+
+def case_of(
+    model: Model,
+    motions: Sequence[Motion],
+    parallel_filter: ParallelFilter | None = None,
+    min_speed: tuple[float, ...] | None = None,
+    samples: int = SAMPLES,
+) -> Case:
+    """Return the case of a model and motions: low-passed as the recipe says, and thinned to ``samples``."""
+    given = [] if parallel_filter is None else [parallel_filter.cutoff_at(motion) for motion in motions]
+    cutoff = min([BAND, *given])
+    slow = [_low_passed(motion, cutoff) for motion in motions]
+    rows = subsample(slow, samples)
+    pairs = list(zip(slow, rows, strict=True))
+    q, dq, ddq, tau = (
+        np.concatenate([getattr(one, name)[kept] for one, kept in pairs]) for name in ("q", "dq", "ddq", "tau")
+    )
+    jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in pairs]
+    keep = [_steady(one, RESPONSE / cutoff)[kept] & _fitted(one, min_speed, kept) for one, kept in pairs]
+    noise = _noise(motions, slow, cutoff)
+    return Case(model, q, dq, ddq, np.concatenate(jerks), tau, np.concatenate(keep), tuple(map(len, rows)), noise)
+
+
+def _fitted(motion: Motion, min_speed: tuple[float, ...] | None, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    kept = fitted_rows(motion, min_speed)
+    return np.ones((len(rows), motion.q.shape[1]), dtype=bool) if kept is None else kept[rows]
+
+
+def _noise(motions: Sequence[Motion], slow: Sequence[Motion], cutoff: float) -> Array:
+    """Return the variance (n) of white noise in the low-passed torques, from the octave above the cut-off."""
+    total, count = np.zeros(motions[0].q.shape[1]), 0
+    for motion, one in zip(motions, slow, strict=True):
+        steady = _steady(one, RESPONSE / cutoff)
+        above = np.where(steady, _low_passed(motion, 2.0 * cutoff).tau - one.tau, 0.0)
+        total += _white(motion, cutoff) * np.square(above).sum(axis=0)
+        count = count + steady.sum(axis=0)
+    return np.asarray(total / np.maximum(count, 1))
+
+
+def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
+    """Return where each joint (N, n) does not reverse within ``margin`` (s)."""
+    found = np.ones(motion.q.shape, dtype=bool)
+    for j, dq in enumerate(motion.dq.T):
+        turns = motion.t[np.flatnonzero(np.diff(np.signbit(dq)))]
+        first, last = (np.searchsorted(turns, motion.t + side * margin) for side in (-1, 1))
+        found[:, j] = first == last
+    return found
+
+
+def _white(motion: Motion, cutoff: float) -> float:
+    """Return the energy of white noise that the low-pass leaves, over that in the octave above it."""
+    low, high = _response(motion, cutoff), _response(motion, 2.0 * cutoff)
+    above = float(np.square(high - low).sum())
+    return float(np.square(low).sum()) / above if above > 0 else 0.0
+
+
+def _response(motion: Motion, cutoff: float) -> Array:
+    """Return the frequency response of ``_low_passed``, which has no phase, from zero to half the sampling rate."""
+    from scipy.signal import sosfreqz
+
+    low = _filter(motion, cutoff)
+    return np.ones(512) if low is None else np.asarray(np.abs(sosfreqz(low.sections(motion))[1]) ** 2)
+
+
+def _low_passed(motion: Motion, cutoff: float) -> Motion:
+    low = _filter(motion, cutoff)
+    return motion if low is None else low.filtered(motion)
+
+
+def _filter(motion: Motion, cutoff: float) -> ParallelFilter | None:
+    """Return the low-pass, None where the motion is sampled too slowly to have anything above."""
+    return ParallelFilter(cutoff=cutoff) if cutoff <= 0.4 / float(np.diff(motion.t).mean()) else None

@@ -8,13 +8,14 @@ from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
 from dynident.checks.cost import Cost, cost
+from dynident.checks.delays import delay_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.payload import payload_findings
-from dynident.checks.robot_notes import TermKind, TiltedBase
+from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase
 from dynident.checks.suspect import Found, Suspect, promising, refined
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, mounted
@@ -44,9 +45,15 @@ def robot_findings(
     A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best.
     """
     large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
-    yield from large or explained(case_of(model, motions, parallel_filter, min_speed), tilt)
-    if not large:
-        yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
+    yield from large
+    if large:
+        return
+    case = case_of(model, motions, parallel_filter, min_speed)
+    found = list(explained(case, tilt))
+    yield from found
+    late = {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect is TermKind.DELAY}
+    yield from (one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late)
+    yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
 
 
 def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:

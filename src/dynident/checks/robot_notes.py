@@ -200,10 +200,15 @@ class TermLeftOut(MissingTerm):
 
 
 @dataclass(frozen=True)
-class OtherPayload(Note):
+class OtherPayload(Costly):
     """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of that log's
-    residual (squared)."""
+    residual (squared).
 
+    A model of one payload is none of the other: any forbids simulation, and a large one control. The ``cost`` is the
+    torque of the payload in that log.
+    """
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     mass: float
     std: float
     share: float

@@ -158,5 +158,6 @@ def _(note: robot_notes.OtherPayload) -> str:
     heavier = "heavier" if note.mass > 0 else "lighter"
     return (
         f"the last link is {abs(note.mass):.3g} +- {note.std:.2g} kg {heavier} here than in training, which explains "
-        f"{100 * note.share:.0f} % of the squared residual. Was there another payload? Give each payload its own model."
+        f"{100 * note.share:.0f} % of the squared residual. {_cost(note)} Was there another payload? Give each payload "
+        "its own model."
     )

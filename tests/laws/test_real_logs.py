@@ -75,15 +75,28 @@ def test_lwr4_consistent(folder: Path) -> None:
 @pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
-    result = identify(folder, example, CONSISTENT if example == "lwr4" else f"{CONSISTENT}\n{UNCHOSEN}")
+    changes = {"lwr4": CONSISTENT, "panda": "{}"}
+    result = identify(folder, example, changes.get(example, f"{CONSISTENT}\n{UNCHOSEN}"))
     assert [one["format"] for one in result["report"]["exports"]] == ["urdf", "yaml", "numpy"]
     assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["report"]["exports"])
     assert "Pinocchio" in result["report"]["exports"][0]["readers"]
 
 
 def test_panda(folder: Path) -> None:
-    """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
-    assert max(errors(identify(folder, "panda"), "validation")) <= 2.9
+    """Trained on 70 % of the period of its motion, judged on the rest, which is another motion."""
+    assert max(errors(identify(folder, "panda"), "validation")) <= 3.1
+
+
+def test_panda_held_out_as_published(folder: Path) -> None:
+    """70 % of the recording to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
+    settings = yaml.safe_load((ROOT / "examples" / "panda.yaml").read_text())
+    settings["train"][0]["window"], settings["validation"][0]["window"] = [0, 14.7], [14.7, None]
+    logs = yaml.safe_dump({role: settings[role] for role in ("train", "validation")})
+    result = identify(folder, "panda", f"estimator: least_squares\n{logs}")
+    assert max(errors(result, "validation")) <= 2.9
+    reasons = result["report"]["verdict"]["reasons"]
+    assert any("repeats the motion" in one for one in reasons)
+    assert any("the mass matrix is not positive definite" in one for one in reasons)
 
 
 def test_double_pendulum(folder: Path) -> None:
@@ -154,7 +167,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
     verdict = identify(folder, example)["report"]["verdict"]
     expected = {
         "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
-        "panda": ("do not use", "the mass matrix is not positive definite"),
+        "panda": ("good for control", "no free simulation was run"),
         "tx40": ("do not use", "joint_5"),
         "double_pendulum": ("good for control", "no free simulation was run"),
     }

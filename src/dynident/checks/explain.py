@@ -14,6 +14,7 @@ from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Case, Misfit, case_of, misfit
 from dynident.checks.missing import Missing, missing, with_missing
+from dynident.checks.odd_log import odd_log_findings
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase
 from dynident.checks.suspect import Found, Suspect, promising, refined
@@ -53,7 +54,10 @@ def robot_findings(
     yield from found
     late = {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect is TermKind.DELAY}
     yield from (one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late)
-    yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
+    loaded = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
+    yield from loaded
+    odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
+    yield from (one for one in odd if one.source not in {other.source for other in loaded})
 
 
 def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:

@@ -46,6 +46,7 @@ class Topic(StrEnum):
     MISSING_TERM = "missing term"
     MOTION = "motion"
     NOT_EXCITED = "not excited"
+    ODD_LOG = "odd log"
     PAYLOAD = "payload"
     POINT = "point"
     POSITION_LIMIT = "position limit"

@@ -161,3 +161,12 @@ def _(note: robot_notes.OtherPayload) -> str:
         f"{100 * note.share:.0f} % of the squared residual. {_cost(note)} Was there another payload? Give each payload "
         "its own model."
     )
+
+
+@words.register
+def _(note: robot_notes.OddLog) -> str:
+    return (
+        f"does not fit together with the other logs: one fit of all leaves {note.before:.3g} % of the torque (mean "
+        f"over the joints), with a fit of its own for this log {note.after:.3g} %. Have the payload, a zero, the "
+        "mounting or the temperature changed in between, or are columns, signs or units others in this file?"
+    )

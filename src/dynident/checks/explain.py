@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
+from dynident.checks.clock import clock_suspect
 from dynident.checks.cost import Cost, cost
 from dynident.checks.delays import delay_findings
 from dynident.checks.finding import Finding, Topic
@@ -67,7 +68,7 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     those found before set right, so that none is named for what another one causes.
     """
     names = tuple(joint.name for joint in case.model.joints)
-    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model)]
+    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
     said: set[tuple[TermKind, int]] = set()
     for _ in range(MOST):
         fit = misfit(case)
@@ -126,7 +127,8 @@ def _leaning(tilt: BaseTilt, price: Cost) -> Finding:
 
 
 def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
-    one, price = found.suspect, cost(fit, misfit(found.case, fit.weight.max(axis=0)))
+    one, met = found.suspect, replace(fit, case=found.suspect.in_use(fit.case, found.value))
+    price = cost(met, misfit(found.case, fit.weight.max(axis=0)))
     note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
     note = replace(note, cost=price.all, joint_cost=price.joint)
     return Finding(Severity.WARNING, one.joint, note, one.topic)

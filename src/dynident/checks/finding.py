@@ -18,6 +18,7 @@ class Topic(StrEnum):
     AXIS = "axis"
     BASE_TILT = "base tilt"
     CLIPPED = "clipped"
+    CLOCK = "clock"
     COMPENSATED = "gravity compensated"
     CONDITION = "condition"
     COPIED = "copied"

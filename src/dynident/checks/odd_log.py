@@ -62,7 +62,7 @@ def _factors(case: Case) -> list[Array]:
     Y = case.model.regressor(case.q, case.dq, case.ddq)
     X = np.concatenate([Y, case.tau[:, :, None]], axis=2) * weight[:, :, None]
     parts = np.split(X, np.cumsum(case.lengths)[:-1])
-    return [np.linalg.qr(one.reshape(-1, one.shape[2]), mode="r") for one in parts]
+    return [np.asarray(np.linalg.qr(one.reshape(-1, one.shape[2]), mode="r")) for one in parts]
 
 
 def _left(factors: Sequence[Array]) -> float:

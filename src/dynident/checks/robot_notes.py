@@ -12,9 +12,9 @@ from typing import ClassVar
 
 from dynident.errors import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong", "MissingTerm",
-           "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut", "TiltedBase",
-           "TorqueGain", "WrongValue", "ZeroOff"]  # fmt: skip
+__all__ = ["AxisTilted", "Channel", "ClockWrong", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong",
+           "MissingTerm", "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut",
+           "TiltedBase", "TorqueGain", "WrongValue", "ZeroOff"]  # fmt: skip
 
 CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
 SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
@@ -53,11 +53,12 @@ class Quantity(StrEnum):
     ZERO = "zero"
     LENGTH = "length"
     AXIS = "axis"
+    CLOCK = "clock"
 
 
 @dataclass(frozen=True)
 class Rival:
-    """Another unknown that explains the residual as well: the factor of a gain, else a change in rad or m."""
+    """Another unknown that explains the residual as well: the factor of a gain or clock, else a change in rad or m."""
 
     joint: str
     quantity: Quantity
@@ -128,6 +129,16 @@ class OtherAxis(Note):
 @dataclass(frozen=True)
 class TorqueGain(WrongValue):
     """The torque of a joint is ``factor`` times what the others ask for; ``others`` explain the residual as well."""
+
+    factor: float
+    std: float
+    share: float
+    others: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True)
+class ClockWrong(WrongValue):
+    """A second of the stamps is ``factor`` seconds; ``others`` explain the residual as well."""
 
     factor: float
     std: float

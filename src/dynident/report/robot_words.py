@@ -45,12 +45,14 @@ RIVALS = {
     Quantity.ZERO: "a zero that is off by {:.3g}",
     Quantity.LENGTH: "an origin moved by {:.3g} m",
     Quantity.AXIS: "an axis or frame turned by {:.3g} rad",
+    Quantity.CLOCK: "time stamps whose second is {:.3g} s",
 }
 
 
 def _others(others: tuple[Rival, ...]) -> str:
     """Return what explains as much, as a sentence."""
-    listed = "; ".join(f"joint {one.joint}: {RIVALS[one.quantity].format(one.value)}" for one in others)
+    places = [f"joint {one.joint}: " if one.joint else "" for one in others]
+    listed = "; ".join(at + RIVALS[one.quantity].format(one.value) for at, one in zip(places, others, strict=True))
     return f" The data cannot tell this from: {listed}." if listed else ""
 
 
@@ -108,6 +110,15 @@ def _(note: robot_notes.TorqueGain) -> str:
         f"the torque is {note.factor:.3g} +- {note.std:.2g} times what the coupling with the other joints asks for; "
         f"setting it right removes {_percent(note.share)}. {_cost(note)} Check its `gain`: gear ratio, torque "
         f"constant, unit.{_others(note.others)}"
+    )
+
+
+@words.register
+def _(note: robot_notes.ClockWrong) -> str:
+    return (
+        f"by the torque, a second of the time stamps is {note.factor:.3g} +- {note.std:.2g} s, which "
+        f"removes {_percent(note.share)}. {_cost(note)} Check the sampling rate, and the unit of the time."
+        f"{_others(note.others)}"
     )
 
 

@@ -17,7 +17,7 @@ __all__ = ["clock_suspect"]
 Array = NDArray[np.float64]
 STEP = 1e-5  # of the logarithm, of the difference
 LARGEST = 1.0  # natural logarithm of the factor
-ORDER = 1
+ORDER = 5  # stamps are wrong less often than robot files
 
 
 def clock_suspect() -> Suspect:

@@ -29,7 +29,7 @@ __all__ = ["delay_findings"]
 Array = NDArray[np.float64]
 SAMPLES = 2000  # of all motions, up to twice as many
 LONGEST = 0.05  # s; a later torque is another fault
-WIDE = 2e-3  # s, least half width of the differences by time
+WIDE = 5e-3  # s, least half width of the differences by time
 NARROW, WIDER = 0.8, 1.5  # a delay of more than so much of the half width needs one of so many times the delay
 LIKELY = 2.5  # standard errors of the low-passed torque
 WORTH = 0.1  # share of the joint's squared residual, as measured, that its delay must explain
@@ -44,7 +44,7 @@ def delay_findings(
     ``fit`` is that of the low-passed torque.
     """
     slow, std, _ = _delays(fit, torque_rate(fit, fit.case))
-    likely = np.abs(slow) > LIKELY * std
+    likely = (np.abs(slow) > LIKELY * std) & (np.abs(slow) < LONGEST)
     if not likely.any():
         return
     model = fit.case.model
@@ -61,18 +61,24 @@ def delay_findings(
 def _as_measured(
     model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None
 ) -> tuple[Array, Array, Array]:
-    """Return the delays (n) in the torque as measured, their standard errors, and what each explains of its joint."""
+    """Return the delays (n) in the torque as measured, their standard errors, and what each explains of its joint.
+
+    The differences by time are narrow at first, and wider for the value of a delay that explains something then:
+    slow errors of a model look like delays over long times, too.
+    """
     rows = subsample(motions, SAMPLES, LONGEST)
     step = max(float(np.median(np.diff(one.t))) for one in motions)
     fit = misfit(_at(model, motions, rows, min_speed, 0.0))
     wide, needed = 0.0, max(WIDE, step)
+    shares: list[Array] = []
     while wide < needed:
         wide = needed
         late, early = (_at(model, motions, rows, min_speed, side * wide).torque(fit.theta) for side in (1.0, -1.0))
         found = _delays(fit, (late - early) / (2 * wide))
-        longest = float(np.abs(found[0]).max())
+        shares.append(found[2])
+        longest = float(np.abs(found[0][shares[0] > WORTH]).max(initial=0.0))
         needed = min(WIDER * longest, LONGEST) if longest > NARROW * wide else wide
-    return found
+    return found[0], found[1], shares[0]
 
 
 def _at(

@@ -127,8 +127,12 @@ def _leaning(tilt: BaseTilt, price: Cost) -> Finding:
 
 
 def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
-    one, met = found.suspect, replace(fit, case=found.suspect.in_use(fit.case, found.value))
-    price = cost(met, misfit(found.case, fit.weight.max(axis=0)))
+    one, prices = found.suspect, [_price(fit, other) for other in (found, *others)]
     note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
-    note = replace(note, cost=price.all, joint_cost=price.joint)
+    note = replace(note, cost=max(x.all for x in prices), joint_cost=max(x.joint for x in prices))
     return Finding(Severity.WARNING, one.joint, note, one.topic)
+
+
+def _price(fit: Misfit, found: Found) -> Cost:
+    met = replace(fit, case=found.suspect.in_use(fit.case, found.value))
+    return cost(met, misfit(found.case, fit.weight.max(axis=0)))

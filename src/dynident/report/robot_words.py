@@ -53,7 +53,7 @@ def _others(others: tuple[Rival, ...]) -> str:
     """Return what explains as much, as a sentence."""
     places = [f"joint {one.joint}: " if one.joint else "" for one in others]
     listed = "; ".join(at + RIVALS[one.quantity].format(one.value) for at, one in zip(places, others, strict=True))
-    return f" The data cannot tell this from: {listed}." if listed else ""
+    return f" The data cannot tell this from: {listed}. The change is the largest of these." if others else ""
 
 
 def _cost(note: robot_notes.Costly) -> str:
@@ -179,5 +179,6 @@ def _(note: robot_notes.OddLog) -> str:
     return (
         f"does not fit together with the other logs: one fit of all leaves {note.before:.3g} % of the torque (mean "
         f"over the joints), with a fit of its own for this log {note.after:.3g} %. Have the payload, a zero, the "
-        "mounting or the temperature changed in between, or are columns, signs or units others in this file?"
+        "mounting or the temperature changed in between, or are columns, signs or units others in this file? Correct "
+        "it, or leave it out."
     )

@@ -75,8 +75,8 @@ def test_lwr4_consistent(folder: Path) -> None:
 @pytest.mark.parametrize("example", ["lwr4", "panda", "double_pendulum", "tx40"])
 def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
     """The URDF, read by Pinocchio, and the NumPy module give the identified torque on the logs."""
-    changes = {"lwr4": CONSISTENT, "panda": "{}"}
-    result = identify(folder, example, changes.get(example, f"{CONSISTENT}\n{UNCHOSEN}"))
+    changes: dict[str, tuple[str, ...]] = {"lwr4": (CONSISTENT,), "panda": ()}
+    result = identify(folder, example, *changes.get(example, (f"{CONSISTENT}\n{UNCHOSEN}",)))
     assert [one["format"] for one in result["report"]["exports"]] == ["urdf", "yaml", "numpy"]
     assert all(one["proven"] and one["agreement"] <= 1e-8 for one in result["report"]["exports"])
     assert "Pinocchio" in result["report"]["exports"][0]["readers"]
@@ -92,7 +92,7 @@ def test_panda_held_out_as_published(folder: Path) -> None:
     settings = yaml.safe_load((ROOT / "examples" / "panda.yaml").read_text())
     settings["train"][0]["window"], settings["validation"][0]["window"] = [0, 14.7], [14.7, None]
     logs = yaml.safe_dump({role: settings[role] for role in ("train", "validation")})
-    result = identify(folder, "panda", f"estimator: least_squares\n{logs}")
+    result = identify(folder, "panda", f"estimator: {{kind: least_squares}}\n{logs}")
     assert max(errors(result, "validation")) <= 2.9
     reasons = result["report"]["verdict"]["reasons"]
     assert any("repeats the motion" in one for one in reasons)

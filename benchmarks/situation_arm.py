@@ -188,7 +188,7 @@ def build(setup: Setup, folder: Path, estimator: str) -> Built:
     model, theta = robot.model()
     n, paths = len(robot.links), setup.paths(PATHS)
     truths = {role: _truth(setup, robot, model, theta, path, role) for role, path in paths.items()}
-    for number, role in enumerate(("train", "validation")):
+    for number, role in enumerate(one for one in paths if one != "faster"):
         rng = np.random.default_rng([7, number])
         one = truths[role]
         q, tau = setup.convention(one.q, one.tau)

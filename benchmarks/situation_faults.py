@@ -53,6 +53,13 @@ def add(at: Any, value: Any) -> Callable[[Array, np.random.Generator], None]:
     return change
 
 
+def scale(at: Any, value: Any) -> Callable[[Array, np.random.Generator], None]:
+    def change(x: Array, _rng: np.random.Generator) -> None:
+        x[at] *= value
+
+    return change
+
+
 def torque_spikes(tau: Array, rng: np.random.Generator) -> None:
     chosen = rng.choice(tau.size, max(1, round(tau.size / 1000)), replace=False)
     tau.flat[chosen] += rng.choice([-1.0, 1.0], len(chosen)) * rng.uniform(100, 500, len(chosen))
@@ -86,6 +93,31 @@ def zero(*offsets: float) -> Convention:
     return lambda q, tau: (q + np.array([*offsets, *[0.0] * (q.shape[1] - len(offsets))]), tau)
 
 
+def backlash(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Positions of the motors, by the play of the gears ahead of the links."""
+    return q + 0.005 * np.tanh(tau), tau
+
+
+def elastic(q: Array, tau: Array) -> tuple[Array, Array]:
+    """Positions of the motors, whose gears the torque winds up (N m/rad)."""
+    return q + tau / np.array([4000.0, 4000.0, *[1000.0] * (q.shape[1] - 2)]), tau
+
+
+def saturating(q: Array, tau: Array) -> tuple[Array, Array]:
+    """A motor of joint 2 whose torque the current shows less and less."""
+    return q, np.column_stack([tau[:, 0], 60.0 * np.tanh(tau[:, 1] / 60.0), tau[:, 2:]])
+
+
+def absolute(q: Array, tau: Array) -> tuple[Array, Array]:
+    """The position of joint 3 against the base, as a parallel linkage has it."""
+    return np.column_stack([q[:, :2], q[:, 1] + q[:, 2], q[:, 3:]]), tau
+
+
+def differential(q: Array, tau: Array) -> tuple[Array, Array]:
+    """The torque of joint 2 with that of joint 3, as the motor behind both has it."""
+    return q, np.column_stack([tau[:, 0], tau[:, 1] + tau[:, 2], tau[:, 2:]])
+
+
 def reversed_position(q: Array, tau: Array) -> tuple[Array, Array]:
     return q * np.array([1.0, -1.0, *[1.0] * (q.shape[1] - 2)]), tau
 
@@ -111,6 +143,10 @@ def late(*seconds: float) -> Fault:
 def stale(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
     """Positions at a quarter of the rate of the torques."""
     return replace(raw, q=raw.q[np.arange(len(raw.t)) // 4 * 4])
+
+
+def stale_torque(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
+    return replace(raw, tau=raw.tau[np.arange(len(raw.t)) // 4 * 4])
 
 
 def joined(raw: Raw, _rng: np.random.Generator, _role: str) -> Raw:
@@ -177,15 +213,28 @@ def warming(truth: Truth, robot: Robot, role: str) -> Array:
     return np.asarray(-0.4 * share[:, None] * friction)
 
 
-def payload(*roles: str) -> Effect:
-    """Return the torque of 2 kg at the last link in the logs of these roles."""
+def ripple(truth: Truth, _robot: Robot, _role: str) -> Array:
+    """Cogging of the motors, twelve times a turn."""
+    return np.asarray(2.0 * np.sin(12 * truth.q))
+
+
+def remounted(truth: Truth, robot: Robot, role: str) -> Array:
+    """The base is tilted in the held-out log only."""
+    (level, theta), (leaning, _) = robot.model(), tilted(robot).model()
+    state = truth.q, truth.dq, truth.ddq
+    moved = leaning.torque(*state, theta) - level.torque(*state, theta)
+    return moved if role == "validation" else 0.0 * moved
+
+
+def payload(*roles: str, mass: float = 2.0) -> Effect:
+    """Return the torque of a mass (kg) at the last link in the logs of these roles."""
 
     def effect(truth: Truth, robot: Robot, role: str) -> Array:
         model, theta = robot.model()
         extra = np.zeros_like(theta)
         last = 10 * (len(robot.links) - 1)
-        extra[last : last + 2] = 2.0, 2.0 * 0.3
-        extra[last + 7 : last + 10 : 2] = 2.0 * 0.09
+        extra[last : last + 2] = mass, mass * 0.3
+        extra[last + 7 : last + 10 : 2] = mass * 0.09
         return np.asarray(model.torque(truth.q, truth.dq, truth.ddq, extra) if role in roles else 0.0 * truth.tau)
 
     return effect
@@ -240,6 +289,15 @@ def repeated(start: float) -> Fault:
 
 def twice(config: dict[str, Any]) -> dict[str, Any]:
     return config | {"validation": [{"file": "train.csv", "name": "again"}]}
+
+
+def in_two(config: dict[str, Any]) -> dict[str, Any]:
+    """Two training logs."""
+    return config | {"train": [{"file": "train.csv"}, {"file": "second.csv"}]}
+
+
+def kept(config: dict[str, Any]) -> dict[str, Any]:
+    return config | {"outliers": "keep"}
 
 
 def simulated(config: dict[str, Any]) -> dict[str, Any]:

@@ -8,14 +8,20 @@ from enum import StrEnum
 import numpy as np
 from situation_arm import Course, Setup
 from situation_faults import (
+    absolute,
     add,
+    backlash,
     both,
     compliance,
     courses,
+    differential,
+    elastic,
     gains,
     geometry,
     hung,
+    in_two,
     joined,
+    kept,
     late,
     load_friction,
     longer,
@@ -27,13 +33,18 @@ from situation_faults import (
     position,
     position_spikes,
     put,
+    remounted,
     repeated,
     reversed_position,
+    ripple,
     saturated,
+    saturating,
+    scale,
     scaled,
     simulated,
     spring,
     stale,
+    stale_torque,
     stribeck,
     swap,
     tilted,
@@ -50,6 +61,11 @@ from situation_faults import (
     wrapped,
     zero,
 )
+
+
+def two(setup: Setup) -> Setup:
+    """Return the setup with a second training log."""
+    return replace(setup, paths=courses(second=Course(4)), config=in_two)
 
 
 class Shown(StrEnum):
@@ -70,7 +86,7 @@ class Situation:
     setup: Setup
 
 
-MIDDLE = np.s_[800:1200, 1]
+MIDDLE, SECOND = np.s_[800:1200, 1], np.s_[:, 1]
 YES, NO, RIGHT = Shown.YES, Shown.NO, Shown.RIGHT
 SITUATIONS = (
     # the log
@@ -113,6 +129,30 @@ SITUATIONS = (
     Situation("payload-held-out", "a payload of 2 kg in the held-out log only", YES,
               Setup(effect=payload("validation"))),
     Situation("payload-training", "a payload of 2 kg in training only", YES, Setup(effect=payload("train"))),
+    # found by a sceptic, once the others were
+    Situation("spikes-kept", "0.1 % of the torques in training are spikes, which are kept", YES,
+              Setup(fault=torque(torque_spikes, "train"), config=kept)),
+    Situation("late-one-joint", "the torque of joint 3 is 8 ms late", YES, Setup(fault=late(0.0, 0.0, 0.008))),
+    Situation("swapped-one-log", "torque columns are swapped in one of two training logs", YES,
+              two(Setup(fault=torque(swap(1, 2), "second")))),
+    Situation("gain-one-log", "the gain of joint 2 is 15 % off in one of two training logs", YES,
+              two(Setup(fault=torque(scale(SECOND, 1.15), "second")))),
+    Situation("payload-one-log", "a payload of 0.3 kg in one of two training logs", YES,
+              two(Setup(effect=payload("second", mass=0.3)))),
+    Situation("zero-one-log", "the zero of joint 2 is 0.1 rad off in one of two training logs", YES,
+              two(Setup(fault=position(add(SECOND, 0.1), "second")))),
+    Situation("zero-held-out", "the zero of joint 2 is 0.1 rad off in the held-out log", YES,
+              Setup(fault=position(add(SECOND, 0.1), "validation"))),
+    Situation("tilted-held-out", "the base is tilted by 2 degrees in the held-out log", YES, Setup(effect=remounted)),
+    Situation("clock", "a second of the stamps is 0.83 s", YES, Setup(fault=time(lambda t, _: 1.2 * t))),
+    Situation("held", "positions and torques are held for four samples", YES, Setup(fault=both(stale, stale_torque))),
+    Situation("backlash", "positions of motors with play", YES, Setup(convention=backlash)),
+    Situation("elastic", "positions of motors behind elastic gears", YES, Setup(convention=elastic)),
+    Situation("saturating", "the current shows less and less of the torque of joint 2", YES,
+              Setup(convention=saturating)),
+    Situation("absolute", "the position of joint 3 is against the base", YES, Setup(convention=absolute)),
+    Situation("differential", "the torque of joint 2 contains that of joint 3", YES, Setup(convention=differential)),
+    Situation("ripple", "the motors cog, 2 N m twelve times a turn", YES, Setup(effect=ripple)),
     # the robot
     Situation("hanging", "the arm hangs, the file says that it stands", YES, Setup(robot=hung)),
     Situation("hanging-six", "an arm of six joints hangs", YES, Setup("six", robot=hung)),
@@ -142,6 +182,7 @@ SITUATIONS = (
     Situation("right", "three joints", RIGHT, Setup()),
     Situation("right-simulated", "three joints, with a free simulation", RIGHT, Setup(config=simulated)),
     Situation("right-six", "six joints", RIGHT, Setup("six")),
+    Situation("right-two", "two training logs", RIGHT, two(Setup())),
     Situation("right-slower", "the held-out motion is slower", RIGHT, Setup(paths=courses(validation=Course(2, 0.6)))),
     Situation("late", "all torques are 5 ms late, which is sought", RIGHT, Setup(fault=late(0.005, 0.005, 0.005))),
     Situation("quantised", "torques have steps of 0.5 N m", RIGHT,

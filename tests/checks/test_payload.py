@@ -7,6 +7,7 @@ import pytest
 
 from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import OtherPayload
+from dynident.errors import Use
 from dynident.models.gallery import slider
 from tests.checks.moving_arm import arm, motion, truth
 
@@ -29,6 +30,21 @@ def test_another_payload_is_found_with_its_mass(mass: float) -> None:
     assert isinstance(found.message, OtherPayload)
     assert found.message.mass == pytest.approx(mass, abs=5 * found.message.std)
     assert found.message.std < 0.1
+
+
+@pytest.mark.parametrize(("mass", "forbidden"), [(2.0, Use.CONTROL), (0.2, Use.SIMULATION)])
+def test_it_forbids_a_use_by_its_share_of_the_torque(mass: float, forbidden: Use) -> None:
+    """That share is what the two true models differ by, at twice the speed, which the low-pass hardly changes."""
+    other = loaded(3, mass)
+    (found,) = payload_findings(MODEL, [motion(1)], {"other": other})
+    assert found.forbids is forbidden
+    state = other.q, 2 * other.dq, 4 * other.ddq
+    theta = truth(MODEL)
+    bare = MODEL.torque(*state, theta)
+    theta[20], theta[21], theta[[26, 29]] = theta[20] + mass, theta[21] + 0.2 * mass, theta[[26, 29]] + 0.04 * mass
+    whole = MODEL.torque(*state, theta)
+    cost = 100 * np.linalg.norm(whole - bare) / np.linalg.norm(whole)
+    assert found.message.cost == pytest.approx(cost, rel=0.1)
 
 
 def test_a_payload_in_training_is_missing_in_the_other_log() -> None:

@@ -165,6 +165,17 @@ def test_an_error_must_carry_over_and_be_a_number(good: Identification) -> None:
     assert np.isnan(reason.error)
 
 
+@pytest.mark.parametrize(("trained", "held", "worse"), [(11.0, 5.4, True), (11.0, 5.6, False), (9.9, 2.0, False)])
+def test_a_fit_that_misses_its_own_data_is_not_good_by_an_easier_log(
+    good: Identification, trained: float, held: float, worse: bool
+) -> None:
+    both = zip(good.validations, (trained, held), strict=True)
+    verdict = judge(replace(good, validations=tuple(with_errors(one, relative_error=x) for one, x in both)))
+    reason = why.TrainedWorse(good.validations[0].name, trained, trained / held)
+    assert (reason in verdict.reasons) is worse
+    assert verdict.use is (Use.DO_NOT_USE if worse else Use.SIMULATION)
+
+
 def test_a_large_error_of_a_small_torque_does_no_harm(good: Identification) -> None:
     changes = {"per_joint": {"slider": 40.0}, "effort_share": {"slider": 0.5}}
     assert with_log(good, 1, **changes).use is Use.SIMULATION

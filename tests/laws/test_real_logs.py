@@ -17,8 +17,9 @@ from click.testing import CliRunner
 from dynident.cli import main
 from dynident.estimators.notes import NotWhite
 from dynident.export import exports
-from dynident.identification import Identification
+from dynident.identification import Identification, judge
 from dynident.identification import identify as fit
+from dynident.identification.verdict.reasons import MassMatrixNotPositive, Repeats
 from dynident.io.project import read_project
 from dynident.io.saved import load
 from tests.saved_results import errors_by_log, runs_by_log
@@ -115,8 +116,18 @@ def test_the_model_is_written_and_proven(folder: Path, example: str) -> None:
 
 
 def test_panda(folder: Path) -> None:
-    """70 % to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
-    assert max(errors(identify(folder, "panda"), "validation")) <= 2.9
+    """Trained on 70 % of the period of its motion, judged on the rest, which is another motion."""
+    assert max(errors(identify(folder, "panda"), "validation")) <= 3.1
+
+
+def test_panda_held_out_as_published(folder: Path) -> None:
+    """70 % of the recording to fit, 30 % to judge; a competent baseline has 2.92 % unfiltered."""
+    settings = yaml.safe_load((ROOT / "examples" / "panda.yaml").read_text())
+    settings["train"][0]["window"], settings["validation"][0]["window"] = [0, 14.7], [14.7, None]
+    logs = yaml.safe_dump({role: settings[role] for role in ("train", "validation")})
+    found = fitted(folder, "panda", f"estimator: {{kind: least_squares}}\n{logs}")
+    assert held_out(found) <= 2.9
+    assert {Repeats, MassMatrixNotPositive} <= {type(one) for one in judge(found).reasons}
 
 
 def test_double_pendulum(folder: Path) -> None:
@@ -201,7 +212,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
     verdict = identify(folder, example)["report"]["verdict"]
     expected = {
         "lwr4": ("do not use", "measurements_2 repeats the motion of measurements_1"),
-        "panda": ("do not use", "the mass matrix is not positive definite"),
+        "panda": ("good for control", "no free simulation was run"),
         "tx40": ("do not use", "joint_5"),
         "double_pendulum": ("good for control", "no free simulation was run"),
     }
@@ -254,8 +265,8 @@ def topics(said: set[tuple[str, str | None]]) -> set[str]:
 
 def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> None:
     """No false alarm, alone or beside an identification: EMPS and TX40 are sound but for their friction; the stamps of
-    the LWR4 are noisy, and cables pull at its wrist; the Panda's own sampling jitters. The held-out motions of both
-    repeat the training."""
+    the LWR4 are noisy, and cables pull at its wrist; the Panda's own sampling jitters. The held-out motion of the LWR4
+    repeats the training."""
     emps = check(folder, "emps")
     assert (emps["error"], emps["warning"]) == (set(), {("missing term", "slider")})
     assert {topic for topic, _ in emps["info"]} <= {"missing term"}
@@ -263,7 +274,7 @@ def test_checks_say_of_the_recordings_what_is_known_of_them(folder: Path) -> Non
     assert warned(folder, "lwr4") == {
         ("stamps", None), ("spread", "lwr_7_link"), ("repeat", None), ("missing term", "lwr_6_joint")
     }  # fmt: skip
-    assert topics(warned(folder, "panda")) == {"spread", "stale", "repeat", "gain", "missing term"}
+    assert topics(warned(folder, "panda")) == {"spread", "stale", "gain"}
     pendulum = check(folder, "double_pendulum")["warning"]
     assert topics(pendulum) == {"quantised", "spread", "torque spikes", "gain"}
 

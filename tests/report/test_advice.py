@@ -48,6 +48,7 @@ def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None
         (why.SlowHoldOut(0.25), ("only 25 % of the speed",)),
         (why.TorqueErrorTooLarge("a", 12.34, 10.0), ("on a is 12.3 %, above 10 %",)),
         (why.NotCarriedOver("a", 2.54), ("2.5 times the training error",)),
+        (why.TrainedWorse("a", 55.4, 6.32), ("on a, which was fitted, is 55.4 %, 6.3 times",)),
         (why.MassMatrixNotPositive(-0.1234), ("eigenvalue -0.123",)),
         (why.MostlyUnexcited(3, 8), ("3 of 8 base parameters",)),
         (why.PartlyUnexcited(1, 8), ("1 of 8 base parameters",)),

@@ -24,6 +24,8 @@ NOTES = [
     robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2),
     *(MissingTerm(kind, 0.5, 0.01, 0.6, "j1" if kind is TermKind.COUPLED else "") for kind in TermKind),
     robot_notes.TermLeftOut(TermKind.ROTOR, 0.5, 0.01, 0.6),
+    robot_notes.ClockWrong(1.2, 0.01, 0.2),
+    robot_notes.OddLog(12.0, 2.0),
     robot_notes.TiltedBase(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0, cost=3.0),
     robot_notes.OtherPayload(2.0, 0.1, 0.9),
     robot_notes.OtherPayload(-2.0, 0.1, 0.9),

@@ -8,14 +8,17 @@ from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
 from dynident.checks.case import Case, case_of
+from dynident.checks.clock import clock_suspect
 from dynident.checks.cost import Cost, cost
+from dynident.checks.delays import delay_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.gains import gain_suspects
 from dynident.checks.geometry import geometry_suspects
 from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import Missing, missing, with_missing
+from dynident.checks.odd_log import odd_log_findings
 from dynident.checks.payload import payload_findings
-from dynident.checks.robot_notes import TermKind, TiltedBase
+from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase
 from dynident.checks.suspect import Found, Suspect, promising, refined
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, mounted
@@ -45,9 +48,18 @@ def robot_findings(
     A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best.
     """
     large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
-    yield from large or explained(case_of(model, motions, parallel_filter, min_speed), tilt)
-    if not large:
-        yield from payload_findings(model, motions, held_out, parallel_filter, min_speed)
+    yield from large
+    if large:
+        return
+    case = case_of(model, motions, parallel_filter, min_speed)
+    found = list(explained(case, tilt))
+    yield from found
+    late = {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect is TermKind.DELAY}
+    yield from (one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late)
+    loaded = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
+    yield from loaded
+    odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
+    yield from (one for one in odd if one.source not in {other.source for other in loaded})
 
 
 def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
@@ -57,7 +69,7 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     those found before set right, so that none is named for what another one causes.
     """
     names = tuple(joint.name for joint in case.model.joints)
-    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model)]
+    suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
     said: set[tuple[TermKind, int]] = set()
     for _ in range(MOST):
         fit = misfit(case)
@@ -116,7 +128,12 @@ def _tilted(tilt: BaseTilt, price: Cost) -> Finding:
 
 
 def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
-    one, price = found.suspect, cost(fit, misfit(found.case, fit.weight.max(axis=0)))
+    one, prices = found.suspect, [_price(fit, other) for other in (found, *others)]
     note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
-    note = replace(note, cost=price.all, joint_cost=price.joint)
+    note = replace(note, cost=max(x.all for x in prices), joint_cost=max(x.joint for x in prices))
     return Finding(Severity.WARNING, one.joint, note, one.topic)
+
+
+def _price(fit: Misfit, found: Found) -> Cost:
+    met = replace(fit, case=found.suspect.in_use(fit.case, found.value))
+    return cost(met, misfit(found.case, fit.weight.max(axis=0)))

@@ -18,7 +18,7 @@ from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
 from dynident.models import INERTIAL
 
-__all__ = ["Missing", "missing", "with_missing"]
+__all__ = ["Missing", "missing", "torque_rate", "with_missing"]
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # s, of the differences in time
@@ -95,7 +95,7 @@ def _columns(fit: Misfit, case: Case) -> Iterator[tuple[TermKind, int, int | Non
     motion of a case, with the values of the fit."""
     (load, friction), n = _parts(fit, case), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
-    rate = _rate(fit, case)
+    rate = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
     speed = np.maximum(np.sqrt(np.mean(fit.case.dq**2, axis=0)), 1e-12)
     sign = np.tanh(case.dq / (SLOW * speed))
@@ -141,7 +141,7 @@ def _has_coulomb(case: Case) -> NDArray[np.bool_]:
     return np.asarray(case.torque(coulomb.astype(float)).any(axis=0))
 
 
-def _rate(fit: Misfit, case: Case) -> Array:
+def torque_rate(fit: Misfit, case: Case) -> Array:
     """Return the rate of change (M, n) of the fitted torque in the motion of a case, in N m/s or N/s."""
     ahead, behind = (
         replace(case, q=case.q + h * case.dq, dq=case.dq + h * case.ddq, ddq=case.ddq + h * case.dddq)

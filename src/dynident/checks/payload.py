@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.case import Case, case_of
+from dynident.checks.cost import faster
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import OtherPayload
@@ -47,7 +48,7 @@ def payload_findings(
 
 def _payload(case: Case, last: Sequence[int]) -> OtherPayload | None:
     other = np.arange(len(case.q)) >= len(case.q) - case.lengths[-1]
-    own = case.model.regressor(case.q, case.dq, case.ddq)[:, :, list(last)] * other[:, None, None]
+    own = _of_last(case, last) * other[:, None, None]
     before = misfit(case)
     weight = before.weight.max(axis=0)
     rest = replace(case, extra=tuple(own[:, :, k] for k in range(1, 10)))
@@ -56,4 +57,18 @@ def _payload(case: Case, last: Sequence[int]) -> OtherPayload | None:
     if evidence is None or abs(evidence.value) < max(CERTAIN * evidence.std, LIGHTEST):
         return None
     share = 1.0 - fit.size * (1.0 - evidence.share) / before.size
-    return OtherPayload(evidence.value, evidence.std, share) if share > SHARE else None
+    return OtherPayload(evidence.value, evidence.std, share, cost=_cost(case, last, other)) if share > SHARE else None
+
+
+def _cost(case: Case, last: Sequence[int], other: NDArray[np.bool_]) -> float:
+    """Return the torque of the payload in the other log at twice its speed, in % of the whole torque there."""
+    own = _of_last(case, last) * other[:, None, None]
+    fit, quick = misfit(replace(case, extra=tuple(own[:, :, k] for k in range(10)))), faster(case)
+    added = (_of_last(quick, last) @ fit.extra)[other]
+    whole = added + quick.torque(fit.theta)[other]
+    return 100.0 * float(np.linalg.norm(added) / (np.linalg.norm(whole) or np.inf))
+
+
+def _of_last(case: Case, last: Sequence[int]) -> Array:
+    """Return the regressor (M, n, 10) of the last body."""
+    return case.model.regressor(case.q, case.dq, case.ddq)[:, :, list(last)]

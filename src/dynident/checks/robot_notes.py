@@ -12,9 +12,9 @@ from typing import ClassVar
 
 from dynident.errors import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong", "MissingTerm",
-           "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut", "TiltedBase", "TorqueGain",
-           "WrongValue", "ZeroOff"]  # fmt: skip
+__all__ = ["AxisTilted", "Channel", "ClockWrong", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong",
+           "MissingTerm", "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut",
+           "TiltedBase", "TorqueGain", "WrongValue", "ZeroOff"]  # fmt: skip
 
 CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
 SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
@@ -53,11 +53,12 @@ class Quantity(StrEnum):
     ZERO = "zero"
     LENGTH = "length"
     AXIS = "axis"
+    CLOCK = "clock"
 
 
 @dataclass(frozen=True)
 class Rival:
-    """Another unknown that explains the residual as well: the factor of a gain, else a change in rad or m."""
+    """Another unknown that explains the residual as well: the factor of a gain or clock, else a change in rad or m."""
 
     joint: str
     quantity: Quantity
@@ -136,6 +137,16 @@ class TorqueGain(WrongValue):
 
 
 @dataclass(frozen=True)
+class ClockWrong(WrongValue):
+    """A second of the stamps is ``factor`` seconds; ``others`` explain the residual as well."""
+
+    factor: float
+    std: float
+    share: float
+    others: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True)
 class ZeroOff(WrongValue):
     """The robot's joint stands at the logged position plus ``offset`` (rad or m)."""
 
@@ -200,10 +211,28 @@ class TermLeftOut(MissingTerm):
 
 
 @dataclass(frozen=True)
-class OtherPayload(Note):
+class OtherPayload(Costly):
     """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of that log's
-    residual (squared)."""
+    residual (squared).
 
+    A model of one payload is none of the other: any forbids simulation, and a large one control. The ``cost`` is the
+    torque of the payload in that log.
+    """
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
     mass: float
     std: float
     share: float
+
+
+@dataclass(frozen=True)
+class OddLog(Note):
+    """One fit of all logs leaves ``before`` % of the torque, mean over the joints; with one of its own for this log
+    ``after`` % are left.
+
+    What the model is a model of has changed between the logs, so that it forbids simulation.
+    """
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+    before: float
+    after: float

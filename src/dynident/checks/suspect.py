@@ -26,20 +26,21 @@ SETTLED = 0.1  # of a standard error: a smaller step ends the search
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """An unknown of a ``joint``: the derivative of the torque by it, at zero, in a fit; the case with it set right;
-    and the note on its value, standard error, share and the others that explain as much.
+    """An unknown of a ``joint`` (None: of all): the derivative of the torque by it, at zero, in a fit; the case with it
+    set right; and the note on its value, standard error, share and the others that explain as much.
 
     ``limit`` is the largest plausible value; of suspects that explain about the same that of the lowest ``order`` is
-    named.
+    named. ``in_use`` is the case as the user meets it: its motion, where that is wrong in the log only.
     """
 
-    joint: str
+    joint: str | None
     topic: Topic
     derivative: Callable[[Misfit], Array]
     corrected: Callable[[Case, float], Case]
     note: Callable[[float, float, float, Others], WrongValue]
     limit: float
     order: int
+    in_use: Callable[[Case, float], Case] = lambda case, _: case
 
     __repr__ = brief
 
@@ -60,7 +61,8 @@ class Found:
     def rival(self) -> Rival:
         """The same in short, for the note of another one."""
         quantity = Quantity(self.suspect.topic.value)
-        return Rival(self.suspect.joint, quantity, float(np.exp(self.value)) if quantity == "gain" else self.value)
+        value = float(np.exp(self.value)) if quantity in ("gain", "clock") else self.value
+        return Rival(self.suspect.joint or "", quantity, value)
 
 
 def convincing(evidence: Evidence, worth: float) -> bool:

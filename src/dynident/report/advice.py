@@ -184,6 +184,14 @@ def _(reason: reasons.NotCarriedOver) -> str:
 
 
 @words.register
+def _(reason: reasons.TrainedWorse) -> str:
+    return (
+        f"the error on {reason.log}, which was fitted, is {reason.error:.3g} %, {reason.ratio:.2g} times the held-out "
+        "error: outliers or a fault are in the fit"
+    )
+
+
+@words.register
 def _(reason: reasons.MassMatrixNotPositive) -> str:
     return f"the mass matrix is not positive definite (eigenvalue {reason.eigenvalue:.3g})"
 

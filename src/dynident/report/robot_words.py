@@ -45,13 +45,15 @@ RIVALS = {
     Quantity.ZERO: "a zero that is off by {:.3g}",
     Quantity.LENGTH: "an origin moved by {:.3g} m",
     Quantity.AXIS: "an axis or frame turned by {:.3g} rad",
+    Quantity.CLOCK: "time stamps whose second is {:.3g} s",
 }
 
 
 def _others(others: tuple[Rival, ...]) -> str:
     """Return what explains as much, as a sentence."""
-    listed = "; ".join(f"joint {one.joint}: {RIVALS[one.quantity].format(one.value)}" for one in others)
-    return f" The data cannot tell this from: {listed}." if listed else ""
+    places = [f"joint {one.joint}: " if one.joint else "" for one in others]
+    listed = "; ".join(at + RIVALS[one.quantity].format(one.value) for at, one in zip(places, others, strict=True))
+    return f" The data cannot tell this from: {listed}. The change is the largest of these." if others else ""
 
 
 def _cost(note: robot_notes.Costly) -> str:
@@ -112,6 +114,15 @@ def _(note: robot_notes.TorqueGain) -> str:
 
 
 @words.register
+def _(note: robot_notes.ClockWrong) -> str:
+    return (
+        f"by the torque, a second of the time stamps is {note.factor:.3g} +- {note.std:.2g} s, which "
+        f"removes {_percent(note.share)}. {_cost(note)} Check the sampling rate, and the unit of the time."
+        f"{_others(note.others)}"
+    )
+
+
+@words.register
 def _(note: robot_notes.ZeroOff) -> str:
     return (
         f"the robot's joint seems to be at the logged position {note.offset:+.4g} +- {note.std:.2g} (rad or m), which "
@@ -158,5 +169,16 @@ def _(note: robot_notes.OtherPayload) -> str:
     heavier = "heavier" if note.mass > 0 else "lighter"
     return (
         f"the last link is {abs(note.mass):.3g} +- {note.std:.2g} kg {heavier} here than in training, which explains "
-        f"{100 * note.share:.0f} % of the squared residual. Was there another payload? Give each payload its own model."
+        f"{100 * note.share:.0f} % of the squared residual. {_cost(note)} Was there another payload? Give each payload "
+        "its own model."
+    )
+
+
+@words.register
+def _(note: robot_notes.OddLog) -> str:
+    return (
+        f"does not fit together with the other logs: one fit of all leaves {note.before:.3g} % of the torque (mean "
+        f"over the joints), with a fit of its own for this log {note.after:.3g} %. Have the payload, a zero, the "
+        "mounting or the temperature changed in between, or are columns, signs or units others in this file? Correct "
+        "it, or leave it out."
     )

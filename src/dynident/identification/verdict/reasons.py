@@ -28,6 +28,7 @@ __all__ = [
     "SilentTorque",
     "SlowHoldOut",
     "TorqueErrorTooLarge",
+    "TrainedWorse",
     "UnfilteredErrorTooLarge",
 ]
 
@@ -113,6 +114,16 @@ class NotCarriedOver(Reason):
 
     usual_remedy = Remedy.LONGER_TRAINING
     log: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class TrainedWorse(Reason):
+    """The ``error`` on a training ``log`` is large, ``ratio`` times that held out: the fit has outliers, or a fault."""
+
+    usual_remedy = Remedy.CHECK
+    log: str
+    error: float
     ratio: float
 
 

@@ -31,7 +31,7 @@ TORQUE = 10.0  # %, held-out torque error up to which a feedforward helps
 UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter may take away
 JOINT = 25.0  # %, the same of one joint
 SMALL = 1.0  # %, of a joint's effort limit: smaller errors are harmless, even if large relative to a small torque
-GAP = 2.0  # held-out error over training error
+GAP = 2.0  # held-out error over training error, or the other way round
 MISSING = 0.25  # share of the base parameters that the data may leave out
 LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the controller; from the measured torque
 GROWTH = 5.0  # %, by which physical constraints may raise the residual
@@ -95,6 +95,9 @@ def _against_use(found: Identification) -> Iterator[Reason]:
         yield why.SilentTorque(tuple(silent))
     for log in held:
         yield from _wrong(log, max(map(_error, train)))
+    worst = max(train, key=_error)
+    if held and _error(worst) > max(TORQUE, GAP * max(map(_error, held))):
+        yield why.TrainedWorse(worst.name, _error(worst), _error(worst) / max(map(_error, held)))
     if found.mass and not found.mass.positive:
         yield why.MassMatrixNotPositive(found.mass.smallest)
     lost, whole = _unexcited(found)

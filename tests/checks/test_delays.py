@@ -1,0 +1,50 @@
+"""The torque of one joint that is stamped late, or early, against those of the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.delays import delay_findings
+from dynident.checks.finding import Finding
+from dynident.checks.misfit import case_of, misfit
+from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.errors import Severity
+from dynident.log import Motion
+from tests.checks.moving_arm import VALUES, arm, motion
+
+MOVED = motion(5)
+
+
+def found(moved: Motion) -> list[Finding]:
+    return list(delay_findings(misfit(case_of(arm(), [moved])), [moved]))
+
+
+def with_torque(joint: int, torque: np.ndarray) -> Motion:
+    tau = MOVED.tau.copy()
+    tau[:, joint] = torque
+    return replace(MOVED, tau=tau)
+
+
+@pytest.mark.parametrize(("joint", "late"), [(0, 0.01), (2, 0.01), (2, -0.015), (2, 0.03)])
+def test_the_joint_is_named_with_its_delay(joint: int, late: float) -> None:
+    (one,) = found(with_torque(joint, np.interp(MOVED.t - late, MOVED.t, MOVED.tau[:, joint])))
+    assert (one.severity, one.joint) == (Severity.WARNING, f"j{joint + 1}")
+    assert isinstance(one.message, MissingTerm)
+    assert one.message.effect is TermKind.DELAY
+    assert one.message.value == pytest.approx(late, rel=0.3, abs=3 * one.message.std)
+    assert one.message.std < abs(late) / 4
+    assert one.message.cost < 10.0
+
+
+def test_torques_in_time_are_not_named() -> None:
+    assert found(MOVED) == []
+
+
+def test_friction_that_follows_its_reversal_late_is_no_delay() -> None:
+    """As presliding has it: the rest of the torque is in time."""
+    sign = np.sign(MOVED.dq[:, 2])
+    late = np.interp(MOVED.t - 0.02, MOVED.t, sign)
+    assert found(with_torque(2, MOVED.tau[:, 2] + VALUES["coulomb"] * (late - sign))) == []

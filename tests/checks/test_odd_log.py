@@ -1,0 +1,62 @@
+"""Logs that do not fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.odd_log import odd_log_findings
+from dynident.checks.robot_notes import OddLog
+from dynident.errors import Severity, Use
+from dynident.log import Motion
+from tests.checks.moving_arm import arm, motion, truth
+
+MODEL = arm()
+
+
+def named(source: str, seed: int, change: Callable[[Motion], Motion] = lambda moved: moved) -> Motion:
+    return replace(change(motion(seed)), source=source)
+
+
+def swapped(moved: Motion) -> Motion:
+    return replace(moved, tau=moved.tau[:, [0, 2, 1]])
+
+
+def shifted(moved: Motion) -> Motion:
+    return replace(moved, q=moved.q + np.array([0.0, 0.2, 0.0]))
+
+
+@pytest.mark.parametrize("change", [swapped, shifted])
+def test_the_odd_one_of_three_logs_is_named_wherever_it_is(change: Callable[[Motion], Motion]) -> None:
+    for odd in "abc":
+        a, b, c = (named(x, k, change if x == odd else lambda moved: moved) for k, x in enumerate("abc"))
+        (found,) = odd_log_findings(MODEL, [a, b], {"c": c})
+        assert (found.source, found.severity, found.forbids) == (odd, Severity.WARNING, Use.SIMULATION)
+        assert isinstance(found.message, OddLog)
+        assert found.message.after < found.message.before / 2
+
+
+def test_of_two_logs_it_is_the_second() -> None:
+    (found,) = odd_log_findings(MODEL, [named("a", 1, swapped)], {"b": named("b", 2)})
+    assert found.source == "b"
+
+
+def test_logs_of_one_robot_fit_together_and_so_does_a_fault_of_all() -> None:
+    assert list(odd_log_findings(MODEL, [named("a", 1), named("b", 2)], {"c": named("c", 3)})) == []
+    assert list(odd_log_findings(MODEL, [named("a", 1, swapped)], {"b": named("b", 2, swapped)})) == []
+    assert list(odd_log_findings(MODEL, [named("a", 1, swapped)], {})) == []
+
+
+def test_a_motion_that_excites_other_parameters_is_not_odd() -> None:
+    def still(moved: Motion) -> Motion:
+        only = np.array([1.0, 0.0, 0.0])
+        dq, ddq = moved.dq * only, moved.ddq * only
+        q = np.where(only > 0, moved.q, 0.3)
+        tau = MODEL.torque(q, dq, ddq, theta) + 0.05 * np.random.default_rng(3).standard_normal(q.shape)
+        return replace(moved, q=q, dq=dq, ddq=ddq, tau=tau)
+
+    theta = truth(MODEL)
+    assert list(odd_log_findings(MODEL, [named("a", 1, still)], {"b": named("b", 2)})) == []

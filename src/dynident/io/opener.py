@@ -141,7 +141,8 @@ def find(path: str | Path, error: Failure = InputError, kinds: Collection[str] =
         folder = Path(path).parent
         if not os.path.isdir(folder):
             raise error(f"{_short(path)}: the folder {_short(folder)} does not exist.") from wrong
-        near = f"; {choices(Path(path).name, _beside(folder, kinds))}" if kinds else "."
+        beside = _beside(folder, kinds)
+        near = f"; {choices(Path(path).name, beside)}" if beside else "."
         raise error(f"{_short(path)}: cannot be read: there is no such file{near}") from wrong
     except (OSError, ValueError) as wrong:
         raise error(f"{_short(path)}: cannot be read: {getattr(wrong, 'strerror', None) or wrong}.") from wrong

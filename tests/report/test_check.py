@@ -62,7 +62,7 @@ def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
         Finding(Severity.WARNING, joint, kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), Topic.POSITION_SPIKES, "one")
         for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
     ]
-    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: a", "one: b"]
+    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_several_statements_on_one_place_stay_apart() -> None:
@@ -81,6 +81,12 @@ def test_the_most_severe_first_and_counted() -> None:
     assert found.failed
     assert check_summary(found) == "1 error."
     assert check_summary(CheckResult(())) == "No errors and no warnings."
+
+
+def test_what_forbids_a_use_comes_before_the_rest() -> None:
+    harmless = Finding(Severity.WARNING, "a", "coarse.", Topic.QUANTISED, "one")
+    grave = Finding(Severity.WARNING, "b", log_notes.ManyTorqueOutliers(0.03, 1, 0.1), Topic.MANY_OUTLIERS, "one")
+    assert [one[0] for one in rows(harmless, grave)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_the_dictionary_is_plain() -> None:

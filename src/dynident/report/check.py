@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import Note, Severity
+from dynident.errors import Note, Severity, Use
 from dynident.report.finding_words import finding_words
 from dynident.report.log_words import figures_words
 from dynident.report.page import Column, PageTable, number
@@ -23,6 +23,7 @@ __all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "fin
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
+FIRST = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
 
 
 def check_summary(examination: CheckResult) -> str:
@@ -34,7 +35,7 @@ def check_summary(examination: CheckResult) -> str:
 
 def check_tables(examination: CheckResult) -> list[PageTable]:
     """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
-    groups = finding_groups(examination.findings)
+    groups = sorted(finding_groups(examination.findings), key=lambda group: FIRST[group[0].forbids])
     tables = [
         finding_table(chosen, title)
         for severity, title in TITLES.items()

@@ -100,8 +100,10 @@ def refuse_inputs(*targets: str | Path) -> None:
                 raise InputError(f"{target}: is {_kind(found)}, and no file that can be replaced; choose another name.")
             read = run.files.get((found.st_dev, found.st_ino))
             if read is not None:
-                same = "which is read" if read == str(target) else f"which is {read} and is read"
-                raise ConfigError(f"{target}: would be replaced, {same}; choose another name or folder.")
+                same = "" if read == str(target) else f" as {read}"
+                raise ConfigError(
+                    f"{target}: would be replaced, but this run reads it{same}; choose another name or folder."
+                )
 
 
 def set_memory(gigabytes: float | None) -> None:

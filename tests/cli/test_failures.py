@@ -45,6 +45,21 @@ def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.Monkey
         assert words in done.output, done.output
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
+def test_too_small_an_address_space_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenBLAS would try without end to get its buffers; help needs none of it."""
+    import resource
+
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1_200_000_000, resource.RLIM_INFINITY))
+    done = CliRunner().invoke(main, ["check", "a.yaml"])
+    assert done.exit_code == 1
+    assert done.output.startswith("Error: the address space is limited to 1.2 GB (`ulimit -v`); dynident")
+    assert done.output.count("\n") == 1
+    assert CliRunner().invoke(main, ["--help"]).exit_code == 0
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY,) * 2)
+    assert "no such file" in CliRunner().invoke(main, ["check", "a.yaml"]).output
+
+
 def test_the_traceback_is_printed_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
     for done in (
         failing(monkeypatch, KeyError("\x1b[31mx"), "--debug"),

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import builtins
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag1 import reader
 
 from dynident.errors import InputError
+from dynident.io.bag_files import chunks_within_budget
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
 from dynident.io.tables import read_columns
@@ -215,3 +219,27 @@ def test_any_bytes_are_no_bag(tmp_path, data, kind):
     path.write_bytes(data)
     with pytest.raises(InputError):
         read_columns(path)
+
+
+def test_bags_are_read_in_turn(tmp_path):
+    """rosbags has one table of decompressors: each bag finds it as it was, also beside another thread."""
+    before, order = dict(reader.decompressors), []
+
+    def read(name):
+        with chunks_within_budget(tmp_path):
+            order.append(f"{name} begins")
+            assert reader.decompressors["bz2"] != before["bz2"]
+            began.set()
+            gate.wait(60)
+            order.append(f"{name} ends")
+
+    began, gate = Event(), Event()
+    with ThreadPoolExecutor() as pool:
+        first = pool.submit(read, "one")
+        began.wait(60)
+        second = pool.submit(read, "two")
+        gate.set()
+        first.result(60)
+        second.result(60)
+    assert order == ["one begins", "one ends", "two begins", "two ends"]
+    assert reader.decompressors == before

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynident.errors import DynidentError, InputError
+from dynident.io import tables
 from dynident.io.tables import DataTable, read_columns
 from tests.io.files import mat, npz, parquet, written
 
@@ -93,7 +94,7 @@ DAMAGED = {
     "only comments": ("a.csv", b"# t\n", ("no numbers",)),
     "only a header": ("a.csv", b"t,q\n", ("a header, but no row",)),
     "cut off": ("a.csv", b"t,q,tau\n0,1,2\n1,2", ("line 3 has 2 fields where 3 are expected", "cut off: delete")),
-    "short row": ("a.csv", b"t,q\n0,1\n1\n2,3\n", ("line 3 has 1 fields where 2", "Complete or delete")),
+    "short row": ("a.csv", b"t,q\n0,1\n1\n2,3\n", ("line 3 has 1 field where 2", "Complete or delete")),
     "decimal comma": ("a.csv", b"t,q\n0,5,1,5\n", ("line 2 has 4 fields where 2", "separate the columns with ';'")),
     "both decimal marks": ("a.csv", b"t;q\n1,234;1.5\n", ("decimal comma and others a decimal point",)),
     "binary": ("a.csv", b"t,q\n\0\1", ("not a text but a binary file",)),
@@ -184,6 +185,25 @@ def test_damage_to_a_sound_file_is_explained(tmp_path, kind, place, junk, cut):
     data = BINARIES[kind]
     at = int(place * len(data))
     reads_or_explains(written(tmp_path, f"fuzz{kind}", data[:at] + junk + (b"" if cut else data[at + len(junk) :])))
+
+
+def test_where_nothing_is_to_choose_from_none_is_offered(tmp_path):
+    with pytest.raises(InputError, match=r"there is no such file\.$"):
+        read_columns(tmp_path / "arm.csv")
+    with pytest.raises(InputError, match=r"not a ROS 2 bag; nor does it hold a file that can be read\.$"):
+        read_columns(tmp_path)
+    with pytest.raises(InputError, match=r"no scalar 'K'; there is none to choose from\.$"):
+        DataTable({"t": np.zeros(2)}, {}, "log.csv").constant("K")
+
+
+def test_too_little_memory_is_not_taken_for_damage(tmp_path, monkeypatch):
+    def read(*_):
+        raise MemoryError
+
+    (tmp_path / "log.csv").write_text("t\n1\n")
+    monkeypatch.setattr(tables, "parse_text", read)
+    with pytest.raises(MemoryError):
+        read_columns(tmp_path / "log.csv")
 
 
 def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):

@@ -159,7 +159,7 @@ def test_outside_a_command_nothing_is_remembered(tmp_path: Path) -> None:
         refuse_inputs(file)
     with watched():
         keep(file)
-        with watched(), pytest.raises(ConfigError, match=r"a\.csv: would be replaced, which is read; choose another"):
+        with watched(), pytest.raises(ConfigError, match=r"a\.csv: would be replaced, but this run reads it;"):
             refuse_inputs(file)
     with watched():
         refuse_inputs(file)

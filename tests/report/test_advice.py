@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from dynident.checks import Finding
+from dynident.errors import Severity
 from dynident.identification import HeldOut, Use, Verdict
 from dynident.identification.verdict import LargestResidual, WorstRun
 from dynident.identification.verdict import reasons as why
@@ -28,6 +30,16 @@ def test_the_second_sentence_praises_only_what_nothing_stands_against() -> None:
     assert second(Use.DO_NOT_USE, three) == f"Against its use: {words(three)}."
     assert second(Use.CONTROL, one, two) == f"Not for simulation: {words(one)}; {words(two)}."
     assert second(Use.DO_NOT_USE, three, one, two) == f"Against its use: {words(three)}; {words(one)}; and 1 more."
+
+
+def test_a_reason_that_asks_ends_with_its_question_mark() -> None:
+    asking = why.Noted((Finding(Severity.WARNING, "a", "is it in degrees?"),))
+    plain, said = why.TorqueErrorTooLarge("fast", 12.0, 10.0), "Against its use: a: is it in degrees?"
+    assert second(Use.DO_NOT_USE, asking) == said
+    assert second(Use.DO_NOT_USE, asking, plain) == f"{said} And {words(plain)}."
+    assert second(Use.DO_NOT_USE, plain, asking, plain) == (
+        f"Against its use: {words(plain)}; a: is it in degrees? And 1 more."
+    )
 
 
 def test_what_no_data_show_is_a_sentence_only_where_there_is_something() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynident.checks import CheckResult, ExcitedRank, Finding, Topic
+from dynident.checks import CheckResult, ExcitedRank, Finding, Topic, log_notes
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.regression import UnexcitedParameters
@@ -23,6 +23,48 @@ def test_like_findings_are_one_row() -> None:
     assert check_summary(CheckResult(tuple(made))) == "1 warning."
 
 
+def test_each_of_several_outliers_is_named() -> None:
+    """Like findings are one row, but sizes and rows of all of them are said, and what was done about each."""
+
+    def spikes(joint: str, log: str, row: int, size: float, held_out: bool = False) -> Finding:
+        note = log_notes.TorqueSpikes(1, (row,), (1700 + 0.002 * row,), size, not held_out, held_out)
+        return Finding(Severity.WARNING, joint, note, Topic.TORQUE_SPIKES, log)
+
+    made = (spikes("a", "one", 1, 4.0), spikes("b", "one", 3, 5000.0), spikes("b", "two", 5, 60.0))
+    ((where, said),) = rows(*made)["Warnings"]
+    assert where == "one: a"
+    assert said.startswith(
+        "1 torque stands out by up to 4, unlike the motion: sample 1 (t = 1700.002 s). It is left out"
+    )
+    assert said.endswith(
+        " Likewise b (1 by up to 5000, sample 3 (t = 1700.006 s))."
+        " Also in two (b: 1 by up to 60, sample 5 (t = 1700.01 s))."
+    )
+    apart = rows(made[0], spikes("b", "two", 5, 60.0, held_out=True))["Warnings"]
+    assert [one[0] for one in apart] == ["one: a", "two: b"]
+    assert "The error on this log counts it as measured" in apart[1][1]
+
+
+def test_outliers_of_other_kinds_name_their_rows() -> None:
+    kinds = (
+        (lambda row: log_notes.FrozenPosition(row, 10, 1.0, 2.0, 0.5, True), "10 samples at 0.5 from sample 7"),
+        (lambda row: log_notes.FrozenTorque(row, 10, 1.0, 2.0, 0.0, True, False), "10 samples at 0 from sample 7"),
+        (lambda row: log_notes.ClippedTorque(4, 9.5, row, 1.0, True, False), "4 at 9.5, first sample 7"),
+        (lambda row: log_notes.PositionJump(1, 0.25, row, 1.0), "by 0.25 after sample 7"),
+    )
+    for make, said in kinds:
+        made = [Finding(Severity.WARNING, joint, make(row), Topic.JUMP, "one") for joint, row in (("a", 3), ("b", 7))]
+        assert rows(*made)["Warnings"][0][1].endswith(f" Likewise b ({said}).")
+
+
+def test_spikes_that_are_too_many_are_not_like_a_few() -> None:
+    made = [
+        Finding(Severity.WARNING, joint, kind(9, (1, 5, 7), (0.1, 0.5, 0.7), 3.0, False), Topic.POSITION_SPIKES, "one")
+        for joint, kind in (("a", log_notes.PositionSpikes), ("b", log_notes.ManyPositionSpikes))
+    ]
+    assert [one[0] for one in rows(*made)["Warnings"]] == ["one: b", "one: a"]
+
+
 def test_several_statements_on_one_place_stay_apart() -> None:
     made = [Finding(Severity.WARNING, None, words, Topic.NOT_EXCITED) for words in ("move a.", "move b.")]
     assert rows(*made) == {"Warnings": [("", "move a."), ("", "move b.")]}
@@ -39,6 +81,12 @@ def test_the_most_severe_first_and_counted() -> None:
     assert found.failed
     assert check_summary(found) == "1 error."
     assert check_summary(CheckResult(())) == "No errors and no warnings."
+
+
+def test_what_forbids_a_use_comes_before_the_rest() -> None:
+    harmless = Finding(Severity.WARNING, "a", "coarse.", Topic.QUANTISED, "one")
+    grave = Finding(Severity.WARNING, "b", log_notes.ManyTorqueOutliers(0.03, 1, 0.1), Topic.MANY_OUTLIERS, "one")
+    assert [one[0] for one in rows(harmless, grave)["Warnings"]] == ["one: b", "one: a"]
 
 
 def test_the_dictionary_is_plain() -> None:

@@ -9,6 +9,7 @@ import pytest
 import rich.console
 from plotly.offline import get_plotlyjs
 
+from dynident.checks import Finding, Topic, log_notes
 from dynident.errors import Severity
 from dynident.estimators import Consistency, Determined, Provenance
 from dynident.estimators.notes import RankDeficient
@@ -156,6 +157,9 @@ def test_honest_standard_errors_come_first(identification):
 
 def test_the_page_says_whether_errors_count_those_of_the_motion(identification):
     assert "They take the motion as exactly known" in body(identification)
+    identification.errors = StandardErrors(identification.estimate.std, 2.0 * identification.estimate.std)
+    assert "exactly known" not in body(identification)
+    assert "They count the noise left in the motion, but not what the model lacks" in body(identification)
     identification.estimate.information = np.eye(len(identification.estimate.names))
     assert "They count the errors of the motion, too." in body(identification)
 
@@ -248,9 +252,9 @@ def test_a_terminal_shows_of_a_large_robot_what_is_not_inertial():
     assert "Fv1" in shown
     assert "mass0" not in shown
     assert notes[0] == "50 inertial parameters are in the report."
-    assert notes[1].startswith(
-        "In these data the 52 parameters act on the torque in 42 combinations, the base parameters; the"
-    )
+    said = "In these data the 52 parameters act on the torque in 42 combinations, the base parameters, listed"
+    assert notes[1] == f"{said} in the report."
+    assert f"{said} below." in body(robot())
     assert notes[2].startswith("Warning: rank 42 of 52;")
     assert notes[2].endswith("... (in full in the report)")
     assert max(map(len, notes)) < 350
@@ -265,6 +269,21 @@ def test_where_the_estimator_gives_no_verdict_the_base_parameters_do():
     for name, word in (("mass0", "data"), ("mz0", "in combination"), ("Izz4", "not identifiable")):
         row = re.search(rf'<td class="words">{name}</td>.*?<td class="words">([^<]*)</td></tr>', page)
         assert row[1] == word
+
+
+def test_what_the_checks_found_besides_is_said(identification):
+    spikes = log_notes.TorqueSpikes(1, (3000,), (6.0,), 5000.0, True, False)
+    found = [Finding(Severity.WARNING, "elbow", spikes, Topic.TORQUE_SPIKES, "swing")]
+    identification.findings = tuple(found)
+    said = "1 torque stands out by up to 5000, unlike the motion: sample 3000 (t = 6 s). It is left out of the fit."
+    assert identification_notes(identification)[-1].text.startswith(f"Warning: swing: elbow: {said}")
+    page = body(identification)
+    assert '<td class="words">swing: elbow</td>' in page
+    assert said in page
+    found += [Finding(Severity.WARNING, None, f"odd {k}.", source="swing") for k in range(6)]
+    identification.findings = tuple(found)
+    assert identification_notes(identification)[-1].text == "Note: `dynident check` has 2 more warnings."
+    assert "odd 5." in body(identification)
 
 
 def test_notes_leave_a_short_warning_whole(identification):

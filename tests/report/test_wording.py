@@ -160,10 +160,10 @@ def test_a_noun_without_words_is_an_error() -> None:
             TimeOffset(-0.005, 4.0, 2.0),
             "torques are stamped 5 ms later than positions; with it, the training error is 2 % instead of 4 %",
         ),
-        (TimeOffset(0.0, 4.0, 4.0), "none: no time offset lowers the training error (4 %)"),
+        (TimeOffset(0.0, 4.0, 4.0), "none, as none lowers the training error (4 %)"),
         (
             TimeOffset(0.0, 4.0, 4.0, 1e-4),
-            "none: no time offset lowers the training error (4 %) significantly; its standard error would be 0.1 ms",
+            "none, as none lowers the training error (4 %) significantly; its standard error would be 0.1 ms",
         ),
         (
             TimeOffset(0.0021, 4.0, 2.0, 2e-4),

@@ -134,6 +134,7 @@ def _transitions(model: Model, theta: Array, motion: Motion, substeps: int) -> A
     slopes[:, range(2 * n), range(2 * n)] = 1.0
 
     def rate(x: Array, slopes: Array, part: float) -> tuple[Array, Array]:
+        """Return the rates of the state and of its derivatives, ``part`` of the way between two samples."""
         u = (1 - part) * before + part * after
         q, dq = x[:, :n], x[:, n:]
         ddq = model.forward_dynamics(q, dq, u, theta)

@@ -21,6 +21,11 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 
         return f"[{'|'.join(EXPORTERS.kinds())}]"
 
+    def get_missing_message(self, param: click.Parameter, ctx: click.Context | None = None) -> str:  # noqa: ARG002
+        from dynident.io.families import EXPORTERS
+
+        return f"One of {', '.join(EXPORTERS.kinds())}."
+
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         from dynident.errors import choices
         from dynident.io.families import EXPORTERS
@@ -37,6 +42,8 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 @ALLOW_CODE
 def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     """Write the model in RESULT (the result.json of identify), after a check of its torque at random states."""
+    from dataclasses import replace
+
     import numpy as np
 
     from dynident.errors import ModelError
@@ -61,7 +68,10 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     screen = console()
     for line in old_result_lines(found):
         say_line(screen, line)
-    for note in (*export_notes([made]), *(f"Not in the file: {words}" for words in made.written.left_out)):
+    for note in (
+        *export_notes([replace(made, file=out.name)], "listed here"),
+        *(f"Not in the file: {words}" for words in made.written.left_out),
+    ):
         screen.say(note)
     screen.say(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")
     tell(screen, "Model", write_text(out, made.written.text))

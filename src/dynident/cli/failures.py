@@ -26,6 +26,7 @@ __all__ = ["FAULT", "Commands"]
 FAULT = 70  # EX_SOFTWARE of sysexits.h
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+LEAST_ROOM = 2_000_000_000  # bytes of address space; a small project takes 1.2 GB
 PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -61,6 +62,7 @@ class Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes an exception that ``main`` shows."""
+        _require_room()
         with interruptible(), watched():
             return self._invoke(ctx)
 
@@ -76,6 +78,20 @@ class Commands(click.Group):
             if ctx.params.get("debug"):
                 click.echo(visible("".join(traceback.format_exception(error))), err=True)
             raise _ended(error) from error
+
+
+def _require_room() -> None:
+    """Refuse an address space (``ulimit -v``) in which OpenBLAS would try for ever to get its buffers."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_ROOM:
+        raise click.ClickException(
+            f"the address space is limited to {limit / 1e9:.2g} GB (`ulimit -v`); dynident and its libraries need "
+            f"{LEAST_ROOM / 1e9:.2g} GB of it. Raise the limit, or bound the reading of files by --memory instead."
+        )
 
 
 def _ended(error: BaseException) -> click.ClickException:

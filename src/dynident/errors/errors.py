@@ -27,7 +27,9 @@ class ModelError(DynidentError):
 def choices(wrong: object, known: Iterable[str]) -> str:
     """Return a sentence with the alternatives to a wrong name, the nearest first: ``did you mean 'x'? Known: ...``."""
     names = [str(name) for name in known]
+    if not names:
+        return "there is none to choose from."
     near = get_close_matches(str(wrong), names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     shown = ", ".join(repr(name) for name in names[:20]) + (", ..." if len(names) > 20 else "")
-    return f"{hint}Known: {shown or 'none'}."
+    return f"{hint}Known: {shown}."

@@ -62,6 +62,7 @@ class Text:
         roots: list[Node] = []
 
         def start(tag: str, attributes: dict[str, str]) -> None:
+            """Note where an element begins and its start tag ends."""
             at = parser.CurrentByteIndex
             found = _START.match(self._bytes, at)
             assert found, "expat has read this start tag"  # noqa: S101
@@ -70,6 +71,7 @@ class Text:
             open_ones.append(node)
 
         def end(_: str) -> None:
+            """Note where the content of an element ends, and the element."""
             node = open_ones.pop()
             one_tag = self._bytes[node.inside - 2 : node.inside] == b"/>"
             node.close = node.inside if one_tag else parser.CurrentByteIndex

@@ -143,7 +143,7 @@ def _lagrangian(term: Lagrangian, values: Array, k: int) -> str:
     try:
         steps = [f"    {symbol} = {printer.doprint(value)}" for symbol, value in replaced]
         outs = [printer.doprint(value) for value in results]
-    except (NotImplementedError, TypeError, ValueError) as error:
+    except (NotImplementedError, TypeError, ValueError) as error:  # printers of SymPy raise any of them
         raise ModelError(
             f"model.py cannot hold this model: NumPy has no function for a part of it ({error})."
         ) from error

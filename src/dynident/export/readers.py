@@ -68,6 +68,7 @@ def by_pinocchio(text: str, identified: Identified, states: States) -> Array:
     standing = {name: x for name, x in arm.standing.items() if model.existJointName(name)}
 
     def position(q: Array) -> Array:
+        """Return the configuration of Pinocchio, in which a continuous joint is a point of a circle."""
         out: Array = pin.neutral(model)
         for name, x in {**standing, **dict(zip(names, q, strict=True))}.items():
             joint = model.joints[model.getJointId(name)]

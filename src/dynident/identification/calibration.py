@@ -194,6 +194,7 @@ def find_base_tilt(
     fast = quick(estimator)
 
     def residual(tilt: Array) -> Array:
+        """Return what the fit leaves of the torque with the base so tilted."""
         turned = mounted(model, *tilt)
         regression = Regression(turned, thin, min_speed=min_speed)
         blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual

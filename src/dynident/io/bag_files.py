@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from importlib import import_module
 from pathlib import Path
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any, BinaryIO
 from urllib.parse import quote
@@ -22,6 +23,7 @@ _SHARE = 32  # of the budget, what chunks hold beyond the usual ratio
 _RATIO = 100  # chunks of a recording are compressed less
 _MOST_FRAMES = 1000
 _PART = 1 << 20
+_ONE = Lock()  # bags are read in turn: what ``chunks_within_budget`` replaces is one for the whole process
 
 
 def examine_files(path: Path) -> None:
@@ -49,7 +51,8 @@ def _examine_database(path: Path) -> None:
 def chunks_within_budget(path: Path) -> Iterator[None]:
     """Let the library rosbags decompress within a budget: a 32nd of a file's, and 100 times what is compressed.
 
-    Raises InputError inside where a chunk holds more.
+    One bag at a time, as rosbags holds its decompressors in tables of its modules; they are put back. Raises InputError
+    inside where a chunk holds more.
     """
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import reader as ros2
@@ -61,14 +64,15 @@ def chunks_within_budget(path: Path) -> Iterator[None]:
         (mcap.DECOMPRESSORS, {"lz4": bounded.lz4, "zstd": bounded.zstd}),
         (vars(ros2), {"zstd": SimpleNamespace(decompress=bounded.zstd, open=bounded.open)}),
     ]
-    before = [dict(table) for table, _ in tables]
-    try:
-        for table, replaced in tables:
-            table |= {name: replaced[name] for name in replaced if name in table}
-        yield
-    finally:
-        for (table, replaced), old in zip(tables, before, strict=True):
-            table |= {name: old[name] for name in replaced if name in old}
+    with _ONE:
+        before = [dict(table) for table, _ in tables]
+        try:
+            for table, replaced in tables:
+                table |= {name: replaced[name] for name in replaced if name in table}
+            yield
+        finally:
+            for (table, replaced), old in zip(tables, before, strict=True):
+                table |= {name: old[name] for name in replaced if name in old}
 
 
 class _Bounded:

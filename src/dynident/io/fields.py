@@ -141,6 +141,7 @@ def _whole(most: int) -> Callable[[object], int]:
     """Return a reader of whole numbers from 1 to ``most``."""
 
     def read(value: object) -> int:
+        """Read a whole number; ValueError where it is another, or out of range."""
         number = _number(value)
         if number != int(number) or number < 1:
             raise ValueError("a whole number of at least 1 is expected")
@@ -185,6 +186,7 @@ def _each(read: Callable[[object], Any]) -> Callable[[object], Any]:
     """Read either one value, or a mapping of names to values."""
 
     def read_all(value: object) -> Any:
+        """Read a value, or each of a mapping's."""
         if value is None:
             return None
         return {_name(k): read(v) for k, v in value.items()} if isinstance(value, dict) else read(value)
@@ -295,6 +297,7 @@ def by_kind(sections: Mapping[str, type[Section]]) -> Callable[[Any, Any, Valida
     """Return a validator that reads a mapping by its `kind` as one of the sections, whose errors have its place."""
 
     def read(value: Any, _: Any, info: ValidationInfo) -> Any:
+        """Read a section by its kind; a section that is already made, or none, is returned unchanged."""
         if value is None or isinstance(value, tuple(sections.values())):
             return value
         if not isinstance(value, Mapping):

@@ -119,6 +119,7 @@ def _read(item: Any, chunk: int) -> NDArray[Any]:
     wrong: list[int] = []
 
     def examine(stored: Any) -> None:
+        """Note a chunk that would hold more than it should once it is decompressed."""
         if stored.size > chunk + _FRAME and not wrong:
             wrong.append(stored.size)
         elif _RATIO * stored.size > max(memory(), chunk) and item.compression == "gzip":

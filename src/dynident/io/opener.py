@@ -100,8 +100,10 @@ def refuse_inputs(*targets: str | Path) -> None:
                 raise InputError(f"{target}: is {_kind(found)}, and no file that can be replaced; choose another name.")
             read = run.files.get((found.st_dev, found.st_ino))
             if read is not None:
-                same = "which is read" if read == str(target) else f"which is {read} and is read"
-                raise ConfigError(f"{target}: would be replaced, {same}; choose another name or folder.")
+                same = "" if read == str(target) else f" as {read}"
+                raise ConfigError(
+                    f"{target}: would be replaced, but this run reads it{same}; choose another name or folder."
+                )
 
 
 def set_memory(gigabytes: float | None) -> None:
@@ -141,7 +143,8 @@ def find(path: str | Path, error: Failure = InputError, kinds: Collection[str] =
         folder = Path(path).parent
         if not os.path.isdir(folder):
             raise error(f"{_short(path)}: the folder {_short(folder)} does not exist.") from wrong
-        near = f"; {choices(Path(path).name, _beside(folder, kinds))}" if kinds else "."
+        beside = _beside(folder, kinds)
+        near = f"; {choices(Path(path).name, beside)}" if beside else "."
         raise error(f"{_short(path)}: cannot be read: there is no such file{near}") from wrong
     except (OSError, ValueError) as wrong:
         raise error(f"{_short(path)}: cannot be read: {getattr(wrong, 'strerror', None) or wrong}.") from wrong

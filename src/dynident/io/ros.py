@@ -42,6 +42,7 @@ class _Group:
     sent: set[str] = field(default_factory=set)  # the quantities that at least one message holds
 
     def add(self, message: Any, received: int) -> None:
+        """Append a message, ``received`` at that time (ns), with its joints in the order of the group."""
         stamp = message.header.stamp
         self.header.append(stamp.sec * 10**9 + stamp.nanosec)
         self.received.append(received)

@@ -6,6 +6,7 @@ import stat
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import BinaryIO
@@ -116,8 +117,8 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     kind = path.suffix.lower()
     reader = _reader(path, kind)
     try:
-        table = reader(path, needed) if reader.__module__ == __name__ else _foreign(reader, path)
-    except InputError:
+        table = reader(path, needed)
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # readers of damaged files raise almost any exception
         reason = (str(error).splitlines() or [""])[0]
@@ -130,8 +131,8 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     return table if width is None else _reshaped(table, width)
 
 
-def _foreign(reader: Callable[..., DataTable], path: Path) -> DataTable:
-    """Call the reader of another package, on a regular file."""
+def _foreign(reader: Callable[..., DataTable], path: Path, needed: Collection[str] | None) -> DataTable:  # noqa: ARG001
+    """Call the reader of another package, on a regular file; it is not told which columns are needed."""
     with opened(path):
         return called(reader, path, DataTable)
 
@@ -139,9 +140,10 @@ def _foreign(reader: Callable[..., DataTable], path: Path) -> DataTable:
 def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  # noqa: ARG001
     """Read the joint states of a ROS bag, a file or a folder."""
     if path.is_dir() and not (path / "metadata.yaml").is_file():
-        inside = choices("", sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds()))
+        names = sorted(one.name for one in path.iterdir() if one.suffix.lower() in READERS.kinds())
         raise InputError(
-            f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; name a file in it. {inside}"
+            f"{path}: is a folder without metadata.yaml, so it is not a ROS 2 bag; "
+            + (f"name a file in it. {choices('', names)}" if names else "nor does it hold a file that can be read.")
         )
     columns, faults, notes = parse_bag(path)
     return DataTable(columns, {}, str(path), faults, notes=notes)
@@ -154,7 +156,7 @@ def _reader(path: Path, kind: str) -> Callable[..., DataTable]:
     if kind not in READERS.table and kind not in READERS.kinds():
         raise InputError(f"{path}: files of type {kind!r} cannot be read; {choices(kind, READERS.kinds())}")
     found: Callable[..., DataTable] = READERS.get(kind)
-    return found
+    return found if kind in READERS.table else partial(_foreign, found)
 
 
 @contextmanager

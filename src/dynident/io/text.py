@@ -126,7 +126,8 @@ def _check_rows(rows: list[str], numbers: list[int], width: int, separator: str 
         hint = "The last line is cut off: delete it." if k == len(rows) - 1 else "Complete or delete the line."
         if separator == "," and count > width:
             hint = "If commas are decimal marks, separate the columns with ';'."
-        raise InputError(f"{source}: line {numbers[k]} has {count} fields where {width} are expected. {hint}")
+        fields = "1 field" if count == 1 else f"{count} fields"
+        raise InputError(f"{source}: line {numbers[k]} has {fields} where {width} are expected. {hint}")
 
 
 def _distinct(names: list[str], source: str) -> list[str]:

@@ -277,6 +277,7 @@ def _choose(R: Array, rank: int, order: list[int]) -> list[int]:
     rest, chosen = R.copy(), list[int]()
 
     def keep(k: int) -> None:
+        """Take a column, and make the others orthogonal to it."""
         nonlocal rest
         unit = rest[:, k] / np.linalg.norm(rest[:, k])
         rest = rest - np.outer(unit, unit @ rest)

@@ -293,6 +293,7 @@ def triangularise(blocks: Iterator[RegressorBlock], joints: int, parameters: int
     count = np.zeros(joints, dtype=int)
 
     def merge(block: RegressorBlock) -> None:
+        """Reduce the factors so far and a block to new factors."""
         # all joints in one call, so that the next block is computed meanwhile; rows of zeros do not change a factor
         rows = np.concatenate((block.Y, block.tau[:, :, None]), axis=2).swapaxes(0, 1)
         rows = rows if block.keep is None else rows * block.keep.T[:, :, None]

@@ -12,6 +12,8 @@ from dynident.report.wording import words
 from dynident.validation import Driver
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dynident.identification import HeldOut, Verdict
 
 __all__ = ["IN_SENTENCES", "sentences"]
@@ -33,7 +35,7 @@ _REMEDIES = {
     ),
     Remedy.CHECK: (
         "Run `dynident check` on the configuration: it checks signs, gains, units and gravity. Then look at the "
-        "largest residuals below; other friction terms or less noise in the motion may help."
+        "largest residuals in the report; other friction terms or less noise in the motion may help."
     ),
     Remedy.TORQUE_COLUMN: "Check that the right torque column is named, and was recorded.",
     Remedy.LONGER_TRAINING: (
@@ -89,9 +91,18 @@ def _against(verdict: Verdict) -> str:
             "Its mass matrix is positive definite in all poses tested, and the error of its free simulation is at "
             f"most {_percent(run.error)} of the motion ({run.joint}, {run.log})."
         )
-    more = f"; and {len(given) - IN_SENTENCES} more" if len(given) > IN_SENTENCES else ""
+    named = [*map(words, given[:IN_SENTENCES])]
+    named += [f"and {len(given) - IN_SENTENCES} more"] if len(given) > IN_SENTENCES else []
     what = "Against its use" if verdict.use is Use.DO_NOT_USE else "Not for simulation"
-    return f"{what}: {'; '.join(map(words, given[:IN_SENTENCES]))}{more}."
+    return f"{what}: {_joined(named)}"
+
+
+def _joined(named: Sequence[str]) -> str:
+    """Return reasons as a sentence, or as several where one of them ends with a question."""
+    text = ""
+    for one in named:
+        text += f" And {one.removeprefix('and ')}" if text.endswith("?") else f"; {one}" if text else one
+    return text if text.endswith("?") else f"{text}."
 
 
 def _left(verdict: Verdict) -> str:

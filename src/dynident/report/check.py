@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import Severity
+from dynident.errors import Note, Severity, Use
 from dynident.report.finding_words import finding_words
+from dynident.report.log_words import figures_words
 from dynident.report.page import Column, PageTable, number
 from dynident.report.wording import words
 from dynident.report.words import count
@@ -18,10 +19,11 @@ from dynident.report.words import count
 if TYPE_CHECKING:
     from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
 
-__all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "finding_row"]
+__all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "finding_row", "finding_table"]
 
 TITLES = {Severity.ERROR: "Errors", Severity.WARNING: "Warnings", Severity.INFO: "Good to know"}
 MOST_NAMES = 8
+FIRST = {Use.CONTROL: 0, Use.SIMULATION: 1, None: 2}  # what forbids a use comes first
 
 
 def check_summary(examination: CheckResult) -> str:
@@ -33,11 +35,11 @@ def check_summary(examination: CheckResult) -> str:
 
 def check_tables(examination: CheckResult) -> list[PageTable]:
     """Return the tables for a terminal: errors, warnings, what is good to know, then the facts."""
-    groups = finding_groups(examination.findings)
+    groups = sorted(finding_groups(examination.findings), key=lambda group: FIRST[group[0].forbids])
     tables = [
-        PageTable((Column("where", numeric=False), Column("what, and what to do", numeric=False)), tuple(rows), title)
+        finding_table(chosen, title)
         for severity, title in TITLES.items()
-        if (rows := [finding_row(group) for group in groups if group[0].severity == severity])
+        if (chosen := [group for group in groups if group[0].severity == severity])
     ]
     if examination.timings:
         tables.append(_time_table(examination.timings))
@@ -88,25 +90,44 @@ def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
     groups: dict[tuple[object, ...], list[Finding]] = {}
     seen: Counter[tuple[object, ...]] = Counter()
     for one in findings:
-        place = (one.severity, one.topic, one.source, one.joint, one.link)
-        key = (one.severity, one.topic, seen[place], finding_words(one) if not one.topic else "")
+        kind = (one.severity, one.topic, type(one.message), _flags(one.message))
+        place = (*kind, one.source, one.joint, one.link)
+        key = (*kind, seen[place], finding_words(one) if not one.topic else "")
         seen[place] += 1
         groups.setdefault(key, []).append(one)
     return list(groups.values())
+
+
+def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
+    """Return groups of findings as a table of places and what to do."""
+    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False)
+    return PageTable(columns, tuple(map(finding_row, groups)), title)
 
 
 def finding_row(group: Sequence[Finding]) -> tuple[str, str]:
     """Return where the first finding of a group is and what it says, with the places of the others named."""
     first, *others = group
     part = first.link or first.joint or ""
-    here = [one.link or one.joint or "" for one in others if one.source == first.source]
-    there = list(dict.fromkeys(one.source for one in others if one.source != first.source))
+    here = [_of(one.link or one.joint or "", one) for one in others if one.source == first.source]
+    there = list(dict.fromkeys(_of(one.source, one, one.joint) for one in others if one.source != first.source))
     message = finding_words(first)
     if here:
         message += f" Likewise {_listed(here)}."
     if there:
         message += f" Also in {_listed(there)}."
     return " ".join(filter(None, (f"{first.source}:" if first.source and part else first.source, part))), message
+
+
+def _flags(message: str | Note) -> tuple[bool, ...]:
+    """Return what a note says by yes or no, such as what was done about it: notes that differ are not alike."""
+    said = vars(message).values() if isinstance(message, Note) else ()
+    return tuple(value for value in said if isinstance(value, bool))
+
+
+def _of(name: str, finding: Finding, joint: str | None = None) -> str:
+    """Return a name, with the rows and sizes that differ from one finding to the next."""
+    figures = figures_words(finding.message)
+    return f"{name} ({': '.join(filter(None, (joint, figures)))})" if figures else name
 
 
 def _listed(names: Sequence[str]) -> str:

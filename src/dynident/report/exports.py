@@ -8,6 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.export import Export, FileError
@@ -56,14 +57,12 @@ def _costs(one: Export) -> Sequence[FileError]:
     return [error for error in one.errors if error.role == "validation"] or one.errors
 
 
-def export_notes(exports: Sequence[Export]) -> list[str]:
-    """Return for a terminal what is said of the files: refusals, and how much a file leaves out."""
+def export_notes(exports: Sequence[Export], place: str = "listed in the report") -> list[str]:
+    """Return for a terminal what is said of the files: refusals, and how much a file leaves out, listed in a place."""
     notes = [f"{one.file} is not written: {one.refusal}" for one in exports if one.refusal]
     for one in exports:
         if one.ready and one.written and one.written.left_out:
-            notes.append(
-                f"{one.file} cannot hold {len(one.written.left_out)} items, which the report lists.{_cost(one)}"
-            )
+            notes.append(f"{one.file} cannot hold {count(len(one.written.left_out), 'item')}, {place}.{_cost(one)}")
         notes += [f"{one.file}: {note}." for note in (one.written.notes if one.ready and one.written else ())]
     return notes
 

@@ -9,7 +9,7 @@ from dynident.errors import Severity
 from dynident.identification import judge
 from dynident.identification.verdict.reasons import Noted
 from dynident.report.advice import IN_SENTENCES
-from dynident.report.check import finding_groups
+from dynident.report.check import finding_groups, finding_row, finding_table
 from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
@@ -22,10 +22,13 @@ from dynident.report.wording import Line, causes_words, note_lines, status_words
 from dynident.report.words import ROLES, count, listed, logs_of
 
 if TYPE_CHECKING:
+    from dynident.errors import Finding
     from dynident.export import Export
     from dynident.identification import Identification
 
 __all__ = ["identification_notes", "identification_page", "identification_tables", "result_words"]
+
+MOST = 5  # findings of the checks in a terminal
 
 
 def identification_page(identification: Identification, exports: Sequence[Export] = ()) -> str:
@@ -62,7 +65,11 @@ def _lead(identification: Identification) -> str:
 
 
 def _warnings(identification: Identification) -> Iterator[PageBlock]:
-    yield (*(words(note) for note in identification.notes), *_more(identification)) or "None."
+    more = _more(identification)
+    if identification.notes or not more:
+        yield tuple(words(note) for note in identification.notes) or "None."
+    if more:
+        yield finding_table(more, "What the checks found besides (`dynident check`)")
     rest = [note for note in identification.estimate.notes if note not in identification.notes]
     if status := "; ".join(map(words, rest)):
         yield Fold("Status of the fit", (f"{status}.",)) if len(status) > LONGEST else f"Status of the fit: {status}."
@@ -79,16 +86,22 @@ def identification_notes(identification: Identification) -> list[Line]:
     _, notes = terminal_parameters(identification)
     more = judge(identification).reasons[IN_SENTENCES:]
     found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more if isinstance(one, Noted)]
-    said = [*note_lines(identification.notes), *(Line(f"Note: {one}") for one in _more(identification))]
+    said = [*note_lines(identification.notes), *_check_lines(_more(identification))]
     return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in (*found, *said))]
 
 
-def _more(identification: Identification) -> Iterator[str]:
-    """Yield how many findings of the checks have no bearing on the verdict, and are not said elsewhere."""
+def _more(identification: Identification) -> list[list[Finding]]:
+    """Return the findings of the checks that have no bearing on the verdict and are not said elsewhere, like ones
+    together."""
     known = identification.notes
-    more = [one for one in identification.findings if one.forbids is None and one.message not in known]
-    if more:
-        yield f"`dynident check` has {count(len(finding_groups(more)), 'more warning')}."
+    return finding_groups([one for one in identification.findings if one.forbids is None and one.message not in known])
+
+
+def _check_lines(groups: Sequence[Sequence[Finding]]) -> Iterator[Line]:
+    for group in groups[:MOST]:
+        yield Line(f"Warning: {': '.join(filter(None, finding_row(group)))}", Severity.WARNING)
+    if len(groups) > MOST:
+        yield Line(f"Note: `dynident check` has {count(len(groups) - MOST, 'more warning')}.")
 
 
 def result_words(identification: Identification, exports: Sequence[Export] = ()) -> dict[str, Any]:

@@ -3,35 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import singledispatch
 
 from dynident.checks import log_notes as notes
 from dynident.identification.outliers import HeldOutOutliers
 from dynident.report.wording import words
 from dynident.report.words import count
 
-__all__: list[str] = []
+__all__ = ["figures_words"]
 
 CABLE = "Look for a loose cable, a lost message, or a full buffer where it was recorded."
 
 
 def _at(rows: Sequence[int], times: Sequence[float], total: int) -> str:
     """Return where samples are, numbered from zero."""
-    named = ", ".join(f"{row} (t = {t:.6g} s)" for row, t in zip(rows, times, strict=True))
-    return f"sample {named}" if total == 1 else f"samples {named}{', ...' if total > len(rows) else ''}"
+    more = ", ..." if total > len(rows) else ""
+    named, at = (", ".join(map(str, rows)), ", ".join(map(_second, times)))
+    return f"sample{'s' if total > 1 else ''} {named}{more} (t = {at}{more} s)"
 
 
-def _what(masked: bool, held_out: bool) -> str:
+def _second(t: float) -> str:
+    """Return a time to 0.1 ms, also of a clock that began long ago."""
+    return f"{round(t, 4):.15g}"
+
+
+def _what(masked: bool, held_out: bool, total: int = 2) -> str:
+    they, them = ("It is", "it") if total == 1 else ("They are", "them")
     if held_out:
         return (
-            "The error on this log counts them as measured; correct them in the file, or leave them out with a window."
+            f"The error on this log counts {them} as measured; correct {them} in the file, or leave {them} out with a "
+            "window."
         )
-    return "They are left out of the fit." if masked else "They are in the fit: `outliers: mask` leaves them out."
+    return f"{they} left out of the fit." if masked else f"{they} in the fit: `outliers: mask` leaves {them} out."
 
 
-def _replaced(replaced: bool) -> str:
+def _replaced(replaced: bool, total: int = 2) -> str:
+    they, them = ("It is", "it") if total == 1 else ("They are", "them")
     if replaced:
-        return "They are replaced by what is around them, and left out of the fit."
-    return "They are used as they are: `outliers: mask` replaces them."
+        return f"{they} replaced by what is around {them}, and left out of the fit."
+    return f"{they} used as measured: `outliers: mask` replaces {them}."
+
+
+@singledispatch
+def figures_words(message: object) -> str:  # noqa: ARG001
+    """Return size and rows where each of several like findings has its own; else nothing."""
+    return ""
+
+
+@figures_words.register(notes.PositionSpikes)
+@figures_words.register(notes.TorqueSpikes)
+def _(note: notes.PositionSpikes | notes.TorqueSpikes) -> str:
+    return f"{note.count} by up to {note.largest:.4g}, {_at(note.rows, note.times, note.count)}"
+
+
+@figures_words.register(notes.FrozenPosition)
+@figures_words.register(notes.FrozenTorque)
+def _(note: notes.FrozenPosition | notes.FrozenTorque) -> str:
+    return f"{note.count} samples at {note.value:.6g} from sample {note.row}"
+
+
+@figures_words.register
+def _(note: notes.ClippedTorque) -> str:
+    return f"{note.count} at {note.value:.6g}, first sample {note.row}"
+
+
+@figures_words.register
+def _(note: notes.PositionJump) -> str:
+    return f"by {note.size:.4g} after sample {note.row}"
 
 
 @words.register
@@ -39,7 +77,7 @@ def _(note: notes.PositionSpikes) -> str:
     return (
         f"{count(note.count, 'position')} {'stands' if note.count == 1 else 'stand'} out by up to "
         f"{note.largest:.3g}: {_at(note.rows, note.times, note.count)}. "
-        f"{_replaced(note.replaced)} {CABLE}"
+        f"{_replaced(note.replaced, note.count)} {CABLE}"
     )
 
 
@@ -54,8 +92,9 @@ def _(note: notes.ManyPositionSpikes) -> str:
 @words.register
 def _(note: notes.FrozenPosition) -> str:
     return (
-        f"the position is {note.value:.6g} for {note.count} samples, from sample {note.row} (t = {note.start:.6g} s) "
-        f"to t = {note.stop:.6g} s, and jumps: it was not read there. {_replaced(note.replaced)} {CABLE}"
+        f"the position is {note.value:.6g} for {note.count} samples, from sample {note.row} "
+        f"(t = {_second(note.start)} s) to t = {_second(note.stop)} s, and jumps: it was not read there. "
+        f"{_replaced(note.replaced)} {CABLE}"
     )
 
 
@@ -63,7 +102,7 @@ def _(note: notes.FrozenPosition) -> str:
 def _(note: notes.PositionJump) -> str:
     more = f", and {note.count - 1} more times" if note.count > 1 else ""
     return (
-        f"the position jumps by {note.size:.4g} after sample {note.row} (t = {note.time:.6g} s){more}: are two "
+        f"the position jumps by {note.size:.4g} after sample {note.row} (t = {_second(note.time)} s){more}: are two "
         "recordings joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."
     )
 
@@ -81,15 +120,17 @@ def _(note: notes.InterpolatedPositions) -> str:
 def _(note: notes.TorqueSpikes) -> str:
     return (
         f"{count(note.count, 'torque')} {'stands' if note.count == 1 else 'stand'} out by up to {note.largest:.4g}, "
-        f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out)} {CABLE}"
+        f"unlike the motion: {_at(note.rows, note.times, note.count)}. {_what(note.masked, note.held_out, note.count)} "
+        f"{CABLE}"
     )
 
 
 @words.register
 def _(note: notes.ManyTorqueOutliers) -> str:
     return (
-        f"{100 * note.share:.2g} % of the torques look like outliers, first sample {note.row} (t = {note.time:.6g} s): "
-        "too many to be left out, so that none is. Is it the right column, or was it recorded badly?"
+        f"{100 * note.share:.2g} % of the torques look like outliers, first sample {note.row} "
+        f"(t = {_second(note.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
+        "recorded badly?"
     )
 
 
@@ -97,18 +138,18 @@ def _(note: notes.ManyTorqueOutliers) -> str:
 def _(note: notes.FrozenTorque) -> str:
     what = "zero" if note.value == 0 else f"{note.value:.6g}"
     return (
-        f"the torque is {what} for {note.count} samples, from sample {note.row} (t = {note.start:.6g} s) to "
-        f"t = {note.stop:.6g} s, though the motion needs another: it was not read there, or the drive was off. "
-        f"{_what(note.masked, note.held_out)} {CABLE}"
+        f"the torque is {what} for {note.count} samples, from sample {note.row} "
+        f"(t = {_second(note.start)} s) to t = {_second(note.stop)} s, though the motion needs another: it was not "
+        f"read there, or the drive was off. {_what(note.masked, note.held_out)} {CABLE}"
     )
 
 
 @words.register
 def _(note: notes.ClippedTorque) -> str:
     return (
-        f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {note.time:.6g} s), where "
-        f"the motion needs more: the sensor or the signal is at its limit. {_what(note.masked, note.held_out)} Record "
-        "with a larger range, or a gentler motion."
+        f"{note.count} torques are exactly {note.value:.6g}, first sample {note.row} (t = {_second(note.time)} s), "
+        "where the motion needs more: the sensor or the signal is at its limit. "
+        f"{_what(note.masked, note.held_out)} Record with a larger range, or a gentler motion."
     )
 
 

@@ -54,7 +54,7 @@ _COMBINED = (
 def parameter_section(identification: Identification) -> PageSection:
     """Return the section of the parameters: how many are well known, the table, and their intervals by group."""
     parameters = identification.model.parameters
-    blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification)))]
+    blocks: list[PageBlock] = [" ".join((_certain(identification), *rank_sentence(identification, "below")))]
     blocks += [_ROBUST] if identification.errors.std_hac is not None else []
     blocks += [_VERDICT] if identification.estimate.provenance else [_COMBINED] if identification.base.on_data else []
     table = parameter_table(identification)
@@ -160,14 +160,15 @@ def _not_inertial(parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
     return tuple(k for k, parameter in enumerate(parameters) if parameter.role not in INERTIAL)
 
 
-def rank_sentence(identification: Identification) -> tuple[str, ...]:
-    """Say how many combinations the data show of a robot's standard parameters, which is never all; else nothing."""
+def rank_sentence(identification: Identification, place: str = "in the report") -> tuple[str, ...]:
+    """Say how many combinations the data show of a robot's standard parameters, which is never all, and in which place
+    they are listed; else nothing."""
     estimate, basis = identification.estimate, identification.base.on_data
     rank, count = basis.rank if basis else estimate.determined.rank, len(estimate.names)
     standard = any(parameter.role in INERTIAL for parameter in identification.model.parameters)
     if rank == count or not standard:
         return ()
-    rest = "; the report lists them" if basis else ""
+    rest = f", listed {place}" if basis else ""
     return (
         f"In these data the {count} parameters act on the torque in {rank} combinations, the base parameters{rest}.",
     )

@@ -267,7 +267,7 @@ def _(time_offset: TimeOffset) -> str:
     error = np.inf if time_offset.std is None else 1e3 * time_offset.std
     if not time_offset.seconds:
         known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
-        return f"none: no time offset lowers the training error ({time_offset.before:.3g} %){known}"
+        return f"none, as none lowers the training error ({time_offset.before:.3g} %){known}"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
     size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
     return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"

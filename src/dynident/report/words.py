@@ -23,9 +23,14 @@ def logs_of(identification: Identification, role: str) -> list[LogValidation]:
 
 
 def motion_known(identification: Identification) -> str:
-    """Say whether the standard errors count the errors of the motion."""
+    """Say whether the standard errors count the errors of the motion, and what they do not count."""
     if identification.estimate.information is not None:
         return "They count the errors of the motion, too."
+    if identification.errors.std_hac is not None:
+        return (
+            "They count the noise left in the motion, but not what the model lacks: the true uncertainty is larger "
+            "where the torque error is larger than the noise."
+        )
     return (
         "They take the motion as exactly known: the true uncertainty is larger, especially where the torque error is "
         "large."

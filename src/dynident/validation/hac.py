@@ -126,6 +126,7 @@ def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Ar
     held, rows, total = np.zeros((length - 1, width)), 0, np.zeros((width, width))
 
     def add(u: Array) -> None:
+        """Add the next rows to the sums that are still running, and those that end to the total."""
         nonlocal held, total
         sums = np.cumsum(np.concatenate((np.zeros((1, width)), held, u)), axis=0)
         b = sums[length:] - sums[:-length]

@@ -231,11 +231,13 @@ class Search:
         path: list[tuple[float, Array]] = []  # signed roots of the deviance, and the best fits there
 
         def end(side: int) -> float:
+            """Return the end of the interval on one side, where the likelihood or physics ends it."""
             last, inward = fitted, keeps and side * value < 0
             # from one share to the next; not the parameter itself, which may be near zero or at a bound
             unit, way = (value, -1) if inward else (side * max(abs(value), std), 1)
 
             def root(share: float) -> tuple[float, float]:
+                """Return the root of the deviance where the parameter is held at a share, and its slope."""
                 nonlocal last
                 aim = value + unit * (share - 1)
                 found = self._held(last, last.theta + along * (aim - last.theta[k]), k, aim)

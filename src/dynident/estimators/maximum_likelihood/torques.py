@@ -90,6 +90,7 @@ class _Rule:
 
     @classmethod
     def over(cls, t: Array, first: NDArray[np.intp], count: NDArray[np.intp], chosen: NDArray[np.bool_]) -> _Rule:
+        """Return the rule for the ``chosen`` stretches of samples, which have these first samples and counts."""
         member, size = np.repeat(chosen, count), count[chosen]
         start = np.concatenate([[0], np.cumsum(size)[:-1]])
         low, high = t[first[chosen]], t[first[chosen] + size - 1]

@@ -134,6 +134,7 @@ class _Reader:
 
     def _limits(self, attributes: Attributes, scale: float, where: str) -> Limits:
         def pair(limited: str, key: str, scale: float) -> tuple[float | None, float | None]:
+            """Return the limits of a key where its flag says that they act."""
             automatic = self.defaults.compiler.get("autolimits", "true")
             active = attributes.get(limited, "auto").replace("auto", automatic)
             if active != "true" or key not in attributes:

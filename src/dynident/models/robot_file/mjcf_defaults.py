@@ -84,6 +84,7 @@ def _classes(root: Element) -> dict[str, dict[str, Attributes]]:
     found: dict[str, dict[str, Attributes]] = {"main": {}}
 
     def read(element: Element, name: str, outer: Mapping[str, Attributes]) -> None:
+        """Add a class with the attributes of the one around it, and those inside it."""
         own = {**outer, **found.get(name, {})}
         for child in element:
             if child.tag != "default":

@@ -138,12 +138,14 @@ def parse(xml: str, source: str) -> Element:
     builder, parser, depth = TreeBuilder(), expat.ParserCreate(), 0
 
     def refuse(*_: object) -> NoReturn:
+        """Raise the error for a document type."""
         raise ModelError(
             f"{source}, line {parser.CurrentLineNumber}: a DOCTYPE with its entities is not read, because it can reach "
             "other files or grow without bound; delete it and write out what its entities stand for."
         )
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        """Begin an element; ModelError where it is nested too deep, or is for xacro."""
         nonlocal depth
         depth += 1
         if depth > DEEPEST:

@@ -196,13 +196,7 @@ def _moving(
     logs, masked = sound["train"], recipe.outliers == "mask"
     every = (*logs, *sound["validation"])
     if smoothed is None:
-        clean = {role: [recipe.repaired(log, torque=role == "train") for log in part] for role, part in sound.items()}
-        pairing = pair(model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
-        smoothed = {
-            role: {log.source: motion_of(pairing.smoother, log) for log in part} for role, part in clean.items()
-        }
-        if pairing.time_offset is not None:
-            findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
+        smoothed = _smoothed(model, sound, recipe, findings, progress)
     progress("checking the motion")
     recorded = [smoothed[role][log.source] for role in ("train", "validation") for log in sound[role]]
     outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
@@ -222,6 +216,22 @@ def _moving(
     held_out = {motion.source: motion for motion in recorded[len(logs) :]}
     findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
+
+
+def _smoothed(
+    model: Model,
+    sound: Mapping[str, Sequence[Log]],
+    recipe: Recipe,
+    findings: list[Finding],
+    progress: Callable[[str], None],
+) -> dict[str, dict[str, Motion]]:
+    """Return the logs smoothed as plain least squares would be given them; adds the time offset to the findings."""
+    min_speed = recipe.min_speeds(tuple(joint.name for joint in model.joints))
+    clean = {role: [recipe.repaired(log, torque=role == "train") for log in part] for role, part in sound.items()}
+    pairing = pair(model, clean["train"], recipe.smoothers, recipe.time_offset, PLAIN, min_speed, progress=progress)
+    if pairing.time_offset is not None:
+        findings.append(Finding(Severity.INFO, None, pairing.time_offset, Topic.TIME_OFFSET))
+    return {role: {log.source: motion_of(pairing.smoother, log) for log in part} for role, part in clean.items()}
 
 
 def _of_motion(

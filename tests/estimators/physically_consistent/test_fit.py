@@ -272,3 +272,15 @@ def test_only_what_is_at_its_bound_is_said_to_be() -> None:
     found = PhysicallyConsistent(bounds={model.names[-1]: (0.6, None)})(problem(model, np.append(BODY, 0.5), 0.01))
     assert found.provenance == ("data",) * 10 + ("bound",)
     assert found.value[-1] == 0.6
+
+
+def test_the_covariance_holds_what_constraints_moved_the_value_by_and_nothing_else() -> None:
+    """Least squares' own, and the outer product of the move, which a bound on the friction causes."""
+    model = single(None, ("viscous", 3))
+    posed = problem(model, np.append(BODY, 0.5), 0.01)
+    plain = LeastSquares(weights="per_joint")(posed)
+    for bounds in ({}, {model.names[-1]: (0.6, None)}):
+        found = PhysicallyConsistent(bounds=bounds)(posed)
+        away = found.value - plain.value
+        assert np.any(np.abs(away) > 0.01) == bool(bounds)
+        np.testing.assert_allclose(found.covariance, plain.covariance + np.outer(away, away), rtol=1e-5, atol=1e-11)

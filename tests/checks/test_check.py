@@ -25,13 +25,17 @@ NAME = slider().joints[0].name
 
 def log(scale: float = 1.0, t: np.ndarray = T) -> Log:
     x = 0.3 * np.sin(3 * T) + 1e-6 * np.random.default_rng(9).standard_normal(len(T))
-    force = -13.5 * np.sin(3 * T) + 7.2 * np.cos(3 * T) + 3 * np.sign(np.cos(3 * T))
-    return Log(t, x[:, None], scale * force[:, None], (NAME,))
+    return Log(t, x[:, None], scale * force(0.9 * np.cos(3 * T), -2.7 * np.sin(3 * T)), (NAME,))
 
 
 def other() -> Log:
     x = 0.3 * np.sin(2 * T) * np.cos(T) + 1e-6 * np.random.default_rng(8).standard_normal(len(T))
-    return Log(T, x[:, None], (20 * np.sin(T) * x)[:, None], (NAME,))
+    dx = 0.15 * (3 * np.cos(3 * T) + np.cos(T))
+    return Log(T, x[:, None], force(dx, -0.15 * (9 * np.sin(3 * T) + np.sin(T))), (NAME,))
+
+
+def force(dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
+    return (5 * ddx + 8 * dx + 3 * np.sign(dx))[:, None]
 
 
 def topics(found) -> list[str]:

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks.case import Case
 from dynident.checks.clock import clock_suspect
 from dynident.checks.explain import explained
-from dynident.checks.misfit import Case, misfit
+from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import ClockWrong, Quantity, WrongValue
 from dynident.checks.suspect import refined
 from dynident.errors import Use

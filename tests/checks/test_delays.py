@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks.case import case_of
 from dynident.checks.delays import delay_findings
 from dynident.checks.finding import Finding
-from dynident.checks.misfit import case_of, misfit
+from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.errors import Severity
 from dynident.log import Motion

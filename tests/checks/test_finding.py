@@ -28,7 +28,9 @@ def test_require_words_every_error_and_lets_warnings_pass() -> None:
 
 
 def test_a_line_names_the_joint_at_fault() -> None:
-    assert reading_line(Finding(Severity.WARNING, "b", STILL)).startswith("joint 'b': the position never moves (1 dist")
+    assert reading_line(Finding(Severity.WARNING, "b", STILL)).startswith(
+        "joint 'b': the position never moves (one value"
+    )
     assert reading_line(Finding(Severity.WARNING, None, STILL)).startswith("the position never moves")
     assert reading_line(Finding(Severity.WARNING, None, "odd")) == "odd"
 

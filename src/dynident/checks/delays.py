@@ -103,7 +103,7 @@ def _delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:
     """Return the delays (n) of all joints together, their standard errors, robust to correlation, and the share that
     each explains of its joint's squared residual; ``rate`` (M, n) is the torque's."""
     n = rate.shape[1]
-    Z = np.stack([fit.beside(_of_joint(-rate, j)) for j in range(n)], axis=2)
+    Z = np.moveaxis(fit.beside(np.stack([_of_joint(-rate, j) for j in range(n)])), 0, 2)
     inverse = np.linalg.pinv(np.einsum("mni,mnj->ij", Z, Z), hermitian=True)
     value = inverse @ np.einsum("mni,mn->i", Z, fit.residual)
     left = fit.residual - Z @ value

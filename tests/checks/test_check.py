@@ -28,10 +28,10 @@ def log(scale: float = 1.0, t: np.ndarray = T) -> Log:
     return Log(t, x[:, None], scale * force(0.9 * np.cos(3 * T), -2.7 * np.sin(3 * T)), (NAME,))
 
 
-def other() -> Log:
+def other(scale: float = 1.0) -> Log:
     x = 0.3 * np.sin(2 * T) * np.cos(T) + 1e-6 * np.random.default_rng(8).standard_normal(len(T))
     dx = 0.15 * (3 * np.cos(3 * T) + np.cos(T))
-    return Log(T, x[:, None], force(dx, -0.15 * (9 * np.sin(3 * T) + np.sin(T))), (NAME,))
+    return Log(T, x[:, None], scale * force(dx, -0.15 * (9 * np.sin(3 * T) + np.sin(T))), (NAME,))
 
 
 def force(dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class Counted:
 
 def test_beside_an_identification_nothing_is_smoothed_again() -> None:
     smoother = Counted()
-    logs = {"train": {"one": log(-1.0)}, "validation": {"two": other()}}
+    logs = {"train": {"one": log(-1.0)}, "validation": {"two": other(-1.0)}}
     recipe = Recipe(smoother)
     found = identify(slider(), logs["train"], logs["validation"], recipe)
     before = smoother.count

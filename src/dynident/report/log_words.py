@@ -100,7 +100,8 @@ def _(note: notes.FrozenPosition) -> str:
 
 @words.register
 def _(note: notes.PositionJump) -> str:
-    more = f", and {note.count - 1} more times" if note.count > 1 else ""
+    again = "once more" if note.count == 2 else f"{note.count - 1} more times"
+    more = f", and {again}" if note.count > 1 else ""
     return (
         f"the position jumps by {note.size:.4g} after sample {note.row} (t = {_second(note.time)} s){more}: are two "
         "recordings joined, or did the encoder lose counts? Give the pieces as separate logs, by windows."

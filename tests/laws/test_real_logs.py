@@ -286,7 +286,7 @@ def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
     assert ("rest", None) in whole["warning"]
     turned = check(folder, "tx40", ("tau.Joint_2, unit", "tau.Joint_2, gain: -1, unit"), plain)
     assert turned["warning"] == {("sign", "joint_2")}
-    some = ("window: [0, 14.7]", "window: [0, 7]"), ("window: [14.7, null]", "window: [14.7, 18]")
+    some = ("window: [0, 9.33]", "window: [0, 7]"), ("window: [9.33, 13.33]", "window: [9.33, 12.6]")
     swapped = check(folder, "panda", ("tau.1,", "tau.6,"), *some, plain)
     assert ("foreign", "panda_joint2") in swapped["warning"]
     assert {("jitter", None), ("lost", None)} <= swapped["info"]

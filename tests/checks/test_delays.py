@@ -49,3 +49,10 @@ def test_friction_that_follows_its_reversal_late_is_no_delay() -> None:
     sign = np.sign(MOVED.dq[:, 2])
     late = np.interp(MOVED.t - 0.02, MOVED.t, sign)
     assert found(with_torque(2, MOVED.tau[:, 2] + VALUES["coulomb"] * (late - sign))) == []
+
+
+def test_recordings_too_short_to_be_shifted_say_nothing() -> None:
+    late = with_torque(2, np.interp(MOVED.t - 0.01, MOVED.t, MOVED.tau[:, 2]))
+    fit = misfit(case_of(arm(), [late]))
+    assert list(delay_findings(fit, [late])) != []
+    assert list(delay_findings(fit, [replace(late, mask=MOVED.t < 0.05)])) == []

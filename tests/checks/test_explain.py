@@ -13,7 +13,8 @@ from dynident.checks.finding import Topic
 from dynident.checks.robot_notes import TiltedBase
 from dynident.errors import Severity, Use
 from dynident.estimators import LeastSquares
-from dynident.identification import find_base_tilt, mounted
+from dynident.identification import BaseTilt, find_base_tilt, mounted
+from dynident.regression import ParallelFilter
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
 MODEL = arm()
@@ -68,3 +69,10 @@ def test_a_large_fault_is_named_alone() -> None:
     theta[20] += 1.0
     found = robot_findings(arm(text(0.44)), [swapped], {"loaded": motion(1, theta=theta)})
     assert topics(found) == [(Topic.SWAPPED, None)]
+
+
+def test_where_no_sample_counts_nothing_is_looked_for() -> None:
+    """A low-pass so slow that every sample lies near a reversal: nothing is left to be explained, not even by a tilt."""
+    tilt = BaseTilt(0.01, 0.01, (0.001, 0.001), 3.0, 2.0)
+    slow = ParallelFilter(cutoff=0.3)
+    assert list(robot_findings(arm(), [motion(1)], {"b": motion(2)}, slow, None, tilt)) == []

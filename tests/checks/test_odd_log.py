@@ -60,3 +60,24 @@ def test_a_motion_that_excites_other_parameters_is_not_odd() -> None:
 
     theta = truth(MODEL)
     assert list(odd_log_findings(MODEL, [named("a", 1, still)], {"b": named("b", 2)})) == []
+
+
+def few(moved: Motion, samples: int) -> Motion:
+    """The motion with only its first samples, the others masked out."""
+    return replace(moved, mask=np.arange(len(moved)) < samples)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 6])
+def test_a_log_of_few_usable_samples_is_no_obstacle(samples: int) -> None:
+    """Fewer equations than parameters: its triangular factor has fewer rows than the others'."""
+    right, short = named("a", 1), few(named("b", 2), samples)
+    assert list(odd_log_findings(MODEL, [right], {"b": short})) == []
+    (found,) = odd_log_findings(MODEL, [right, named("c", 3, swapped)], {"b": short})
+    assert found.source == "c" if samples == 0 else found.source != "b"
+
+
+def test_joints_of_which_no_sample_counts_say_nothing() -> None:
+    a, b = named("a", 1, swapped), named("b", 2)
+    assert list(odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 100.0, 100.0))) == []
+    (found,) = odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 0.0, 0.0))
+    assert found.source == "b"

@@ -341,6 +341,15 @@ def test_the_scatter_of_what_the_motion_invents_is_an_error_of_the_offset() -> N
     assert found.std == pytest.approx(0.003, rel=0.02)
 
 
+@pytest.mark.parametrize("late", [0.045, -0.045])
+def test_an_invented_offset_beyond_the_range_leaves_none(late: float) -> None:
+    motion = sliding(0.004, 0.2)
+    sets = [[sliding(0.001, 0.2)], [sliding(late, 0.2)]]
+    found = find_time_offset(slider(), [motion], LeastSquares(), repeat=lambda _: sets)
+    assert found.seconds == 0.0
+    assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
+
+
 def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
     """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
     motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)

@@ -176,6 +176,14 @@ def test_a_fit_that_misses_its_own_data_is_not_good_by_an_easier_log(
     assert verdict.use is (Use.DO_NOT_USE if worse else Use.SIMULATION)
 
 
+@pytest.mark.parametrize("held", [0.0, float("nan")])
+def test_a_held_out_error_without_size_is_no_measure_of_the_training(good: Identification, held: float) -> None:
+    """It is no number where the held-out torque is zero."""
+    both = zip(good.validations, (11.0, held), strict=True)
+    verdict = judge(replace(good, validations=tuple(with_errors(one, relative_error=x) for one, x in both)))
+    assert not any(isinstance(one, why.TrainedWorse) for one in verdict.reasons)
+
+
 def test_a_large_error_of_a_small_torque_does_no_harm(good: Identification) -> None:
     changes = {"per_joint": {"slider": 40.0}, "effort_share": {"slider": 0.5}}
     assert with_log(good, 1, **changes).use is Use.SIMULATION

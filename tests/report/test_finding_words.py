@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dynident.checks import Finding, file_notes, motion_notes, notes
+from dynident.checks import Finding, file_notes, log_notes, motion_notes, notes
 from dynident.errors import Note, Severity
 from dynident.identification import TimeOffset
 from dynident.report.finding_words import finding_words
@@ -325,3 +325,13 @@ def test_repeated_positions_that_are_not_every_other_have_another_remedy() -> No
 def test_text_from_below_is_unchanged_and_a_time_offset_is_named() -> None:
     assert finding_words(Finding(Severity.ERROR, None, "no such file.")) == "no such file."
     assert finding_words(Finding(Severity.INFO, None, TimeOffset(0.0, 4.0, 4.0))).startswith("Time offset: none")
+
+
+@pytest.mark.parametrize(
+    ("lag", "place"),
+    [(0.0, "'a', to 3 %"), (0.4, "'a', 0.4 s later in it, to"), (-0.4, "'a', begun 0.4 s before it, to")],
+)
+def test_a_repeat_may_begin_after_the_other_log_or_before(lag: float, place: str) -> None:
+    assert place in words(log_notes.RepeatedMotion("a", lag, 3.0))
+    same = words(log_notes.SameData("a", lag))
+    assert ("later" in same, "before it" in same) == (lag > 0, lag < 0)

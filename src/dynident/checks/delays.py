@@ -46,10 +46,11 @@ def delay_findings(
     """
     slow, std, _ = _delays(fit, torque_rate(fit, fit.case))
     likely = (np.abs(slow) > LIKELY * std) & (np.abs(slow) < LONGEST)
-    if not likely.any():
+    rows = subsample(motions, SAMPLES, LONGEST)
+    if not likely.any() or all(len(kept) < 2 for kept in rows):
         return
     model = fit.case.model
-    value, error, share = _as_measured(model, motions, min_speed)
+    value, error, share = _as_measured(model, motions, rows, min_speed)
     likely &= (np.sign(value) == np.sign(slow)) & (np.abs(value) > np.maximum(CERTAIN * error, SHORTEST))
     for j in np.flatnonzero(likely & (share > WORTH)):
         rate = _of_joint(-torque_rate(fit, fit.case), int(j))
@@ -60,14 +61,13 @@ def delay_findings(
 
 
 def _as_measured(
-    model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None
+    model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None
 ) -> tuple[Array, Array, Array]:
     """Return the delays (n) in the torque as measured, their standard errors, and what each explains of its joint.
 
     The differences by time are narrow at first, and wider for the value of a delay that explains something then:
     slow errors of a model look like delays over long times, too.
     """
-    rows = subsample(motions, SAMPLES, LONGEST)
     step = max(float(np.median(np.diff(one.t))) for one in motions)
     fit = misfit(_at(model, motions, rows, min_speed, 0.0))
     wide, needed = 0.0, max(WIDE, step)

@@ -73,6 +73,8 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     said: set[tuple[TermKind, int]] = set()
     for _ in range(MOST):
         fit = misfit(case)
+        if not fit.size:  # nothing is left, or counts
+            return
         weight = fit.weight.max(axis=0)
         absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
         share = max((one.evidence.share for one in absent), default=0.0)

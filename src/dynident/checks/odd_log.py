@@ -40,11 +40,13 @@ def odd_log_findings(
     Errors are root mean squares over the joints, so that small torques count as large ones. Each fit is judged by what
     it is made of, so that noise in one log, or a motion that the others do not excite, makes it no odd one.
     """
-    logs = [one for one in (*motions, *held_out.values()) if one.tau.any()]  # else more is said of it elsewhere
+    logs = [
+        one for one in (*motions, *held_out.values()) if one.tau[one.mask].any()
+    ]  # else more is said of it elsewhere
     if len(logs) < 2:
         return
     factors = _factors(case_of(model, logs, parallel_filter, min_speed, SAMPLES))
-    torque = float(np.linalg.norm([one[:, -1] for one in factors]))
+    torque = float(np.linalg.norm(np.concatenate([one[:, -1] for one in factors])))
     before = 100.0 * _left(factors) / (torque or np.inf)
     if not before > POOR:
         return
@@ -57,7 +59,7 @@ def odd_log_findings(
 
 def _factors(case: Case) -> list[Array]:
     """Return for each log the triangular factor (k, p + 1) of regressor and torque, relative to that of all logs."""
-    size = np.sqrt(np.mean(case.tau**2, axis=0, where=case.keep))
+    size = np.sqrt((case.tau**2 * case.keep).sum(axis=0) / np.maximum(case.keep.sum(axis=0), 1))
     weight = case.keep / np.where(size > 0, size, np.inf)
     Y = case.model.regressor(case.q, case.dq, case.ddq)
     X = np.concatenate([Y, case.tau[:, :, None]], axis=2) * weight[:, :, None]

@@ -212,8 +212,8 @@ class TermLeftOut(MissingTerm):
 
 @dataclass(frozen=True)
 class OtherPayload(Costly):
-    """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of that log's
-    residual (squared).
+    """The last link is ``mass`` (kg) heavier in one log than in training, which explains ``share`` of the
+    squared residual of both.
 
     A model of one payload is none of the other: any forbids simulation, and a large one control. The ``cost`` is the
     torque of the payload in that log.

@@ -86,7 +86,10 @@ def _require_room() -> None:
         import resource
     except ImportError:  # Windows has no such limit
         return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    kind = getattr(resource, "RLIMIT_AS", None)
+    if kind is None:  # nor does OpenBSD
+        return
+    limit, _ = resource.getrlimit(kind)
     if limit != resource.RLIM_INFINITY and limit < LEAST_ROOM:
         raise click.ClickException(
             f"the address space is limited to {limit / 1e9:.2g} GB (`ulimit -v`); dynident and its libraries need "

@@ -138,8 +138,9 @@ def find_time_offset(
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
     is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
-    without an offset and their torque for the parameters found, and what is found in these is subtracted. ``min_speed``
-    (n) is that of the fit. Raises the errors of ``Regression`` and the estimator.
+    without an offset and their torque for the parameters found, and what is found in these is subtracted; where that is
+    beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and
+    the estimator.
     """
     rows = subsample(motions, _samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
@@ -159,6 +160,8 @@ def find_time_offset(
     at = _shifted(motions, rows, best)
     theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
     invented = [_least(partial(error, motions=one))[0] for one in repeat(theta)]
+    if not np.isfinite(invented).all():  # smoothing alone shows one beyond the range: nothing is known of this one
+        return none
     if invented:  # either sign is as likely where it is noise that is less between samples
         best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
     after = error(best)

@@ -163,21 +163,27 @@ def _(note: HeldOutOutliers) -> str:
     )
 
 
+def _lagging(lag: float, least: float) -> str:
+    """Return where in the other log a repeat begins, if it is more than ``least`` (s) from its start."""
+    if abs(lag) <= least:
+        return ""
+    return f", {lag:.4g} s later in it" if lag > 0 else f", begun {-lag:.4g} s before it"
+
+
 @words.register
 def _(note: notes.SameData) -> str:
-    late = f", {note.lag:.4g} s later in it" if abs(note.lag) > 1e-6 else ""
     return (
-        f"holds the same samples as {note.other!r} of the training{late}: nothing is held out, and its error says "
-        "nothing. Give another recording for validation."
+        f"holds the same samples as {note.other!r} of the training{_lagging(note.lag, 1e-6)}: nothing is held out, and "
+        "its error says nothing. Give another recording for validation."
     )
 
 
 @words.register
 def _(note: notes.RepeatedMotion) -> str:
-    late = f", {note.lag:.3g} s later in it" if abs(note.lag) > 1e-3 else ""
     return (
-        f"repeats the motion of {note.other!r}{late}, to {note.error:.2g} %: its error shows repeatability, not how "
-        "the model does on another motion. Hold out a different motion. (Repeats at another speed are not looked for.)"
+        f"repeats the motion of {note.other!r}{_lagging(note.lag, 1e-3)}, to {note.error:.2g} %: its error shows "
+        "repeatability, not how the model does on another motion. Hold out a different motion. (Repeats at another "
+        "speed are not looked for.)"
     )
 
 

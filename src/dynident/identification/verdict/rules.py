@@ -95,9 +95,9 @@ def _against_use(found: Identification) -> Iterator[Reason]:
         yield why.SilentTorque(tuple(silent))
     for log in held:
         yield from _wrong(log, max(map(_error, train)))
-    worst = max(train, key=_error)
-    if held and _error(worst) > max(TORQUE, GAP * max(map(_error, held))):
-        yield why.TrainedWorse(worst.name, _error(worst), _error(worst) / max(map(_error, held)))
+    worst, largest = max(train, key=_error), max(map(_error, held), default=0.0)
+    if _error(worst) > TORQUE and _error(worst) > GAP * largest > 0:  # nan where the held-out torque is zero
+        yield why.TrainedWorse(worst.name, _error(worst), _error(worst) / largest)
     if found.mass and not found.mass.positive:
         yield why.MassMatrixNotPositive(found.mass.smallest)
     lost, whole = _unexcited(found)

@@ -72,7 +72,7 @@ def test_a_large_fault_is_named_alone() -> None:
 
 
 def test_where_no_sample_counts_nothing_is_looked_for() -> None:
-    """A low-pass so slow that every sample lies near a reversal: nothing is left to be explained, not even by a tilt."""
+    """A low-pass so slow that every sample lies near a reversal: nothing is left to explain, not even by a tilt."""
     tilt = BaseTilt(0.01, 0.01, (0.001, 0.001), 3.0, 2.0)
     slow = ParallelFilter(cutoff=0.3)
     assert list(robot_findings(arm(), [motion(1)], {"b": motion(2)}, slow, None, tilt)) == []

@@ -97,3 +97,18 @@ def test_of_many_joints_only_neighbours_are_exchanged(monkeypatch: pytest.Monkey
 
 
 evaluated = Model.regressor
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_a_simple_term_explains_better_is_no_large_fault(seed: int) -> None:
+    """Without its rotors an arm seems to hang, and with a strong spring its columns to be exchanged."""
+    assert list(better_alternative(case(motion(seed), arm(without="rotor"), samples=150))) == []
+    moved = motion(seed)
+    sprung = replace(moved, tau=moved.tau + 10.0 * moved.q * np.array([0.0, 0.0, 1.0]))
+    assert list(better_alternative(case(sprung, samples=150))) == []
+
+
+def test_the_fitted_gravity_has_no_negative_zeros() -> None:
+    fitted = [one.note(2.0, 1.0).fitted for one in _alternatives(case()) if one.topic is Topic.GRAVITY]  # type: ignore[attr-defined]
+    assert (0.0, 0.0, 9.8) in fitted
+    assert "-0.0" not in str(fitted)

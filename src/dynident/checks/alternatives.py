@@ -50,14 +50,15 @@ class Alternative:
 def better_alternative(case: Case) -> Iterator[Finding]:
     """Yield the alternative that fits the torque far better than the case as given, if there is one.
 
-    Of several that fit about as well the first is named: columns before signs, axes and gravity.
+    Of several that fit about as well the first is named: columns before signs, axes and gravity. None is where simple
+    terms that the model lacks would fit better.
     """
     before = _error(case)
     if before < POOR:
         return
     tried = [(_error(one.case), one) for one in _possible(case, _alternatives(case), MUCH * ALIKE * before)]
     least = min((error for error, _ in tried), default=before)
-    if least < MUCH * before:
+    if least < MUCH * before and least < _error(_with_terms(case)):
         after, best = next(pair for pair in tried if pair[0] < ALIKE * least)
         note = best.note(100.0 * before, 100.0 * after)
         yield Finding(Severity.WARNING, best.joint, note, best.topic)
@@ -68,6 +69,13 @@ def _error(case: Case) -> float:
     size = np.asarray(np.linalg.norm(case.tau, axis=0), dtype=float)
     weight = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     return float(np.sqrt(misfit(case, weight).size / max(int(np.count_nonzero(size)), 1)))
+
+
+def _with_terms(case: Case) -> Case:
+    """Return the case with viscous and Coulomb friction, rotor inertia, offset and a spring of each joint besides."""
+    columns = case.q, case.dq, case.ddq, np.sign(case.dq), np.ones_like(case.q)
+    joints = np.eye(case.q.shape[1])
+    return replace(case, extra=(*case.extra, *(column * joint for column in columns for joint in joints)))
 
 
 def _possible(case: Case, alternatives: Iterable[Alternative], most: float) -> Iterator[Alternative]:
@@ -170,7 +178,7 @@ def _gravities(case: Case) -> Iterator[Alternative]:
     size = float(np.linalg.norm(assumed))
     for down in (-assumed / (size or 1.0), *np.eye(3), *-np.eye(3)):
         if size and down @ assumed < (1.0 - ACROSS) * size:
-            note = partial(_gravity, tuple(np.round(size * down, 1).tolist()), tuple(assumed.tolist()))
+            note = partial(_gravity, tuple((np.round(size * down, 1) + 0.0).tolist()), tuple(assumed.tolist()))
             model = replace(case.model, terms=_under(case.model, size * down))
             yield Alternative(replace(case, model=model), None, Topic.GRAVITY, note)
 

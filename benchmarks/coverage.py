@@ -4,7 +4,8 @@ An arm follows a Fourier trajectory exactly for 10 s; its positions and torques 
 a cell, and identified as ``dynident identify`` does where a configuration names only the logs and the estimator: the
 smoother chosen by the torque, the time offset estimated. Judged are the intervals that report and terminal show, of the
 base parameters. Each run of an estimator is a line of FILE (JSON lines), from which an interrupted study goes on; what
-it holds depends on seed, joints, cell and run alone.
+it holds depends on seed, joints, cell and run alone, but for its seconds: what estimators share is found, and counted,
+once.
 
 Printed for each cell: runs; coverage on average over the parameters, and of the worst; scatter of the estimates over
 their standard errors; the largest bias over the scatter; mean and standard deviation of the time offset; share of the

@@ -81,3 +81,13 @@ def test_joints_of_which_no_sample_counts_say_nothing() -> None:
     assert list(odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 100.0, 100.0))) == []
     (found,) = odd_log_findings(MODEL, [a], {"b": b}, min_speed=(100.0, 0.0, 0.0))
     assert found.source == "b"
+
+
+@pytest.mark.parametrize("samples", [12, 30])
+def test_short_logs_are_not_odd_for_being_explained_by_any_fit(samples: int) -> None:
+    def short(moved: Motion) -> Motion:
+        noise = np.random.default_rng(samples).standard_normal(moved.tau.shape)
+        middle = np.abs(np.arange(len(moved)) - len(moved) // 2) < samples // 2
+        return replace(moved, tau=moved.tau + 0.2 * np.ptp(moved.tau) * noise, mask=moved.mask & middle)
+
+    assert list(odd_log_findings(MODEL, [named("a", 1, short)], {"b": named("b", 2, short)})) == []

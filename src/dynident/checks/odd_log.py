@@ -22,6 +22,7 @@ __all__ = ["odd_log_findings"]
 
 Array = NDArray[np.float64]
 SAMPLES = 1000  # of all motions, up to twice as many
+ROWS = 5  # equations of a log for each parameter: fewer are explained by any fit of their own
 POOR = 2.0  # %, of the torque: a smaller error of all logs together is none
 RANK = 1e-7  # share of the largest singular value below which the data say nothing
 MUCH = 0.6  # times that error: with a fit of its own for the odd log it is below; real robots have 0.86 and more
@@ -40,12 +41,12 @@ def odd_log_findings(
     Errors are root mean squares over the joints, so that small torques count as large ones. Each fit is judged by what
     it is made of, so that noise in one log, or a motion that the others do not excite, makes it no odd one.
     """
-    logs = [
-        one for one in (*motions, *held_out.values()) if one.tau[one.mask].any()
-    ]  # else more is said of it elsewhere
+    enough = ROWS * len(model.parameters) // len(model.joints)
+    # of a log without torque more is said elsewhere
+    logs = [one for one in (*motions, *held_out.values()) if one.mask.sum() >= enough and one.tau[one.mask].any()]
     if len(logs) < 2:
         return
-    factors = _factors(case_of(model, logs, parallel_filter, min_speed, SAMPLES))
+    factors = _factors(case_of(model, logs, parallel_filter, min_speed, max(SAMPLES, enough * len(logs))))
     torque = float(np.linalg.norm(np.concatenate([one[:, -1] for one in factors])))
     before = 100.0 * _left(factors) / (torque or np.inf)
     if not before > POOR:

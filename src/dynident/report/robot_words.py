@@ -53,7 +53,9 @@ def _others(others: tuple[Rival, ...]) -> str:
     """Return what explains as much, as a sentence."""
     places = [f"joint {one.joint}: " if one.joint else "" for one in others]
     listed = "; ".join(at + RIVALS[one.quantity].format(one.value) for at, one in zip(places, others, strict=True))
-    return f" The data cannot tell this from: {listed}. The change of the torque given here is the largest of theirs." if others else ""
+    if not others:
+        return ""
+    return f" The data cannot tell this from: {listed}. The change of the torque given here is the largest of theirs."
 
 
 def _cost(note: robot_notes.Costly) -> str:

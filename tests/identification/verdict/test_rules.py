@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dynident.identification import Identification, Use, Verdict, judge
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict import rules
 from dynident.identification.verdict.steps import ExcitingMotion, Sharpen
 from dynident.identification.verdict.unconstrained import Held
+from dynident.models import Joint, Model, Parameter
 from dynident.validation import Driver, LogValidation
+
+Array = NDArray[np.float64]
 
 
 def with_held(found: Identification, **changes: Any) -> Verdict:
@@ -210,6 +214,37 @@ def test_the_motion_asked_for_is_one_that_shows_the_parameter(arm: Identificatio
     (one,) = (step for step in steps if step.parameter == "Fv_shoulder")
     torque = one.std * np.linalg.norm(arm.model.regressor(motion.q, motion.dq, motion.ddq)[:, :, k])
     assert one.share == pytest.approx(100 * torque / np.linalg.norm(motion.tau), rel=0.02)
+
+
+@dataclass(frozen=True)
+class InUnits:
+    """A model whose parameters are counted in other units: of a millionth, their columns are a millionth as large."""
+
+    model: Model
+    unit: float
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        return self.model.joints
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.model.parameters
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.unit * self.model.regressor(q, dq, ddq)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e6])
+def test_the_motion_asked_for_is_the_same_in_any_unit(arm: Identification, unit: float) -> None:
+    badly = dict.fromkeys(("fore.mx", "fore.Iyy", "upper.Iyy", "Fv_shoulder"), 10.0)
+    free = replace(arm.estimate, consistency=None, value=arm.estimate.value / unit)
+    other = replace(arm, model=Model((InUnits(arm.model, unit),)), estimate=free)
+    steps, same = sharpened(arm, badly), sharpened(other, badly)
+    assert len(steps) == len(badly)
+    for one, again in zip(steps, same, strict=True):
+        assert (again.parameter, again.excitation, again.joint) == (one.parameter, one.excitation, one.joint)
+        assert again.share == pytest.approx(one.share)
 
 
 def test_only_what_is_unsure_and_matters_is_sharpened_five_at_most(arm: Identification) -> None:

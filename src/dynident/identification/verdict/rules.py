@@ -254,15 +254,18 @@ def _motion_for(found: Identification, column: int) -> tuple[ExcitingMotion, str
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
     still = np.zeros_like(q)
-    whole = model.regressor(q, dq, ddq)[:, :, column]
-    acting = [joint.name for joint, size in zip(model.joints, np.abs(whole).max(axis=0), strict=True) if size > 1e-9]
+    whole, standing, starting = (
+        np.abs(model.regressor(q, *rates)[:, :, column]) for rates in ((dq, ddq), (still, still), (still, ddq))
+    )
+    least = 1e-9 * whole.max()  # a share, so that the unit does not count
+    acting = [joint.name for joint, size in zip(model.joints, whole.max(axis=0), strict=True) if size > least]
     joint = acting[-1] if acting else None
     role = model.parameters[column].role
     if role in ("viscous", "coulomb"):
         return ExcitingMotion.CONSTANT_SPEEDS, joint
-    if np.abs(model.regressor(q, still, still)[:, :, column]).max() > 1e-9:
+    if standing.max() > least:
         return ExcitingMotion.MANY_POSES, joint
-    if np.abs(model.regressor(q, still, ddq)[:, :, column]).max() > 1e-9:
+    if starting.max() > least:
         return ExcitingMotion.ACCELERATE, joint
     return ExcitingMotion.CONSTANT_SPEEDS, joint
 

@@ -174,14 +174,23 @@ def mutants(path: str, seed: int) -> Iterator[tuple[str, Mutant]]:
             yield rank, Mutant(path, k + 1, lines[k].strip(), text.splitlines()[k].strip(), text)
 
 
-def sample(part: Part, size: int, seed: int) -> list[Mutant]:
-    """Return the first mutants of a part, of all its files, that are not listed as equivalent."""
+def sample(part: Part, size: int, seed: int) -> tuple[list[Mutant], list[Mutant]]:
+    """Return the first mutants of a part, of all its files, and those listed as equivalent that were passed over."""
     listed = {(one["path"], one["was"], one["becomes"]) for one in tomllib.loads(EQUIVALENT.read_text())["mutant"]}
-    taken: list[tuple[str, Mutant]] = []
+    drawn: list[tuple[str, Mutant]] = []
     for path in files(part):
-        kept = (pair for pair in mutants(path, seed) if pair[1].key not in listed)
-        taken += [pair for pair, _ in zip(kept, range(size), strict=False)]
-    return [mutant for _, mutant in sorted(taken, key=lambda pair: pair[0])[:size]]
+        kept = 0
+        for rank, mutant in mutants(path, seed):
+            kept += mutant.key not in listed
+            drawn.append((rank, mutant))
+            if kept == size:
+                break
+    chosen: list[Mutant] = []
+    equivalent: list[Mutant] = []
+    for _, mutant in sorted(drawn, key=lambda pair: pair[0]):
+        if len(chosen) < size:
+            (equivalent if mutant.key in listed else chosen).append(mutant)
+    return chosen, equivalent
 
 
 def files(part: Part) -> list[str]:
@@ -211,31 +220,36 @@ def digest(root: Path, *paths: str) -> str:
 class Copy:
     """A copy of the project in which one file at a time is changed."""
 
-    def __init__(self, folder: Path) -> None:
-        self.root = folder / "project"
+    def __init__(self, folder: Path, times: Path) -> None:
+        """``times`` is the file that keeps how long tests take without a mutant, for the project as it was then."""
+        self.root, self.times = folder / "project", times
         shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(*SKIPPED))
         self.environment = os.environ | {"PYTHONPATH": str(self.root / "src"), "PYTHONHASHSEED": "0"}
         self.environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        self._seconds: dict[tuple[str, ...], float] = {}
+        self._project, self.said = digest(self.root, "src", "tests"), ""
 
     def run(self, tests: tuple[str, ...], limit: float | None = None) -> str:
-        """Return "survived", "killed" or "too long"."""
+        """Return "survived", "killed" or "too long"; ``said`` is the last line of the tests."""
         options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
         command = [sys.executable, "-m", "pytest", *options, *tests]
         try:
             done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=limit)
         except subprocess.TimeoutExpired:
             return "too long"
+        self.said = done.stdout.decode(errors="replace").strip().rpartition("\n")[2]
         return "killed" if done.returncode else "survived"
 
     def limit(self, tests: tuple[str, ...]) -> float:
         """Return the time that the tests may take with a mutant; ends the program where they fail without one."""
-        if tests not in self._seconds:
+        known = json.loads(self.times.read_text(encoding="utf-8")) if self.times.exists() else {}
+        key = " ".join((self._project, *tests))
+        if key not in known:
             start = time.monotonic()
             if self.run(tests) != "survived":
-                sys.exit(f"These tests fail without a mutant: {' '.join(tests)}")
-            self._seconds[tests] = time.monotonic() - start
-        return SLOWER * self._seconds[tests] + AT_LEAST
+                sys.exit(f"These tests fail without a mutant ({self.said}): {' '.join(tests)}")
+            known[key] = round(time.monotonic() - start, 1)
+            self.times.write_text(json.dumps(known, indent=1), encoding="utf-8")
+        return SLOWER * float(known[key]) + AT_LEAST
 
     def try_out(self, mutant: Mutant, tests: tuple[str, ...], limit: float) -> str:
         """Return what becomes of a mutant, and put its file back."""
@@ -266,14 +280,18 @@ def holds(old: Outcome | None, source: str, tests: str) -> bool:
     return old is not None and old.source == source and (old.result != "survived" or old.tests == tests)
 
 
-def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, list[Outcome]]:
-    """Try the sample of each part, without what an earlier run has tried; one line to ``out`` for each mutant."""
+def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, tuple[list[Outcome], int]]:
+    """Try the sample of each part, without what an earlier run has tried; one line to ``out`` for each mutant.
+
+    Returns the outcomes of each part, and how many equivalent mutants its sample has passed over.
+    """
     before, found = known(out), defaultdict[str, list[Outcome]](list)
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         samples = {name: sample(PARTS[name], size, seed) for name in names}
-        copy = Copy(Path(folder))  # all further is of the copy: the project may change meanwhile
-        for name, drawn in samples.items():
+        # all further is of the copy: the project may change meanwhile
+        copy = Copy(Path(folder), out.with_name("times.json"))
+        for name, (drawn, _) in samples.items():
             for mutant in drawn:
                 tests = tests_of(PARTS[name], mutant.path, copy.root)
                 source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests)
@@ -287,19 +305,25 @@ def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, list[Out
                         file.write(json.dumps(asdict(old)) + "\n")
                     print(f"{name}: {old.result:9} {old.seconds:6.1f} s  {old.path}:{old.line}", flush=True)
                 found[name].append(old)
-    return found
+    return {name: (found[name], len(equivalent)) for name, (_, equivalent) in samples.items()}
 
 
-def show(found: dict[str, list[Outcome]]) -> None:
-    """Print the survivors as differences, then the score of each part."""
-    for one in (one for outcomes in found.values() for one in outcomes if one.result == "survived"):
+def show(found: dict[str, tuple[list[Outcome], int]]) -> None:
+    """Print the survivors as differences, then the score of each part: of the mutants tried, those noticed."""
+    for one in (one for outcomes, _ in found.values() for one in outcomes if one.result == "survived"):
         print(f"\n{one.path}:{one.line}")
         print("\n".join(line for line in difflib.ndiff([one.was], [one.becomes]) if line[0] in "+-"))
     print()
-    rows = [(name, sum(one.result != "survived" for one in some), len(some)) for name, some in found.items()]
-    rows.append(("all", sum(row[1] for row in rows), sum(row[2] for row in rows)))
-    for name, killed, every in rows:
-        print(f"{name:20} {killed:4} of {every:4} killed  {100 * killed / max(every, 1):5.1f} %")
+    counts = {
+        name: Counter("survived" if one.result == "survived" else "killed" for one in outcomes)
+        + Counter(equivalent=equivalent)
+        for name, (outcomes, equivalent) in found.items()
+    }
+    counts["all"] = sum(counts.values(), Counter())
+    print(f"{'part':20} sampled  killed  equivalent  survived    score")
+    for name, of in counts.items():
+        score = 100 * of["killed"] / max(of["killed"] + of["survived"], 1)
+        print(f"{name:20} {of.total():7} {of['killed']:7} {of['equivalent']:11} {of['survived']:9}  {score:5.1f} %")
 
 
 def main() -> None:

@@ -6,6 +6,9 @@ import runpy
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).parents[2]
 RUN = runpy.run_path(str(ROOT / "benchmarks" / "mutation.py"))
@@ -48,3 +51,36 @@ def test_a_survivor_is_tried_again_when_its_tests_change_and_all_when_the_file_d
     assert holds(survived, "file", "tests")
     assert not holds(survived, "file", "other tests")
     assert not holds(None, "file", "tests")
+
+
+def test_the_score_is_of_the_mutants_that_are_not_equivalent(capsys: pytest.CaptureFixture[str]) -> None:
+    killed = RUN["Outcome"]("a.py", 7, "x + 1", "x - 1", "file", "tests", "killed", 1.0)
+    slow, survived = replace(killed, result="too long"), replace(killed, result="survived")
+    RUN["show"]({"one": ([killed, slow, killed, survived], 2), "two": ([killed], 0)})
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["a.py:7"] in rows
+    assert rows[-3:] == [
+        ["one", "6", "3", "2", "1", "75.0", "%"],
+        ["two", "1", "1", "0", "0", "100.0", "%"],
+        ["all", "7", "4", "2", "1", "80.0", "%"],
+    ]
+
+
+def test_tests_are_timed_once_for_a_project_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    copy, ran = object.__new__(RUN["Copy"]), []
+    copy.times, copy._project, copy.said = tmp_path / "times.json", "as it was", "1 failed"
+
+    def run(self: Any, tests: tuple[str, ...]) -> str:
+        ran.append(tests)
+        return "killed" if tests == ("bad.py",) else "survived"
+
+    monkeypatch.setattr(RUN["Copy"], "run", run)
+    assert copy.limit(("a.py", "b.py")) == copy.limit(("a.py", "b.py")) >= RUN["AT_LEAST"]
+    assert len(ran) == 1
+    copy._project = "changed"
+    copy.limit(("a.py", "b.py"))
+    assert len(ran) == 2
+    with pytest.raises(SystemExit, match="1 failed"):
+        copy.limit(("bad.py",))
+    with pytest.raises(SystemExit):
+        copy.limit(("bad.py",))

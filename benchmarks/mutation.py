@@ -12,6 +12,7 @@ import difflib
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -117,7 +118,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant; ``source`` and ``tests`` are the hashes for which that holds."""
+    """What became of a mutant; ``source`` and ``tests`` are the hashes for which that holds, ``by`` what failed."""
 
     path: str
     line: int
@@ -127,6 +128,7 @@ class Outcome:
     tests: str
     result: str
     seconds: float
+    by: str = ""
 
 
 def meaning(code: str) -> str | None:
@@ -226,17 +228,18 @@ class Copy:
         shutil.copytree(ROOT, self.root, ignore=shutil.ignore_patterns(*SKIPPED))
         self.environment = os.environ | {"PYTHONPATH": str(self.root / "src"), "PYTHONHASHSEED": "0"}
         self.environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        self._project, self.said = digest(self.root, "src", "tests"), ""
+        self._project, self.failed = digest(self.root, "src", "tests"), ""
 
     def run(self, tests: tuple[str, ...], limit: float | None = None) -> str:
-        """Return "survived", "killed" or "too long"; ``said`` is the last line of the tests."""
+        """Return "survived", "killed" or "too long"; ``failed`` is the test that did."""
         options = ("-x", "-q", "--tb=no", "--no-header", "-p", "no:cacheprovider", "--hypothesis-profile=mutation")
         command = [sys.executable, "-m", "pytest", *options, *tests]
+        self.failed = ""
         try:
             done = subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, timeout=limit)
         except subprocess.TimeoutExpired:
             return "too long"
-        self.said = done.stdout.decode(errors="replace").strip().rpartition("\n")[2]
+        self.failed = " ".join(re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", done.stdout.decode(), re.MULTILINE))
         return "killed" if done.returncode else "survived"
 
     def limit(self, tests: tuple[str, ...]) -> float:
@@ -246,7 +249,7 @@ class Copy:
         if key not in known:
             start = time.monotonic()
             if self.run(tests) != "survived":
-                sys.exit(f"These tests fail without a mutant ({self.said}): {' '.join(tests)}")
+                sys.exit(f"These tests fail without a mutant ({self.failed}): {' '.join(tests)}")
             known[key] = round(time.monotonic() - start, 1)
             self.times.write_text(json.dumps(known, indent=1), encoding="utf-8")
         return SLOWER * float(known[key]) + AT_LEAST
@@ -300,10 +303,10 @@ def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, tuple[li
                     limit, start = copy.limit(all_tests(PARTS[name], copy.root)), time.monotonic()
                     place = (mutant.path, mutant.line, mutant.was, mutant.becomes)
                     result = copy.try_out(mutant, tests, limit)
-                    old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1))
+                    old = Outcome(*place, source, checks, result, round(time.monotonic() - start, 1), copy.failed)
                     with out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(asdict(old)) + "\n")
-                    print(f"{name}: {old.result:9} {old.seconds:6.1f} s  {old.path}:{old.line}", flush=True)
+                    print(f"{name}: {old.result:9} {old.seconds:6.1f} s  {old.path}:{old.line}  {old.by}", flush=True)
                 found[name].append(old)
     return {name: (found[name], len(equivalent)) for name, (_, equivalent) in samples.items()}
 

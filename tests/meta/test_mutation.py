@@ -68,7 +68,7 @@ def test_the_score_is_of_the_mutants_that_are_not_equivalent(capsys: pytest.Capt
 
 def test_tests_are_timed_once_for_a_project_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy, ran = object.__new__(RUN["Copy"]), []
-    copy.times, copy._project, copy.said = tmp_path / "times.json", "as it was", "1 failed"
+    copy.times, copy._project, copy.failed = tmp_path / "times.json", "as it was", "test_a"
 
     def run(self: Any, tests: tuple[str, ...]) -> str:
         ran.append(tests)
@@ -80,7 +80,7 @@ def test_tests_are_timed_once_for_a_project_as_it_is(tmp_path: Path, monkeypatch
     copy._project = "changed"
     copy.limit(("a.py", "b.py"))
     assert len(ran) == 2
-    with pytest.raises(SystemExit, match="1 failed"):
+    with pytest.raises(SystemExit, match="test_a"):
         copy.limit(("bad.py",))
     with pytest.raises(SystemExit):
         copy.limit(("bad.py",))

@@ -78,10 +78,7 @@ PARTS = {
     ),
     "maximum likelihood": Part(
         ("estimators/maximum_likelihood/*.py",),
-        (
-            "tests/estimators/maximum_likelihood",
-            "tests/laws/test_estimators.py",
-        ),
+        ("tests/estimators/maximum_likelihood", "tests/laws/test_estimators.py"),
     ),
     "calibration": Part(("identification/calibration.py",), ("tests/identification/test_calibration.py",)),
     "hac": Part(("validation/hac.py",), ("tests/estimators/test_least_squares.py",)),
@@ -187,8 +184,7 @@ def sample(part: Part, size: int, seed: int) -> tuple[list[Mutant], list[Mutant]
             drawn.append((rank, mutant))
             if kept == size:
                 break
-    chosen: list[Mutant] = []
-    equivalent: list[Mutant] = []
+    chosen, equivalent = list[Mutant](), list[Mutant]()
     for _, mutant in sorted(drawn, key=lambda pair: pair[0]):
         if len(chosen) < size:
             (equivalent if mutant.key in listed else chosen).append(mutant)
@@ -202,10 +198,15 @@ def files(part: Part) -> list[str]:
 
 
 def tests_of(part: Part, path: str, root: Path) -> tuple[str, ...]:
-    """Return the tests below ``root``: those that mirror the file, or its folder, its examples, those of the part."""
+    """Return the tests below ``root``: those that mirror the file, or its folder, its examples, those of the part.
+
+    Folders are given file by file: pytest takes a file that is named with its folder in the folder's order.
+    """
     inner = Path(path).relative_to(SOURCE)
     mirrors = (f"tests/{inner.parent.as_posix()}/test_{name}.py" for name in (inner.stem, inner.parent.name))
-    return tuple(dict.fromkeys([*(one for one in mirrors if (root / one).is_file()), path, *part.tests, *EVERY]))
+    inside = (file for one in part.tests for file in sorted((root / one).rglob("test_*.py")) or [root / one])
+    others = (file.relative_to(root).as_posix() for file in inside)
+    return tuple(dict.fromkeys([*(one for one in mirrors if (root / one).is_file()), path, *others, *EVERY]))
 
 
 def all_tests(part: Part, root: Path) -> tuple[str, ...]:
@@ -297,7 +298,7 @@ def run(names: list[str], size: int, seed: int, out: Path) -> dict[str, tuple[li
         for name, (drawn, _) in samples.items():
             for mutant in drawn:
                 tests = tests_of(PARTS[name], mutant.path, copy.root)
-                source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests)
+                source, checks = digest(copy.root, mutant.path), digest(copy.root, *tests, *PARTS[name].tests)
                 old = before.get((mutant.path, mutant.was, mutant.becomes, mutant.line))
                 if old is None or not holds(old, source, checks):
                     limit, start = copy.limit(all_tests(PARTS[name], copy.root)), time.monotonic()

@@ -24,6 +24,16 @@ def test_parts_name_files_and_tests_that_exist() -> None:
     assert first == "tests/splines/test_noise.py"
 
 
+def test_the_tests_of_a_file_run_before_the_others_of_its_folder() -> None:
+    first, *others = RUN["tests_of"](
+        RUN["PARTS"]["maximum likelihood"], "src/dynident/estimators/maximum_likelihood/segment.py", ROOT
+    )
+    assert first == "tests/estimators/maximum_likelihood/test_segment.py"
+    assert "tests/estimators/maximum_likelihood/test_fit.py" in others
+    assert first not in others
+    assert all((ROOT / one).is_file() for one in others)
+
+
 def test_equivalent_mutants_are_of_lines_that_exist() -> None:
     listed = tomllib.loads((ROOT / "benchmarks" / "mutation_equivalent.toml").read_text(encoding="utf-8"))["mutant"]
     for one in listed:

@@ -1,4 +1,4 @@
-"""Physical constraints on the parameters of eq. (7), and what moves in them: bodies by a prior, all else by the data."""
+"""Physical constraints on the parameters of eq. (7), and what may move: bodies by a prior, all else by the data."""
 
 from __future__ import annotations
 

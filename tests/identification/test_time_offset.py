@@ -222,6 +222,15 @@ def test_an_invented_offset_beyond_the_range_leaves_none(late: float) -> None:
     assert found.after == found.before == pytest.approx(left(motion), rel=0.02)
 
 
+@pytest.mark.parametrize(("late", "seconds"), [(-0.0005, 0.0315), (-0.003, 0.0)])
+def test_what_is_left_of_an_offset_is_within_the_range_too(late: float, seconds: float) -> None:
+    """Of 31 ms where a repetition shows some of the other sign, more is left: up to 32 ms."""
+    sets = [[sliding(late, 0.2)]]
+    found = find_time_offset(slider(), [sliding(0.031, 0.2)], LeastSquares(), repeat=lambda _: sets)
+    assert found.seconds == pytest.approx(seconds, abs=1e-4)
+    assert (found.after < found.before) == (seconds > 0)
+
+
 def test_what_is_left_of_an_offset_must_remove_half_a_percent_itself() -> None:
     """The whole removes 0.7 %, what is left of it 0.4 %; both are far above their standard errors."""
     motion, invented = sliding(0.004, 5.0, 8000), sliding(0.002, 0.2, 8000)

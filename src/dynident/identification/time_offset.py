@@ -110,9 +110,9 @@ def find_time_offset(
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
     is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
-    without an offset and their torque for the parameters found, and what is found in these is subtracted; where that is
-    beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and
-    the estimator.
+    without an offset and their torque for the parameters found, and what is found in these is subtracted; where that or
+    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of
+    ``Regression`` and the estimator.
     """
     rows = subsample(motions, trial_samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
@@ -137,7 +137,7 @@ def find_time_offset(
     if invented:  # either sign is as likely where it is noise that is less between samples
         best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
     after = error(best)
-    significant = after < (1.0 - GAIN) * before and not abs(best) < SURE * std
+    significant = after < (1.0 - GAIN) * before and SURE * std <= abs(best) <= MOST
     return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
 
 

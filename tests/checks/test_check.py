@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -49,6 +50,17 @@ def test_a_sound_log_gives_facts_and_no_findings() -> None:
     assert found.timings.keys() == found.channels.keys() == {"one", "two"}
     assert found.rank is not None
     assert [one.joint for one in found.excitations] == [one.joint for one in found.agreements] == [NAME]
+
+
+@pytest.mark.parametrize(("outliers", "left_out"), [("mask", (1, 2)), ("keep", (0, 0))])
+def test_the_facts_of_a_channel_leave_out_what_the_fit_does(outliers: Literal["mask", "keep"], left_out) -> None:
+    one, sound = log(), log()
+    q, tau = one.q.copy(), one.tau.copy()
+    q[1000], tau[[500, 2000]] = 3.0, 900.0
+    found = run_checks(slider(), {"train": {"one": replace(one, q=q, tau=tau)}}, Recipe(outliers=outliers))
+    (fact,), (expected,) = found.channels["one"], run_checks(slider(), {"train": {"one": sound}}).channels["one"]
+    assert (fact.left_out, fact.torque_left_out) == left_out
+    assert (fact.rms < 1.01 * expected.rms) == (fact.noise < 2 * expected.noise) == (outliers == "mask")
 
 
 def test_a_log_with_an_error_is_left_out_of_the_motion() -> None:

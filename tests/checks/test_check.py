@@ -17,7 +17,7 @@ from dynident.log import Log, Motion
 from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.report.finding_words import finding_words
-from dynident.smoothers import Butterworth, Spline
+from dynident.smoothers import Butterworth, Difference, Spline
 from tests.robots import ARM_MJCF
 
 T = np.arange(3000) * 0.002
@@ -77,6 +77,27 @@ def test_a_stage_that_fails_is_a_finding() -> None:
     found = run_checks(slider(), {"train": {"one": log()}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
     assert topics(found) == ["motion"]
     assert found.failed
+
+
+@pytest.mark.parametrize("usable", [0, 1, 4])
+@pytest.mark.parametrize("time_offset", [0.0, "estimate"])
+def test_motions_of_few_usable_samples_are_an_error_that_is_found(
+    usable: int, time_offset: float | Literal["estimate"]
+) -> None:
+    """Whatever smoother leaves so few; another log that has enough makes up for one."""
+
+    def smoother(log: Log) -> Motion:
+        motion = Difference("central")(log)
+        few = np.isin(np.arange(len(log)), 1500 + np.arange(usable))
+        return replace(motion, mask=few) if log.source == "one" else motion
+
+    recipe = Recipe(smoother, time_offset=time_offset)
+    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}}, recipe)
+    (error,) = (one for one in found.findings if one.severity is Severity.ERROR)
+    assert str(error.message).startswith("one: ")
+    assert "too few for 4 parameters" in str(error.message)
+    assert found.channels.keys() == {"one", "two"}
+    assert not run_checks(slider(), {"train": {"one": log(), "two": other()}}, recipe).failed
 
 
 @pytest.mark.parametrize("count", [4, 6, 29])

@@ -210,13 +210,13 @@ def _moving(
         whole = replace(whole, channels={**whole.channels, **clean})
         recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
     motions = tuple(recorded[: len(logs)])
+    seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))  # an error where few are usable
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
     few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, slow_findings):
         findings += look(few)
-    seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
     progress("looking for what explains the residual")
     held_out = {motion.source: motion for motion in recorded[len(logs) :]}

@@ -34,9 +34,7 @@ from closed_loop import arm, fourier
 from scipy.signal import lfilter
 
 from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent, quick
-from dynident.identification import Identification, Recipe, calibration, identify
-from dynident.identification.calibration import find_time_offset
-from dynident.identification.smoother_choice import choose_smoother
+from dynident.identification import Identification, Recipe, choose_smoother, find_time_offset, identify
 from dynident.log import Log
 from dynident.models import Model
 from dynident.smoothers import Spline
@@ -114,7 +112,7 @@ def one_run(joints: int, cell: str, seed: int, run: int, names: tuple[str, ...])
     for name in names:
         recipe = Recipe(tuple(Spline(factor=one) for one in FACTORS), ESTIMATORS[name], time_offset="estimate")
         began = time.process_time()
-        with patch.multiple(calibration, **shared):
+        with patch.multiple("dynident.identification.time_offset", **shared):
             found = identify(robot(joints)[0], [log], recipe=recipe)
         took = {"seconds": round(time.process_time() - began, 2)}
         key = {"joints": joints, "cell": cell, "estimator": name, "seed": seed, "run": run}

@@ -80,7 +80,10 @@ PARTS = {
         ("estimators/maximum_likelihood/*.py",),
         ("tests/estimators/maximum_likelihood", "tests/laws/test_estimators.py"),
     ),
-    "calibration": Part(("identification/calibration.py",), ("tests/identification/test_calibration.py",)),
+    "calibration": Part(
+        ("identification/time_offset.py", "identification/base_tilt.py"),
+        ("tests/identification/test_time_offset.py", "tests/identification/test_base_tilt.py"),
+    ),
     "hac": Part(("validation/hac.py",), ("tests/estimators/test_least_squares.py",)),
     "verdict": Part(
         ("identification/verdict/*.py", "report/verdict.py", "report/advice.py"),

@@ -152,6 +152,23 @@ def test_the_facts_on_a_channel_are_those_put_in():
     assert np.isnan(channels(log())[0].resolution)
 
 
+def test_figures_are_without_what_the_fit_leaves_out():
+    """A spike and a frozen stretch of positions, and a hundredth of spikes in the torque, change no figure."""
+    rng = np.random.default_rng(7)
+    q = (np.sin(2 * T) + rng.normal(0, 2e-3, N))[:, None]
+    tau = (3 * np.cos(3 * T) + rng.normal(0, 0.1, N))[:, None]
+    q_out, tau_out = (np.zeros((N, 1), dtype=bool) for _ in range(2))
+    q_out[[300, *range(500, 540)]], tau_out[50::100] = True, True
+    wrong = log(q=np.where(q_out, 9.0, q), tau=np.where(tau_out, 500.0, tau))
+    (as_measured,), (found,), (clean,) = channels(wrong), channels(wrong, q_out, tau_out), channels(log(q=q, tau=tau))
+    assert (found.left_out, found.torque_left_out) == (41, int(tau_out.sum()))
+    assert (as_measured.left_out, as_measured.torque_left_out) == (0, 0)
+    for name in ("span", "noise", "rms", "torque_noise"):
+        assert getattr(found, name) == pytest.approx(getattr(clean, name), rel=0.03), name
+        assert getattr(as_measured, name) > 3 * getattr(clean, name), name
+    assert (found.repeats, found.still) == pytest.approx((clean.repeats, clean.still), abs=0.02)
+
+
 def test_a_step_is_found_though_the_file_rounds_and_not_where_there_is_none():
     counts = np.round(np.sin(2 * T) / 3.14159265e-4)
     rounded = np.round(counts * 3.14159265e-4, 7)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from dynident.log import Log, Motion
 from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.report.finding_words import finding_words
-from dynident.smoothers import Butterworth, Spline
+from dynident.smoothers import Butterworth, Difference, Spline
 from tests.robots import ARM_MJCF
 
 T = np.arange(3000) * 0.002
@@ -51,6 +52,17 @@ def test_a_sound_log_gives_facts_and_no_findings() -> None:
     assert [one.joint for one in found.excitations] == [one.joint for one in found.agreements] == [NAME]
 
 
+@pytest.mark.parametrize(("outliers", "left_out"), [("mask", (1, 2)), ("keep", (0, 0))])
+def test_the_facts_of_a_channel_leave_out_what_the_fit_does(outliers: Literal["mask", "keep"], left_out) -> None:
+    one, sound = log(), log()
+    q, tau = one.q.copy(), one.tau.copy()
+    q[1000], tau[[500, 2000]] = 3.0, 900.0
+    found = run_checks(slider(), {"train": {"one": replace(one, q=q, tau=tau)}}, Recipe(outliers=outliers))
+    (fact,), (expected,) = found.channels["one"], run_checks(slider(), {"train": {"one": sound}}).channels["one"]
+    assert (fact.left_out, fact.torque_left_out) == left_out
+    assert (fact.rms < 1.01 * expected.rms) == (fact.noise < 2 * expected.noise) == (outliers == "mask")
+
+
 def test_a_log_with_an_error_is_left_out_of_the_motion() -> None:
     torn = log(t=T + np.where(np.arange(len(T)) > 1000, 3.0, 0.0))
     both = run_checks(slider(), {"train": {"good": log(), "torn": torn}})
@@ -65,6 +77,27 @@ def test_a_stage_that_fails_is_a_finding() -> None:
     found = run_checks(slider(), {"train": {"one": log()}}, Recipe(smoother=Butterworth(cutoffs=(1e4, 1e4, 1e4))))
     assert topics(found) == ["motion"]
     assert found.failed
+
+
+@pytest.mark.parametrize("usable", [0, 1, 4])
+@pytest.mark.parametrize("time_offset", [0.0, "estimate"])
+def test_motions_of_few_usable_samples_are_an_error_that_is_found(
+    usable: int, time_offset: float | Literal["estimate"]
+) -> None:
+    """Whatever smoother leaves so few; another log that has enough makes up for one."""
+
+    def smoother(log: Log) -> Motion:
+        motion = Difference("central")(log)
+        few = np.isin(np.arange(len(log)), 1500 + np.arange(usable))
+        return replace(motion, mask=few) if log.source == "one" else motion
+
+    recipe = Recipe(smoother, time_offset=time_offset)
+    found = run_checks(slider(), {"train": {"one": log()}, "validation": {"two": other()}}, recipe)
+    (error,) = (one for one in found.findings if one.severity is Severity.ERROR)
+    assert str(error.message).startswith("one: ")
+    assert "too few for 4 parameters" in str(error.message)
+    assert found.channels.keys() == {"one", "two"}
+    assert not run_checks(slider(), {"train": {"one": log(), "two": other()}}, recipe).failed
 
 
 @pytest.mark.parametrize("count", [4, 6, 29])

@@ -12,7 +12,8 @@ from dynident.estimators import Estimate, LeastSquares
 from dynident.identification import Identification, Recipe, StandardErrors, identify
 from dynident.log import Log
 from dynident.smoothers import Spline, TimeShifted
-from tests.identification.test_calibration import swing, tilted
+from tests.identification.test_base_tilt import tilted
+from tests.identification.test_time_offset import swing
 from tests.io.same import assert_same
 
 

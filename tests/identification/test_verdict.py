@@ -97,6 +97,27 @@ def test_a_note_of_the_estimate_may_forbid_a_use_too(good: Identification) -> No
     assert verdict.reasons == (why.Noted((Finding(Severity.WARNING, None, NoSimulation()),)),)
 
 
+def test_what_forbids_use_is_advised_first(good: Identification) -> None:
+    """Only then what to record next, and a simulation last."""
+    wrong = (Finding(Severity.ERROR, "slider", "a fault"),)
+    alone = replace(good, validations=tuple(replace(one, free_run=None) for one in good.validations))
+    unsure = replace(alone, errors=replace(good.errors, std_hac=np.array([4.0, 6.0, 0.01, np.inf])))
+    for found, first in ((replace(unsure, warnings=wrong), Remedy.CORRECT), (unexcited(unsure), Remedy.EXCITE)):
+        verdict = judge(found)
+        assert verdict.use is Use.DO_NOT_USE
+        assert verdict.next[0] is first
+        assert {type(step) for step in verdict.next[1:-1]} == {Sharpen}
+        assert verdict.next[-1] is Remedy.SIMULATE
+    assert judge(unsure).next[0] is Remedy.SIMULATE
+
+
+def unexcited(found: Identification) -> Identification:
+    """Two of the four parameters are not determined."""
+    determined = replace(found.estimate.determined, rank=2)
+    base = replace(found.base, on_data=None, structural=None)
+    return replace(found, estimate=replace(found.estimate, determined=determined), base=base)
+
+
 def test_a_torque_that_was_not_recorded_forbids_use(good: Identification) -> None:
     train = good.validations[0].motion
     verdict = with_part(good, 0, signals=Signals(replace(train, tau=0 * train.tau), train.tau))

@@ -27,7 +27,7 @@ from dynident.regression import ParallelFilter
 from dynident.smoothers import Spline, TimeShifted
 from dynident.validation import RunsAway
 from tests.cli.commands import configure, write_log
-from tests.identification.test_calibration import tilted
+from tests.identification.test_base_tilt import tilted
 from tests.io.keeps import wrong
 from tests.io.same import assert_same
 

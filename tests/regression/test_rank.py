@@ -53,6 +53,22 @@ def test_what_is_determined_acts_and_what_is_free_does_not() -> None:
     assert found.condition > 1e12
 
 
+def test_what_is_reached_is_what_is_determined_and_the_parameters_asked_for() -> None:
+    """One without effect is reached on request, and two that are tied together only along what they share."""
+    X = columns([1.0, 10.0, 0.1, 0.0])
+    X = np.column_stack([X, 4 * X[:, 0]])
+    found = rank_of(factor(X))
+    none, asked = np.zeros(5, dtype=bool), np.arange(5) == 3
+    way = np.array([4.0, 0.0, 0.0, 0.0, 1.0]) / np.sqrt(17)
+    for axes, expected in ((none, [*np.eye(5)[[1, 2]], way]), (asked, [*np.eye(5)[[1, 2, 3]], way])):
+        reached = found.reached(axes)
+        np.testing.assert_allclose(reached.T @ reached, np.eye(len(expected)), atol=1e-12)
+        np.testing.assert_allclose(reached @ reached.T, np.transpose(expected) @ expected, atol=1e-9)
+    assert not found.reached(none)[3].any()
+    one = found.reached(np.arange(5) == 0)  # its partner makes up for it
+    np.testing.assert_allclose(one @ one.T, np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), atol=1e-9)
+
+
 @pytest.mark.parametrize("way", ["factor", "information", "within"])
 def test_the_inverse_of_a_singular_information_keeps_what_undetermined_parameters_share(way: str) -> None:
     """Scores need the whole pseudo-inverse; the covariance tells nothing of what is not determined."""

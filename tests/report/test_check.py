@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dynident.checks import CheckResult, ExcitedRank, Finding, Topic, log_notes
+from dataclasses import replace
+
+from dynident.checks import ChannelFacts, CheckResult, ExcitedRank, Finding, Topic, log_notes
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.regression import UnexcitedParameters
@@ -21,6 +23,17 @@ def test_like_findings_are_one_row() -> None:
     ]
     assert rows(*made) == {"Warnings": [("one: a", "coarse. Likewise b. Also in two.")]}
     assert check_summary(CheckResult(tuple(made))) == "1 warning."
+
+
+def test_what_the_figures_of_channels_leave_out_is_said() -> None:
+    fact = ChannelFacts("a", 1.0, 1e-4, 1e-5, 0.0, 0.0, 3.0, 0.1, 0.01)
+    for changes, said in (
+        ({}, ""),
+        ({"torque_left_out": 20}, "; without 20 torques that the fit leaves out"),
+        ({"left_out": 3, "torque_left_out": 2}, "; without 3 positions and 2 torques that the fit leaves out"),
+    ):
+        (table,) = check_tables(CheckResult((), channels={"one": (replace(fact, **changes),)}))
+        assert table.caption == f"Channels of one, SI{said}"
 
 
 def test_each_of_several_outliers_is_named() -> None:

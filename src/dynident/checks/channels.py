@@ -15,11 +15,12 @@ from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
 from dynident.log import Log
 from dynident.smoothers.outliers import repaired
-from dynident.splines import noise_sigma, stretches
+from dynident.splines import bridged, noise_sigma, stretches
 
 __all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _RANGE = 4 * np.pi  # rad: joints of arms seldom turn further from stop to stop
 _SPEED = 40.0  # rad/s: no arm moves its joints so fast
@@ -28,6 +29,7 @@ _COARSE = 10.0  # median step in units of the resolution below which quantisatio
 _GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
 _STALE = 0.05  # share of repeated positions in motion to warn of
 _BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
+_PIECE = 6  # samples between outliers, at least, to estimate the noise from
 _REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
 
 
@@ -37,7 +39,8 @@ class ChannelFacts:
 
     ``resolution`` and ``torque_resolution`` are the smallest steps, nan where the values lie on no grid; ``noise`` and
     ``torque_noise`` the estimates of ``noise_sigma``; ``repeats`` the share of positions, in motion, that are exactly
-    the previous one; ``still`` the share of the time without motion.
+    the previous one; ``still`` the share of the time without motion. All but the steps are without the samples that the
+    fit leaves out: ``left_out`` positions and ``torque_left_out`` torques.
     """
 
     joint: str
@@ -49,26 +52,43 @@ class ChannelFacts:
     rms: float
     torque_noise: float
     torque_resolution: float
+    left_out: int = 0
+    torque_left_out: int = 0
 
 
-def channels(log: Log) -> tuple[ChannelFacts, ...]:
-    """Return statistics of each joint of a log, which must have at least 6 samples."""
-    noise, torque_noise = noise_sigma(log.t, log.q), noise_sigma(log.t, log.tau)
-    still = _rests(log).mean(axis=0)
+def channels(log: Log, positions: Mask | None = None, torques: Mask | None = None) -> tuple[ChannelFacts, ...]:
+    """Return statistics of each joint of a log, which must have at least 6 samples.
+
+    ``positions`` and ``torques`` (N, n) are those that the fit leaves out, None for none.
+    """
+    none = np.zeros(log.q.shape, dtype=bool)
+    q_out, tau_out = none if positions is None else positions, none if torques is None else torques
+    q = np.stack([bridged(log.t, *one) for one in zip(log.q.T, q_out.T, strict=True)], axis=1)
+    still = _rests(replace(log, q=q)).mean(axis=0)
     return tuple(
         ChannelFacts(
             joint=name,
-            span=float(np.ptp(log.q[:, j])),
-            noise=float(noise[j]),
+            span=float(np.ptp(q[:, j])),
+            noise=_noise(log.t, log.q[:, j], ~q_out[:, j]),
             resolution=_resolution(log.q[:, j]),
-            repeats=_repeats(log.q[:, j]),
+            repeats=_repeats(q[:, j]),
             still=float(still[j]),
-            rms=float(np.sqrt(np.mean(log.tau[:, j] ** 2))),
-            torque_noise=float(torque_noise[j]),
+            rms=float(np.sqrt(np.mean(log.tau[~tau_out[:, j], j] ** 2))),
+            torque_noise=_noise(log.t, log.tau[:, j], ~tau_out[:, j]),
             torque_resolution=_resolution(log.tau[:, j]),
+            left_out=int(q_out[:, j].sum()),
+            torque_left_out=int(tau_out[:, j].sum()),
         )
         for j, name in enumerate(log.joints)
     )
+
+
+def _noise(t: Array, x: Array, kept: Mask) -> float:
+    """Return the noise of x (N) in the stretches that are kept, nan where none is long enough."""
+    parts = [part for part in stretches(kept) if part.stop - part.start >= _PIECE]
+    squares = [noise_sigma(t[part], x[part])[0] ** 2 for part in parts]
+    sizes = [part.stop - part.start for part in parts]
+    return float(np.sqrt(np.average(squares, weights=sizes))) if parts else np.nan
 
 
 def check_log(

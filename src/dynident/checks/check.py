@@ -27,6 +27,7 @@ from dynident.log import Log, Motion, thinned
 from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
+from dynident.smoothers.outliers import suspects
 
 __all__ = ["CheckResult", "run_checks", "with_findings"]
 
@@ -158,7 +159,7 @@ def _recorded(
             findings += found
             timings[name] = timing(log)
             if len(log) >= MINIMUM_SAMPLES:
-                facts[name] = channels(log)
+                facts[name] = channels(log, suspects(log).positions if recipe.outliers == "mask" else None)
             if not any(one.severity == "error" for one in found):
                 sound[role].append(log)
     return CheckResult((), timings, facts, links=_links(model)), sound
@@ -202,15 +203,20 @@ def _moving(
     outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
     findings += torque_findings(every, outliers, len(logs), masked=masked)
     if masked:
+        pairs = zip(every, outliers, strict=True)
+        clean = {
+            log.source: channels(log, suspects(log).positions, one.masked) for log, one in pairs if one is not None
+        }
+        whole = replace(whole, channels={**whole.channels, **clean})
         recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]
     motions = tuple(recorded[: len(logs)])
+    seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))  # an error where few are usable
     excitations = tuple(excitation(motions, joint.name) for joint in model.joints)
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
     few = thin(model, motions, min_speed)
     for look in (radian_findings, compensation_findings, slow_findings):
         findings += look(few)
-    seen = excited_rank(model, Regression(model, motions, recipe.filter, min_speed))
     findings += rank_findings(seen)
     progress("looking for what explains the residual")
     held_out = {motion.source: motion for motion in recorded[len(logs) :]}

@@ -8,8 +8,9 @@ import os
 import platform
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +61,14 @@ class Commands(click.Group):
             sys.exit(ended.exit_code)
         sys.exit(code if isinstance(code, int) else 0)
 
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add a command, whose work asks for room: its help, the version and completion need little."""
+        if cmd.callback is not None:
+            cmd.callback = _in_room(cmd.callback)
+        super().add_command(cmd, name)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes an exception that ``main`` shows."""
-        _require_room()
         with interruptible(), watched():
             return self._invoke(ctx)
 
@@ -78,6 +84,15 @@ class Commands(click.Group):
             if ctx.params.get("debug"):
                 click.echo(visible("".join(traceback.format_exception(error))), err=True)
             raise _ended(error) from error
+
+
+def _in_room(work: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(work)
+    def run(*given: Any, **named: Any) -> Any:
+        _require_room()
+        return work(*given, **named)
+
+    return run
 
 
 def _require_room() -> None:

@@ -1,14 +1,6 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
-from dynident.identification.calibration import (
-    BaseTilt,
-    Pairing,
-    TimeOffset,
-    find_base_tilt,
-    find_time_offset,
-    mounted,
-    pair,
-)
+from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
 from dynident.identification.result import (
@@ -22,6 +14,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
+from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
 from dynident.identification.verdict.steps import Remedy, Step

@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, Note, called
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
-from dynident.identification.calibration import BaseTilt, Pairing, TimeOffset, find_base_tilt, mounted, pair
+from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -25,6 +25,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.time_offset import Pairing, TimeOffset, pair
 from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.regression import (

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from dynident import __version__
 from dynident.errors import Finding, InputError, Note, brief
 from dynident.estimators import Estimate
-from dynident.identification.calibration import BaseTilt, TimeOffset
+from dynident.identification.base_tilt import BaseTilt
 from dynident.identification.recipe import Recipe
 from dynident.identification.smoother_choice import Choice
+from dynident.identification.time_offset import TimeOffset
 from dynident.log import Log
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BaseParameters, UnexcitedParameters

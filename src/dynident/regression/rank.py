@@ -74,7 +74,7 @@ class Rank:
         from scipy.sparse.csgraph import connected_components
 
         null = self.vectors[:, self.rank :]
-        tied = np.abs(null @ null.T) > np.clip(100 * self.tolerance, *TIED)
+        tied = np.abs(null @ null.T) > self._tie
         _, label = connected_components(tied, directed=False)
         involved = tied.any(axis=1)
         return tuple(tuple(np.flatnonzero(label == one).tolist()) for one in sorted(set(label[involved])))
@@ -85,6 +85,20 @@ class Rank:
         out = np.zeros(len(self.values), dtype=bool)
         out[[k for group in self.groups for k in group]] = True
         return out
+
+    @property
+    def _tie(self) -> float:
+        return float(np.clip(100 * self.tolerance, *TIED))
+
+    def reached(self, axes: NDArray[np.bool_]) -> Array:
+        """Return orthonormal directions (p, v) that span the determined ones and the parameters ``axes`` (p)."""
+        alone = axes | ~self.undetermined
+        rest = np.flatnonzero(~alone)
+        turned, share, _ = np.linalg.svd(self.vectors[rest, : self.rank], full_matrices=False)
+        mixed = turned[:, share**2 > self._tie] / self.scale[rest, None]
+        out = np.zeros((len(alone), mixed.shape[1]))
+        out[rest] = np.linalg.qr(mixed)[0]
+        return np.concatenate([np.eye(len(alone))[:, alone], out], axis=1)
 
     @property
     def inverse(self) -> Array:

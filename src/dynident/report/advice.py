@@ -27,6 +27,7 @@ _FIRST = {
     Use.SIMULATION: "Good for simulation and control on motions like these",
 }
 _REMEDIES = {
+    Remedy.CORRECT: "Correct what was found, as the reasons say, and identify again.",
     Remedy.HOLD_OUT: (
         "Record another motion and name it under `validation`; windows of one recording are enough for a first check."
     ),
@@ -40,6 +41,9 @@ _REMEDIES = {
     Remedy.TORQUE_COLUMN: "Check that the right torque column is named, and was recorded.",
     Remedy.LONGER_TRAINING: (
         "Record a longer training motion that covers the speeds and accelerations of the held-out one."
+    ),
+    Remedy.EXCITE: (
+        "Record a training motion in which every joint moves: at several speeds, and in many poses of the others."
     ),
     Remedy.CONSISTENT_FIT: (
         "Fit with `estimator: {kind: consistent}`: bodies and friction are then physically consistent, and the mass "

@@ -194,7 +194,7 @@ def _channel_table(name: str, channels: Sequence[ChannelFacts]) -> PageTable:
     )  # fmt: skip
     rows = tuple(tuple(_channel_row(one)) for one in channels)
     columns = (Column("joint", numeric=False), *(Column(title, group) for title, group in heads))
-    return PageTable(columns, rows, f"Channels of {name}, SI")
+    return PageTable(columns, rows, f"Channels of {name}, SI{_left_out(channels)}")
 
 
 def _channel_row(one: ChannelFacts) -> Iterator[str]:
@@ -202,6 +202,13 @@ def _channel_row(one: ChannelFacts) -> Iterator[str]:
     yield from (number(one.noise, 2), number(one.resolution, 3), number(one.noise / one.resolution, 2))
     yield from (number(100 * one.repeats, 2), number(100 * one.still, 2))
     yield from (number(one.rms, 3), number(one.torque_noise, 2), number(one.torque_resolution, 3))
+
+
+def _left_out(channels: Sequence[ChannelFacts]) -> str:
+    """Return what of the channels their figures leave out, as the fit does."""
+    counts = (("positions", sum(x.left_out for x in channels)), ("torques", sum(x.torque_left_out for x in channels)))
+    named = " and ".join(f"{count} {what}" for what, count in counts if count)
+    return f"; without {named} that the fit leaves out" if named else ""
 
 
 def _link_table(examination: CheckResult) -> PageTable:

@@ -1,12 +1,17 @@
-"""What physics requires of the parameters of a likelihood."""
+"""What physics requires of the parameters of a likelihood, and which of them stay where they are."""
 
 import numpy as np
+import pytest
 
+from dynident.estimators import LeastSquares, MaximumLikelihood, Problem
 from dynident.estimators.constraints import Barrier
-from dynident.estimators.maximum_likelihood import (
-    psd_constraints,
-)
+from dynident.estimators.maximum_likelihood import psd_constraints
+from dynident.estimators.notes import NotAlone, RankDeficient
+from dynident.log import Log
+from dynident.models import Coulomb, Joint, Model, Offset, RotorInertia, Viscous
 from dynident.models.gallery import two_link_arm
+from dynident.regression import Regression
+from dynident.smoothers import Spline
 from dynident.studies import SCENARIOS
 
 
@@ -20,3 +25,28 @@ class TestPhysics:
             theta = np.array(arm.values)
             theta[k] = value
             assert not barrier.inside(theta), arm.names[k]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize("way", [0.0, 2.0], ids=["at rest", "one way"])
+def test_what_the_motion_does_not_show_stays_at_the_start(way: float, noise: float) -> None:
+    """Neither the barrier nor the noise moves friction at rest, or shifts it to an offset where dq keeps its sign."""
+    rng, t, joints = np.random.default_rng(0), np.arange(0, 2, 0.004)[:, None], (Joint("a"), Joint("b"))
+    rate, swing = 2 * np.pi * 0.7, np.array([1.0, 0.05 * way])
+    q, dq, ddq = (a * swing * wave(rate * t) for a, wave in ((1, np.sin), (rate, np.cos), (-(rate**2), np.sin)))
+    q[:, 1:], dq[:, 1] = q[:, 1:] + way * t, dq[:, 1] + way
+    terms = ((RotorInertia, 0.5), (Viscous, 0.3), (Coulomb, 0.4), (Offset, 1.0))
+    model = Model(tuple(kind(joints, values=(value, value)) for kind, value in terms))
+    tau = model.torque(q, dq, ddq, np.array(model.values)) + 0.05 * rng.standard_normal(q.shape)
+    log = Log(t[:, 0], q + noise * rng.standard_normal(q.shape), tau, ("a", "b"))
+    motions = (Spline()(log),)
+    given = Problem(model, motions, Regression(model, motions), (log,))
+    found, start = MaximumLikelihood()(given), LeastSquares()(given)
+    undetermined = ("Fc_b", "offset_b") if way else ("Ia_b", "Fv_b", "Fc_b")
+    assert found.converged
+    assert set(found.notes) == {RankDeficient(8 - (1 if way else 3), 8), NotAlone(undetermined)}
+    sure = np.isfinite(found.std)
+    assert [name for name, one in zip(model.names, sure, strict=True) if not one] == list(undetermined)
+    assert (np.abs(found.value - model.values) < 4 * found.std)[sure].all()
+    np.testing.assert_allclose(found.std[sure], start.std[sure], rtol=0.6)
+    np.testing.assert_allclose(found.value[~sure], start.value[~sure], atol=0.01)

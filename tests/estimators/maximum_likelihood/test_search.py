@@ -22,7 +22,8 @@ def search(*, coloured: bool, used: bool = True) -> Search:
     tau = model.torque(q, dq, ddq, THETA) + 0.05 * rng.standard_normal(q.shape)
     log = Log(t, q + 1e-4 * noise, tau, ("slider",))
     given = Recordings((log,), ((),), (np.full(q.shape, used),), 0.0, np.array([28.0]))
-    return Search(model, given, Barrier(), NewtonSettings(), THETA, Sigma(np.array([1e-4]), np.array([0.05])))
+    sigma = Sigma(np.array([1e-4]), np.array([0.05]))
+    return Search(model, given, Barrier(), NewtonSettings(), np.eye(4), THETA, sigma)
 
 
 def intervals(found: Search) -> int:

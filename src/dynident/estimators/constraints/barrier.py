@@ -6,7 +6,7 @@ Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -91,8 +91,8 @@ class Barrier:
 
     @cached_property
     def bound(self) -> NDArray[np.bool_]:
-        """Which components of x (v) act on a matrix; (1), false, without matrices."""
-        rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one in self.psd_constraints if one.slopes.shape[1] > 1]
+        """Which components of x (v) act on a matrix with a centre, which keeps them finite; (1), false, without any."""
+        rows = [np.abs(one.slopes).sum(axis=(0, 1, 2)) for one in self.psd_constraints if one.centre is not None]
         return np.asarray(np.sum(rows, axis=0) > 0) if rows else np.zeros(1, dtype=bool)
 
     @property
@@ -145,82 +145,78 @@ class Barrier:
         weight = self.weight if weight is None else weight
         return weight * gradient, weight * hessian
 
-    def minimum(self, x: Array, H: Array, g: Array, accuracy: float, free: Index) -> Array:
-        """Return the step d (v) from a feasible x that minimises d' H d / 2 - g' d plus the barrier at x + d.
+    def along(self, origin: Array, directions: Array) -> Barrier:
+        """Return the barrier at origin (v) + directions (v, w) y as one on y (w)."""
+        return replace(self, psd_constraints=tuple(one.along(origin, directions) for one in self.psd_constraints))
 
-        Only the ``free`` components of x move. ``H`` may be singular where the barrier is strictly convex. For long
-        steps the barrier's weight is decreased in stages. ``accuracy`` is that of the minimum.
+    def minimum(self, H: Array, g: Array, accuracy: float) -> Array:
+        """Return the x (v) that minimises x' H x / 2 - g' x plus the barrier, from a feasible x = 0.
+
+        ``H`` may be singular where the barrier is strictly convex. For long steps the barrier's weight is decreased in
+        stages. ``accuracy`` is that of the minimum.
         """
-        d, weight = np.zeros(len(x)), self.weight
-        step, fall = Penalised(H, g, x, ((self, weight),), free).newton(d)
-        if not self.inside(x + step):
+        x, weight = np.zeros(len(g)), self.weight
+        step, fall = Penalised(H, g, ((self, weight),)).newton(x)
+        if not self.inside(step):
             weight = max(weight, 0.1 * fall / max(len(self.psd_constraints), 1))
         while True:
             enough = 2 * max(accuracy, 0.1 * (weight - self.weight))
-            d, _ = Penalised(H, g, x, ((self, weight),), free).minimised(d, enough)
+            x, _ = Penalised(H, g, ((self, weight),)).minimised(x, enough)
             if weight <= self.weight:
-                return d
+                return x
             weight = max(0.1 * weight, self.weight)
 
 
 @dataclass(frozen=True, eq=False)
 class Penalised:
-    """The function d' H d / 2 - g' d plus ``barriers`` at origin + d, of steps d (v) whose ``free`` ones may move.
-
-    Each barrier comes with its weight.
-    """
+    """The function x' H x / 2 - g' x plus ``barriers``, each with its weight."""
 
     H: Array
     g: Array
-    origin: Array
     barriers: tuple[tuple[Barrier, float], ...]
-    free: Index
 
-    def newton(self, d: Array) -> tuple[Array, float]:
-        """Return Newton's step (v) from d, and twice the predicted decrease."""
-        pull, stiff = self.g - self.H @ d, self.H
+    def newton(self, x: Array) -> tuple[Array, float]:
+        """Return Newton's step (v) from x, and twice the predicted decrease."""
+        pull, stiff = self.g - self.H @ x, self.H
         for one, weight in self.barriers:
-            push, bend = one.slopes(self.origin + d, weight)
+            push, bend = one.slopes(x, weight)
             pull, stiff = pull - push, stiff + bend
-        step = _solved(stiff, pull, self.free)
+        step = _solved(stiff, pull)
         return step, float(pull @ step)
 
-    def minimised(self, d: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
-        """Take Newton's steps from d until the predicted decrease is below ``enough``; return d and twice that."""
+    def minimised(self, x: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
+        """Take Newton's steps from x until the predicted decrease is below ``enough``; return x and twice that."""
         fall = np.inf
         for _ in range(steps):
-            step, fall = self.newton(d)
-            length = self._length(d, step, fall)
-            d = d + length * step
+            step, fall = self.newton(x)
+            length = self._length(x, step, fall)
+            x = x + length * step
             if fall < enough or not length:
                 break
-        return d, fall
+        return x, fall
 
-    def _length(self, d: Array, step: Array, fall: float) -> float:
+    def _length(self, x: Array, step: Array, fall: float) -> float:
         """Return the step length by backtracking, 0 where rounding prevents a decrease."""
-        here, slope, bend = self._barred(d), float((self.H @ d - self.g) @ step), float(step @ self.H @ step)
+        here, slope, bend = self._barred(x), float((self.H @ x - self.g) @ step), float(step @ self.H @ step)
         length = 1.0
         while length > SHORTEST:
             change = length * slope + 0.5 * length**2 * bend
-            if self._barred(d + length * step) - here + change <= -0.1 * length * fall:
+            if self._barred(x + length * step) - here + change <= -0.1 * length * fall:
                 return length
             length *= 0.6
         return 0.0
 
-    def _barred(self, d: Array) -> float:
-        return sum(one.value(self.origin + d, weight) for one, weight in self.barriers)
+    def _barred(self, x: Array) -> float:
+        return sum(one.value(x, weight) for one, weight in self.barriers)
 
 
-def _solved(H: Array, g: Array, free: Index) -> Array:
-    """Return H^-1 g over the free components, zero in directions in which H is only rounding."""
-    out = np.zeros(len(g))
-    H, g = H[np.ix_(free, free)], g[free]
+def _solved(H: Array, g: Array) -> Array:
+    """Return H^-1 g, zero in directions in which H is only rounding."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-200))
     scaled = H * np.outer(scale, scale)
     try:
-        out[free] = scale * cho_solve(cho_factor(scaled, check_finite=False), g * scale, check_finite=False)
+        return np.asarray(scale * cho_solve(cho_factor(scaled, check_finite=False), g * scale, check_finite=False))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
         kept = values > 1e-14 * values[-1]
-        out[free] = scale * (vectors[:, kept] @ ((vectors[:, kept].T @ (g * scale)) / values[kept]))
-    return out
+        return np.asarray(scale * (vectors[:, kept] @ ((vectors[:, kept].T @ (g * scale)) / values[kept])))

@@ -17,12 +17,12 @@ from dynident.estimators.maximum_likelihood.findings import residual_notes, unde
 from dynident.estimators.maximum_likelihood.friction import has_sign
 from dynident.estimators.maximum_likelihood.measured import feasible, misfit, recordings, usual_noise
 from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings
-from dynident.estimators.maximum_likelihood.physics import psd_constraints
+from dynident.estimators.maximum_likelihood.physics import movable, psd_constraints
 from dynident.estimators.maximum_likelihood.search import Search
 from dynident.estimators.maximum_likelihood.segment import Sigma
 from dynident.estimators.notes import Failed, MovingStart, NotConverged, SmoothSigns
 from dynident.estimators.physically_consistent import PhysicallyConsistent
-from dynident.regression import Rank
+from dynident.regression import Rank, rank_of
 from dynident.splines import NORMAL_95
 
 __all__ = ["MaximumLikelihood"]
@@ -145,15 +145,17 @@ class _Run:
         coulomb = any(parameter.role == "coulomb" for parameter in model.parameters)
         look = not coulomb if settings.steps is None else settings.steps
         given, notes = recordings(problem, settings.rate, steps=look)
-        barrier = Barrier(psd_constraints(model, given.logs, start.value), settings.weight)
+        barrier, directions = movable(
+            Barrier(psd_constraints(model, given.logs, start.value), settings.weight),
+            rank_of(problem.regression.triangular_factors.stacked(), model.parameters),
+        )
         theta = feasible(start.value, problem, barrier.psd_constraints)
         sigma_q, sigma_tau = usual_noise(given.logs)
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
-        return cls(
-            settings, problem, start, Search(model, given, barrier, limits, theta, Sigma(sigma_q, sigma_tau)), notes
-        )
+        search = Search(model, given, barrier, limits, directions, theta, Sigma(sigma_q, sigma_tau))
+        return cls(settings, problem, start, search, notes)
 
     def estimate(self) -> Estimate:
         """Fit, test for a start from rest where that is configured, and return the estimate."""

@@ -131,7 +131,7 @@ class _Quadratic:
         return cls(information, gradient, fall, tuple(maps))
 
 
-def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: NewtonSettings) -> _Step:
+def _step(found: Sequence[Equations], theta: Array, likelihood: Likelihood, settings: NewtonSettings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
     p = len(theta)
     turned = [_solve_border(one, np.column_stack([one.border, one.mixed_hessian])) for one in found]
@@ -141,10 +141,10 @@ def _step(found: Sequence[Equations], theta: Array, barrier: Barrier, settings: 
         if _safe(bent.information, gauss.information):
             used = bent
     H, g = _positive(used.information), used.gradient
-    # what has no effect stays where it is, unless it belongs to a body that needs it
-    free = np.flatnonzero((np.diag(H) * np.maximum(theta**2, 1.0) > IDLE) | barrier.bound)
-    free = free[free != settings.fixed]
-    dtheta = barrier.minimum(theta, H, g, INEXACT * settings.tolerance, free)
+    barrier = likelihood.barrier
+    ways = likelihood.open_directions(H, theta, settings.fixed)
+    along = barrier.along(theta, ways)
+    dtheta = ways @ along.minimum(ways.T @ H @ ways, ways.T @ g, INEXACT * settings.tolerance)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
     return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
 
@@ -168,12 +168,23 @@ def _safe(observed: Array, gauss: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier."""
+    """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier.
+
+    theta moves along orthonormal ``directions`` (p, v) only: what neither data nor prior determine stays.
+    """
 
     model: Model
     segments: tuple[Segment, ...]
     sigma: Sigma
     barrier: Barrier
+    directions: Array
+
+    def open_directions(self, information: Array, theta: Array, fixed: int | None) -> Array:
+        """Return the directions (p, w) along which the information (p, p) or a prior moves all but the fixed one."""
+        ways = self.directions
+        effect = (ways * (information @ ways)).sum(axis=0) * np.maximum((theta @ ways) ** 2, 1.0)
+        moves = (effect > IDLE) | (self.barrier.bound & (ways != 0).T).any(axis=1)
+        return np.asarray(ways[:, moves if fixed is None else moves & (ways[fixed] == 0)])
 
     def cost(self, states: Sequence[State], theta: Array) -> float:
         """Return half the weighted squares plus the barrier; infinite outside the feasible set."""
@@ -257,7 +268,7 @@ def maximise(
     found: list[Equations] = []
     for iteration in itertools.count():
         found = likelihood.linearised(at.states, at.theta, found if near else [], mixed_hessian=settings.newton)
-        step = _step(found, at.theta, likelihood.barrier, settings)
+        step = _step(found, at.theta, likelihood, settings)
         trace(iteration, at.cost, step.decrement, at.theta)
         converged = abs(step.decrement) < settings.tolerance
         if converged or iteration >= settings.iterations or slow >= PATIENCE:
@@ -288,7 +299,7 @@ def _improved(
     """Return the step taken and the new point, None where no step lowers the cost."""
     better = _descend(likelihood, at, step) if step.decrement > 0 else None
     if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
-        step = _step(found, at.theta, likelihood.barrier, replace(settings, newton=False))
+        step = _step(found, at.theta, likelihood, replace(settings, newton=False))
         better = _descend(likelihood, at, step)
     return step, better
 

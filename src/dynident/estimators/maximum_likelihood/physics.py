@@ -1,4 +1,4 @@
-"""Physical constraints on the parameters of eq. (7), and the prior of bodies that the data do not determine."""
+"""Physical constraints on the parameters of eq. (7), and what may move: bodies by a prior, all else by the data."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.estimators.constraints import BodyConstraint, PsdConstraint, physics
+from dynident.estimators.constraints import Barrier, BodyConstraint, PsdConstraint, physics
 from dynident.log import Log
 from dynident.models import Model, to_pseudo
+from dynident.regression import Rank
 
-__all__ = ["psd_constraints"]
+__all__ = ["movable", "psd_constraints"]
 
 Array = NDArray[np.float64]
 ROUND = 0.01  # least eigenvalue of a prior, relative to its diagonal
@@ -29,6 +30,16 @@ def psd_constraints(model: Model, logs: Sequence[Log], start: Array) -> tuple[Ps
     bodies, p = found.bodies, len(model.parameters)
     drawn = [replace(body.psd_constraint(p), centre=_centre(body, model, start)[None]) for body in bodies]
     return (*drawn, *found.matrices, *found.numbers(np.zeros(p), np.eye(p)))
+
+
+def movable(barrier: Barrier, rank: Rank) -> tuple[Barrier, Array]:
+    """Return the constraints on what may move, and the orthonormal directions (p, v) in which it may.
+
+    What the data do not determine stays at the start, which may lie on a limit, unless a prior keeps it finite.
+    """
+    directions = rank.reached(barrier.bound)
+    kept = tuple(one for one in barrier.psd_constraints if (one.slopes @ directions).any())
+    return replace(barrier, psd_constraints=kept), directions
 
 
 def _centre(body: BodyConstraint, model: Model, start: Array) -> Array:

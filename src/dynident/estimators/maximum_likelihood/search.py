@@ -62,12 +62,14 @@ class _Knots:
 
 @dataclass(eq=False)
 class Search:
-    """The state of the search: theta (p), the noise ``sigma``, segments and their states."""
+    """The state of the search: theta (p), the ``directions`` (p, v) in which it may move, the noise ``sigma``, segments
+    and their states."""
 
     model: Model
     given: Recordings
     barrier: Barrier
     settings: NewtonSettings
+    directions: Array
     theta: Array
     sigma: Sigma
     segments: tuple[Segment, ...] = ()
@@ -76,7 +78,7 @@ class Search:
     @property
     def likelihood(self) -> Likelihood:
         """The likelihood at the current settings."""
-        return Likelihood(self.model, self.segments, self.sigma, self.barrier)
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions)
 
     def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.

@@ -72,8 +72,7 @@ class _Program:
             weight *= 0.1
 
     def _with_edge(self, weight: float) -> Penalised:
-        everything = ((self.kept, 1.0), (self.edge, weight))
-        return Penalised(self.H, self.g, np.zeros_like(self.g), everything, np.arange(len(self.g)))
+        return Penalised(self.H, self.g, ((self.kept, 1.0), (self.edge, weight)))
 
 
 def _held(constraints: Constraints, free: Array) -> Array:

@@ -56,6 +56,7 @@ class NoHoldOut(Reason):
 class Noted(Reason):
     """What the checks found, or the estimate notes, that forbids a use: ``findings`` of one kind."""
 
+    usual_remedy = Remedy.CORRECT
     findings: tuple[Finding, ...]
 
 
@@ -139,6 +140,7 @@ class MassMatrixNotPositive(Reason):
 class MostlyUnexcited(Reason):
     """The data do not excite so many of the ``total`` base parameters that the model is of no use."""
 
+    usual_remedy = Remedy.EXCITE
     unexcited: int
     total: int
 

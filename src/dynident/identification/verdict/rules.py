@@ -5,7 +5,7 @@ The rules and the reasons for their limits are in docs/methods.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
 from dynident.identification.verdict.reasons import Reason
-from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals, Step
+from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Remedy, Sharpen, SlowReversals, Step
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import unknowns
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
@@ -48,17 +48,25 @@ def judge(found: Identification) -> Verdict:
     against_use = (*_noted(found, Use.CONTROL), *held.get(Use.CONTROL, ()), *_against_use(found))
     against_simulation = (*_noted(found, Use.SIMULATION), *held.get(Use.SIMULATION, ()), *_against_simulation(found))
     reasons = (*against_use, *against_simulation)
-    remedies = [reason.remedy for reason in reasons if reason.remedy]
     use = Use.DO_NOT_USE if against_use else Use.CONTROL if against_simulation else Use.SIMULATION
     return Verdict(
         use=use,
         reasons=reasons,
-        next=tuple(dict.fromkeys([*remedies, *_next_steps(found)])),
+        next=tuple(dict.fromkeys(_ordered(against_use, against_simulation, tuple(_next_steps(found))))),
         held_out=_held_out(found),
         run=_worst_run(found),
         residual=_largest_residual(found),
         unknown=() if use is Use.DO_NOT_USE else tuple(unknowns(found)),
     )
+
+
+def _ordered(
+    against_use: Sequence[Reason], against_simulation: Sequence[Reason], steps: Sequence[UnexcitedParameters | Step]
+) -> Iterator[Remedy | UnexcitedParameters | Step]:
+    """Yield what to do: remedies, then motions to record; those for a simulation last where the model is of no use."""
+    yield from (reason.remedy for reason in against_use if reason.remedy)
+    later = [reason.remedy for reason in against_simulation if reason.remedy]
+    yield from (*steps, *later) if against_use else (*later, *steps)
 
 
 def _noted(found: Identification, use: Use) -> Iterator[Reason]:

@@ -11,11 +11,13 @@ __all__ = ["CheckRipple", "ExcitingMotion", "Remedy", "Sharpen", "SlowReversals"
 class Remedy(Enum):
     """What to do about a reason against a use."""
 
+    CORRECT = auto()
     HOLD_OUT = auto()
     ANOTHER_MOTION = auto()
     CHECK = auto()
     TORQUE_COLUMN = auto()
     LONGER_TRAINING = auto()
+    EXCITE = auto()
     CONSISTENT_FIT = auto()
     SIMULATE = auto()
     CONTROLLER_LOOP = auto()

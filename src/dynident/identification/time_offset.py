@@ -1,7 +1,7 @@
-"""Calibration before a fit: the time offset between torque and motion, and the base tilt.
+"""The time offset between torque and motion, found before a fit.
 
-Both are nonlinear; the parameters of the model are eliminated at every trial value (variable projection; Golub and
-Pereyra 1973), so that the search has only one to three unknowns.
+The parameters of the model are eliminated at every trial value (variable projection; Golub and Pereyra 1973), so that
+the search has one unknown.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, Note, Severity, called
+from dynident.errors import Note, Severity, called
 from dynident.estimators import Estimate, Estimator, Problem, quick
 from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
-from dynident.models import HasGravity, Model
-from dynident.regression import Regression, fitted_rows, triangularise
+from dynident.models import Model
+from dynident.regression import Regression, fitted_rows
 from dynident.smoothers import Smoother, TimeShifted, motion_of, unshifted
 from dynident.validation import long_run
 
-__all__ = ["BaseTilt", "Pairing", "TimeOffset", "find_base_tilt", "find_time_offset", "mounted", "pair"]
+__all__ = ["Pairing", "TimeOffset", "find_time_offset", "pair", "trial_samples"]
 
 Array = NDArray[np.float64]
 ENTRIES = 200_000  # samples of all logs together times parameters: one or two unknowns need no more
@@ -34,8 +34,6 @@ MOST = 0.032  # s: what is later has another cause than filters and buses
 FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 GAIN = 0.005  # share of the error that a time offset must remove to be accepted
 SURE = 3.0  # standard errors that it must differ from zero by
-STEEPEST = 0.2  # rad: a larger tilt is intended mounting
-START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
 @dataclass(frozen=True)
@@ -53,38 +51,12 @@ class TimeOffset(Note):
 
 
 @dataclass(frozen=True)
-class BaseTilt(Note):
-    """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
-    error (%) ``before`` and ``after`` correction."""
-
-    severity: ClassVar[Severity] = Severity.INFO
-    x: float
-    y: float
-    std: tuple[float, float]
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
 class Pairing:
     """The smoother that pairs torque and motion, with its ``choice`` and ``time_offset`` where they were estimated."""
 
     smoother: Smoother
     choice: Choice | None = None
     time_offset: TimeOffset | None = None
-
-
-def mounted(model: Model, x: float, y: float) -> Model:
-    """Return the model on a base that is tilted by x and y (rad) about the axes of its root link.
-
-    Raises ConfigError where no term of the model has gravity.
-    """
-    from scipy.spatial.transform import Rotation
-
-    back = Rotation.from_rotvec((-x, -y, 0.0))
-    if not any(isinstance(term, HasGravity) for term in model.terms):
-        raise ConfigError(f"{model.name}: no term has a gravity that could be rotated; only robot files have one.")
-    return model.with_gravity(back.apply)
 
 
 def pair(
@@ -138,11 +110,11 @@ def find_time_offset(
     It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
     is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
-    without an offset and their torque for the parameters found, and what is found in these is subtracted; where that is
-    beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of ``Regression`` and
-    the estimator.
+    without an offset and their torque for the parameters found, and what is found in these is subtracted; where that or
+    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of
+    ``Regression`` and the estimator.
     """
-    rows = subsample(motions, _samples(model), TRIALS[-1])
+    rows = subsample(motions, trial_samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return TimeOffset(0.0, np.nan, np.nan)
     fast = quick(estimator)
@@ -165,7 +137,7 @@ def find_time_offset(
     if invented:  # either sign is as likely where it is noise that is less between samples
         best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
     after = error(best)
-    significant = after < (1.0 - GAIN) * before and not abs(best) < SURE * std
+    significant = after < (1.0 - GAIN) * before and SURE * std <= abs(best) <= MOST
     return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
 
 
@@ -181,47 +153,6 @@ def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
     found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
     after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
     return (best, after, before) if abs(best) <= MOST else (np.nan, before, before)
-
-
-def find_base_tilt(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
-) -> BaseTilt:
-    """Return the tilt of the base at which the estimator explains the torque of the motions best.
-
-    Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters. Raises ConfigError
-    where the best tilt exceeds 0.2 rad, and the errors of ``mounted``, ``Regression`` and the estimator.
-    """
-    from scipy.optimize import least_squares
-
-    thin = _shifted(motions, subsample(motions, _samples(model)), 0.0)
-    fast = quick(estimator)
-
-    def residual(tilt: Array) -> Array:
-        """Return what the fit leaves of the torque with the base so tilted."""
-        turned = mounted(model, *tilt)
-        regression = Regression(turned, thin, min_speed=min_speed)
-        blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual
-        regression.__dict__["triangular_factors"] = triangularise(
-            iter(blocks), len(model.joints), len(model.parameters)
-        )
-        value = fast(Problem(turned, thin, regression)).value
-        parts = [(one.tau - one.Y @ value) * (1.0 if one.keep is None else one.keep) for one in blocks]
-        return np.concatenate(parts).ravel()
-
-    level = residual(np.zeros(2))
-    torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
-    found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
-    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(level.size - 2, 1))
-    seen = np.abs(found.x) > 2.0 * spread  # a tilt that the motion does not excite is zero
-    x, y = (float(v) for v in found.x * seen)
-    if max(abs(x), abs(y)) > STEEPEST:
-        raise ConfigError(
-            f"the base would be tilted by {np.rad2deg(x):.3g} deg about x and {np.rad2deg(y):.3g} deg about y, more "
-            "than a mounting error; set `gravity`, and check the zeros and axes of the joints."
-        )
-    left = (float(np.linalg.norm(r)) for r in (level, residual(np.array([x, y]))))
-    before, after = (100.0 * one / torque if torque > 0 else 0.0 for one in left)
-    return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:
@@ -275,6 +206,6 @@ def _error(regression: Regression, estimator: Estimator) -> float:
     return 100.0 * float(np.sqrt(triangular.residual(value).sum() / torque)) if torque > 0 else 0.0
 
 
-def _samples(model: Model) -> int:
+def trial_samples(model: Model) -> int:
     """Return the number of samples of all motions to use in a trial."""
     return ENTRIES // max(len(model.parameters), 10)

@@ -1,0 +1,133 @@
+"""The tilt of the base: one that was put in is found again, within its standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.estimators import LeastSquares, PhysicallyConsistent
+from dynident.identification import find_base_tilt, mounted
+from dynident.log import Motion
+from dynident.models import Model, RigidBodies, Viscous
+from dynident.models.gallery import two_link_arm
+from tests.robots import joint, link, urdf
+
+ARM = urdf(
+    link("base"),
+    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
+    link("upper", 2.0, (0.15, 0.0, 0.02)),
+    link("fore", 1.0, (0.1, 0.01, 0.0)),
+    joint("j1", "revolute", "base", "shoulder", axis=(0, 0, 1)),
+    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
+    joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
+)
+
+
+@cache
+def tilted(x: float, y: float) -> tuple[Model, Motion]:
+    """An arm of three joints, its motion, and the torque that it needs where its base is tilted."""
+    bodies = RigidBodies(ARM)
+    model = Model((bodies, Viscous(bodies.joints)))
+    rng = np.random.default_rng(5)
+    n, t = len(bodies.joints), np.arange(3000) * 0.002
+    phase, rate = rng.uniform(0, 6, (3, n)), rng.uniform(2, 7, (3, n))
+    angle = [rate[k] * t[:, None] + phase[k] for k in range(3)]
+    q, dq, ddq = (sum(parts) for parts in (
+        [0.5 * np.sin(a) for a in angle],
+        [0.5 * rate[k] * np.cos(a) for k, a in enumerate(angle)],
+        [-0.5 * rate[k] ** 2 * np.sin(a) for k, a in enumerate(angle)],
+    ))  # fmt: skip
+    truth = np.array([0.3 if p.value is None else p.value for p in model.parameters])
+    tau = mounted(model, x, y).torque(q, dq, ddq, truth)
+    tau = tau + 0.002 * np.abs(tau).max() * rng.standard_normal(tau.shape)
+    names = tuple(joint.name for joint in bodies.joints)
+    return model, Motion(t, q, dq, ddq, tau, names, np.ones(len(t), bool))
+
+
+@pytest.mark.parametrize("estimator", [LeastSquares(), PhysicallyConsistent()], ids=["least squares", "consistent"])
+def test_a_tilt_is_found_within_its_standard_errors(estimator: LeastSquares | PhysicallyConsistent) -> None:
+    model, motion = tilted(0.02, -0.035)
+    found = find_base_tilt(model, [motion], estimator)
+    assert found.x == pytest.approx(0.02, abs=4 * found.std[0])
+    assert found.y == pytest.approx(-0.035, abs=4 * found.std[1])
+    assert max(found.std) < 0.003
+    assert found.after < 0.7 * found.before
+
+
+def test_standard_errors_and_errors_of_a_tilt_are_those_of_the_linearised_problem() -> None:
+    model, motion = tilted(0.02, -0.035)
+    found = find_base_tilt(model, [motion], LeastSquares())
+
+    def regressor(x: float, y: float) -> np.ndarray:
+        Y = mounted(model, x, y).regressor(motion.q, motion.dq, motion.ddq)
+        return Y.reshape(-1, Y.shape[-1])
+
+    tau, best = motion.tau.ravel(), regressor(found.x, found.y)
+    value = np.linalg.lstsq(best, tau, rcond=1e-9)[0]
+    slopes = [(regressor(found.x + a, found.y + b) - best) @ value / 1e-4 for a, b in ((1e-4, 0.0), (0.0, 1e-4))]
+    J = np.column_stack(slopes)
+    J -= best @ np.linalg.lstsq(best, J, rcond=1e-9)[0]
+    rest = tau - best @ value
+    assert (np.abs(np.linalg.lstsq(J, rest)[0]) < 0.05 * np.array(found.std)).all()  # no step is left
+    std = np.sqrt(np.diag(np.linalg.inv(J.T @ J)) * (rest @ rest) / len(rest))
+    np.testing.assert_allclose(found.std, std, rtol=0.1)
+    level = regressor(0.0, 0.0)
+    before = tau - level @ np.linalg.lstsq(level, tau, rcond=1e-9)[0]
+    size = np.linalg.norm(tau) / 100
+    assert (found.before, found.after) == pytest.approx(
+        (np.linalg.norm(before) / size, np.linalg.norm(rest) / size), rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.17, 0.0), (0.0, -0.17)])
+def test_a_tilt_of_ten_degrees_is_one(x: float, y: float) -> None:
+    model, motion = tilted(x, y)
+    found = find_base_tilt(model, [motion], LeastSquares())
+    assert (found.x, found.y) == pytest.approx((x, y), abs=5e-3)
+
+
+def test_a_tilt_within_its_standard_errors_is_none() -> None:
+    """Two of them decide: here the noise is so large that the tilt put in is about one."""
+    model, motion = tilted(0.0, -0.035)
+    noisy = replace(motion, tau=motion.tau + np.abs(motion.tau).max() * np.random.default_rng(1).normal(size=(3000, 3)))
+    found = find_base_tilt(model, [noisy], LeastSquares())
+    assert (found.x, found.y) == (0.0, 0.0)
+    assert found.after == found.before
+    assert min(found.std) > 0.0175
+
+
+def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
+    model, motion = tilted(0.0, 0.0)
+    found = find_base_tilt(model, [motion], LeastSquares())
+    assert abs(found.x) < 4 * found.std[0]
+    assert abs(found.y) < 4 * found.std[1]
+
+
+def test_torques_that_are_all_zero_show_no_tilt() -> None:
+    model, motion = tilted(0.02, 0.0)
+    found = find_base_tilt(model, [replace(motion, tau=0 * motion.tau)], LeastSquares())
+    assert (found.before, found.after) == (0.0, 0.0)
+
+
+def test_only_robot_files_can_tilt() -> None:
+    with pytest.raises(ConfigError, match="no term has a gravity"):
+        mounted(two_link_arm(), 0.1, 0.0)
+
+
+def test_a_base_that_lies_on_its_side_is_not_a_tilt() -> None:
+    model, motion = tilted(0.6, 0.0)
+    with pytest.raises(ConfigError, match=r"3\d\.?\d* deg about x.*set `gravity`, and check the zeros"):
+        find_base_tilt(model, [motion], LeastSquares())
+    model, motion = tilted(0.0, -0.3)
+    with pytest.raises(ConfigError, match=r"-1\d\.?\d* deg about y"):
+        find_base_tilt(model, [motion], LeastSquares())
+
+
+def test_gravity_turns_the_other_way() -> None:
+    model, _ = tilted(0.0, 0.0)
+    turned = mounted(model, 0.1, 0.0)
+    np.testing.assert_allclose(turned.terms[0].gravity, 9.81 * np.array([0, -np.sin(0.1), -np.cos(0.1)]), atol=1e-12)

@@ -22,7 +22,7 @@ SAMPLES = 1000  # of all motions, up to twice as many
 NEAR = 0.05  # s, from a reversal
 MOSTLY = 0.4  # share of a joint's squared residual, as for effects that are warned of
 FELT = 0.5  # %, of a joint's torque, as there
-LARGER = 2.0  # times the mean square elsewhere: what is left at reversals in most parts of the data
+LASTING = 0.2  # share of it that must be outside the fifth of the data with the most: more than a single event
 
 
 def unexplained(fit: Misfit) -> Iterator[Finding]:
@@ -58,13 +58,12 @@ def reversal_findings(
 
 
 def _share_near(squared: Array, near: NDArray[np.bool_], counted: NDArray[np.bool_]) -> float:
-    """Return the share of squared residuals (M) that those near reversals have more than the others; zero where it is
-    not in most parts of the data, but perhaps a single event."""
+    """Return the share of squared residuals (M) that those near reversals have more than the others; zero where
+    most of it may be a single event."""
     at, away = near & counted, ~near & counted
     if not at.any() or not away.any():
         return 0.0
-    usual = float(squared[away].mean())
-    parts = zip(np.array_split(squared, FOLDS), np.array_split(at, FOLDS), strict=True)
-    if np.median([x[k].mean() for x, k in parts if k.any()]) < LARGER * usual:
-        return 0.0
-    return float((squared[at] - usual).sum()) / float(squared[counted].sum())
+    excess = np.where(at, squared - float(squared[away].mean()), 0.0)
+    parts = np.array([one.sum() for one in np.array_split(excess, FOLDS)])
+    lasting = parts.sum() - parts.max() > LASTING * parts.sum()
+    return float(parts.sum()) / float(squared[counted].sum()) if lasting else 0.0

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynident.checks.case import case_of
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.misfit import misfit
-from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, TermKind, Unexplained
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, OddLog, TermKind, Unexplained
 from dynident.checks.unexplained import reversal_findings, unexplained
 from dynident.errors import Severity, Use
 from dynident.log import Motion
@@ -46,6 +47,15 @@ def test_what_is_left_is_of_all_torque() -> None:
     (one,) = unexplained(misfit(case(with_torque(foreign, 1))))
     assert one.message.left == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
     assert one.message.left < one.message.joint_left
+
+
+def test_what_an_odd_log_explains_is_not_left() -> None:
+    odd = motion(1)
+    logs = [replace(MOVED, source="a"), replace(odd, tau=odd.tau * [1.0, 1.6, 1.0], source="b")]
+    assert any(isinstance(one.message, Unexplained) for one in explained(case_of(arm(), logs)))
+    kinds = {type(one.message) for one in robot_findings(arm(), logs, {})}
+    assert OddLog in kinds
+    assert Unexplained not in kinds
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.3])

@@ -18,7 +18,7 @@ from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.odd_log import odd_log_findings
 from dynident.checks.payload import payload_findings
-from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase
+from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase, Unexplained
 from dynident.checks.suspect import Found, Suspect, promising, refined
 from dynident.checks.unexplained import reversal_findings, unexplained
 from dynident.errors import Severity
@@ -55,7 +55,8 @@ def robot_findings(
         return
     case = case_of(model, motions, parallel_filter, min_speed)
     found = list(explained(case, tilt))
-    yield from found
+    left = [one for one in found if isinstance(one.message, Unexplained)]
+    yield from (one for one in found if one not in left)
     late = _joints_with(found, TermKind.DELAY)
     delays = [one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late]
     yield from delays
@@ -64,7 +65,8 @@ def robot_findings(
     loaded = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
     yield from loaded
     odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
-    yield from (one for one in odd if one.source not in {other.source for other in loaded})
+    others = [one for one in odd if one.source not in {other.source for other in loaded}]
+    yield from others or left  # a log that does not fit with the others explains what is left
 
 
 def _joints_with(found: Sequence[Finding], *effects: TermKind) -> set[str | None]:

@@ -51,7 +51,7 @@ def _periodogram(q: Array, residual: Array, rates: Array) -> Array:
     for k in range(len(rates)):
         power[k] = np.abs(turn.sum()) ** 2
         turn *= step
-    return 2.0 * power / (len(q) * np.square(residual).sum())
+    return np.asarray(2.0 * power / (len(q) * np.square(residual).sum()))
 
 
 def _step(fit: Misfit, j: int, rate: float) -> tuple[Array, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.case import SAMPLES, case_of
+from dynident.checks.case import SAMPLES, as_measured, case_of
 from dynident.log import Motion
 from dynident.regression import ParallelFilter
 from tests.checks.moving_arm import T, arm, motion
@@ -65,3 +65,17 @@ def test_logs_of_other_rates_have_one_noise(order: list[int]) -> None:
     both = case_of(arm(), [noisy[k] for k in order], samples=len(T)).noise
     assert (single[1] < both).all()
     assert (both < single[0]).all()
+
+
+def test_as_measured_all_samples_are_there_and_those_left_out_do_not_count() -> None:
+    moved = motion()
+    mask, keep = T < 5.0, np.ones((len(T), 3), dtype=bool)
+    keep[300:320, 1] = False
+    whole = as_measured(arm(), [replace(moved, mask=mask, keep=keep), moved], (0.1, 0.0, 0.0))
+    np.testing.assert_array_equal(whole.tau, np.concatenate([moved.tau, moved.tau]))
+    assert whole.lengths == (len(T), len(T))
+    fast = np.abs(moved.dq[:, 0]) >= 0.1
+    np.testing.assert_array_equal(
+        whole.keep[: len(T)], mask[:, None] & keep & np.column_stack([fast, *2 * [fast | True]])
+    )
+    np.testing.assert_array_equal(whole.keep[len(T) :, 0], fast)

@@ -29,6 +29,8 @@ EFFECTS = {
     TermKind.ASYMMETRIC: (1.0, lambda q, dq, ddq: np.abs(dq[:, 0])),
     TermKind.QUADRATIC: (0.8, lambda q, dq, ddq: 0.8 * dq[:, 0] * np.abs(dq[:, 0])),
     TermKind.LOAD: (0.15, lambda q, dq, ddq: 0.15 * np.abs(MOVED.tau[:, 0]) * np.sign(dq[:, 0])),
+    TermKind.SATURATION: (0.06, lambda q, dq, ddq: -0.06 * MOVED.tau[:, 0] ** 3 / np.mean(MOVED.tau[:, 0] ** 2)),
+    TermKind.RIPPLE: (0.6, lambda q, dq, ddq: 0.6 * np.sin(17.3 * q[:, 0] + 0.4)),
     TermKind.DRIFT: (-0.5, lambda q, dq, ddq: -0.5 * np.linspace(-1, 1, len(q)) * (dq + 1.5 * np.sign(dq))[:, 0]),
 }
 
@@ -62,6 +64,27 @@ def test_a_coupled_motor_is_named_with_both_joints() -> None:
     assert found.message.effect is TermKind.COUPLED
     assert found.message.partner == "j1"
     assert found.message.value == pytest.approx(0.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("joint", "other"), [(0, 1), (1, 2), (2, 1)])
+def test_the_torque_of_a_neighbour_is_named_with_it_and_forbids_control(joint: int, other: int) -> None:
+    """As the motors of a differential have it: other parameters take up part of it, which another motion shows."""
+    found = next(iter(explained(with_effect(0.8 * MOVED.tau[:, other], joint))))
+    note = found.message
+    assert (found.joint, note.effect, note.partner) == (f"j{joint + 1}", TermKind.NEIGHBOUR, f"j{other + 1}")
+    assert note.value == pytest.approx(0.8, abs=0.05)
+    assert found.severity is Severity.WARNING
+
+
+def test_a_ripple_is_named_with_its_period_and_a_saturation_costs_no_more_than_was_seen() -> None:
+    ripple, saturated = (
+        next(iter(explained(with_effect(EFFECTS[kind][1](MOVED.q, MOVED.dq, MOVED.ddq))))).message
+        for kind in (TermKind.RIPPLE, TermKind.SATURATION)
+    )
+    assert ripple.period == pytest.approx(2 * np.pi / 17.3, rel=0.02)
+    most = 0.06 * float(np.square(MOVED.tau[:, 0]).max() / np.mean(MOVED.tau[:, 0] ** 2))
+    assert 0.0 < saturated.cost < 100 * most
+    assert saturated.period == 0.0
 
 
 def test_a_late_torque_is_named_with_its_delay() -> None:

@@ -24,6 +24,9 @@ NOTES = [
     robot_notes.AxisTilted((1.0, 0.0, 0.0), 0.05, True, 0.01, 0.2),
     *(MissingTerm(kind, 0.5, 0.01, 0.6, "j1" if kind is TermKind.COUPLED else "") for kind in TermKind),
     robot_notes.TermLeftOut(TermKind.ROTOR, 0.5, 0.01, 0.6),
+    MissingTerm(TermKind.RIPPLE, 0.5, 0.01, 0.6, period=0.524),
+    robot_notes.LeftAtReversals(3.52, 0.71),
+    robot_notes.Unexplained(8.1, 42.3),
     robot_notes.ClockWrong(1.2, 0.01, 0.2),
     robot_notes.OddLog(12.0, 2.0),
     robot_notes.TiltedBase(0.02, -0.035, (1e-3, 2e-3), 4.0, 2.0, cost=3.0),
@@ -65,6 +68,17 @@ def test_what_cannot_be_told_apart_is_listed() -> None:
     assert "+0.1 +- 0.01" in said(NOTES[8])
     assert "lighter" in said(NOTES[-1])
     assert "together with j1" in said(MissingTerm(TermKind.COUPLED, 0.2, 0.01, 0.5, "j1"))
+
+
+def test_what_is_left_is_said_with_its_figures() -> None:
+    assert "that repeats every 0.524 rad or m" in said(MissingTerm(TermKind.RIPPLE, 0.5, 0.01, 0.6, period=0.524))
+    assert "repeats" not in said(MissingTerm(TermKind.SPRING, 0.5, 0.01, 0.6))
+    at = said(robot_notes.LeftAtReversals(3.52, 0.71))
+    assert "3.5 % of its torque" in at
+    assert "71 % of the joint's squared residual" in at
+    left = said(robot_notes.Unexplained(8.1, 42.3))
+    assert "8.1 % of all torque" in left
+    assert "42 % of its own" in left
 
 
 @pytest.mark.parametrize("note", NOTES, ids=lambda note: type(note).__name__)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.log import Motion, subsample
 from dynident.models import Model
-from dynident.regression import ParallelFilter, fitted_rows
+from dynident.regression import ParallelFilter, fast_enough, fitted_rows
 
-__all__ = ["Case", "case_of"]
+__all__ = ["Case", "as_measured", "case_of", "steady"]
 
 Array = NDArray[np.float64]
 SAMPLES = 1000  # of all motions, up to twice as many
@@ -68,9 +68,19 @@ def case_of(
         np.concatenate([getattr(one, name)[kept] for one, kept in pairs]) for name in ("q", "dq", "ddq", "tau")
     )
     jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in pairs]
-    keep = [_steady(one, RESPONSE / cutoff)[kept] & _fitted(one, min_speed, kept) for one, kept in pairs]
+    keep = [steady(one, RESPONSE / cutoff)[kept] & _fitted(one, min_speed, kept) for one, kept in pairs]
     noise = _noise(motions, slow, cutoff)
     return Case(model, q, dq, ddq, np.concatenate(jerks), tau, np.concatenate(keep), tuple(map(len, rows)), noise)
+
+
+def as_measured(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Case:
+    """Return the case of a model and motions, all samples as they are: neither low-passed nor without reversals."""
+    q, dq, ddq, tau = (np.concatenate([getattr(one, name) for one in motions]) for name in ("q", "dq", "ddq", "tau"))
+    used = [one.mask[:, None] & (np.ones(one.q.shape, bool) if one.keep is None else one.keep) for one in motions]
+    keep, fast = np.concatenate(used), fast_enough(dq, min_speed)
+    lengths = tuple(len(one) for one in motions)
+    keep = keep if fast is None else keep & fast
+    return Case(model, q, dq, ddq, np.zeros_like(q), tau, keep, lengths, np.zeros(q.shape[1]))
 
 
 def _fitted(motion: Motion, min_speed: tuple[float, ...] | None, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -82,14 +92,14 @@ def _noise(motions: Sequence[Motion], slow: Sequence[Motion], cutoff: float) -> 
     """Return the variance (n) of white noise in the low-passed torques, from the octave above the cut-off."""
     total, count = np.zeros(motions[0].q.shape[1]), 0
     for motion, one in zip(motions, slow, strict=True):
-        steady = _steady(one, RESPONSE / cutoff)
-        above = np.where(steady, _low_passed(motion, 2.0 * cutoff).tau - one.tau, 0.0)
+        calm = steady(one, RESPONSE / cutoff)
+        above = np.where(calm, _low_passed(motion, 2.0 * cutoff).tau - one.tau, 0.0)
         total += _white(motion, cutoff) * np.square(above).sum(axis=0)
-        count = count + steady.sum(axis=0)
+        count = count + calm.sum(axis=0)
     return np.asarray(total / np.maximum(count, 1))
 
 
-def _steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
+def steady(motion: Motion, margin: float) -> NDArray[np.bool_]:
     """Return where each joint (N, n) does not reverse within ``margin`` (s)."""
     found = np.ones(motion.q.shape, dtype=bool)
     for j, dq in enumerate(motion.dq.T):

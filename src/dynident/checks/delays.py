@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks.case import Case
+from dynident.checks.case import Case, as_measured
 from dynident.checks.cost import cost
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import Misfit, misfit
@@ -22,7 +22,6 @@ from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity
 from dynident.log import Motion, subsample
 from dynident.models import Model
-from dynident.regression import fast_enough
 from dynident.validation import long_run
 
 __all__ = ["delay_findings"]
@@ -91,12 +90,7 @@ def _at(
 ) -> Case:
     """Return the case of the motions, not low-passed, so much later (s) than their torque."""
     moved = [one.shifted(late, kept) for one, kept in zip(motions, rows, strict=True) if len(kept) > 1]
-    q, dq, ddq, tau = (np.concatenate([getattr(one, name) for one in moved]) for name in ("q", "dq", "ddq", "tau"))
-    used = [one.mask[:, None] & (np.ones(one.q.shape, bool) if one.keep is None else one.keep) for one in moved]
-    keep, fast = np.concatenate(used), fast_enough(dq, min_speed)
-    lengths = tuple(len(one) for one in moved)
-    keep = keep if fast is None else keep & fast
-    return Case(model, q, dq, ddq, np.zeros_like(q), tau, keep, lengths, np.zeros(q.shape[1]))
+    return as_measured(model, moved, min_speed)
 
 
 def _delays(fit: Misfit, rate: Array) -> tuple[Array, Array, Array]:

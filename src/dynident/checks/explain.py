@@ -18,8 +18,9 @@ from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import Missing, missing, with_missing
 from dynident.checks.odd_log import odd_log_findings
 from dynident.checks.payload import payload_findings
-from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase
+from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase, Unexplained
 from dynident.checks.suspect import Found, Suspect, promising, refined
+from dynident.checks.unexplained import reversal_findings, unexplained
 from dynident.errors import Severity
 from dynident.identification import BaseTilt, mounted
 from dynident.log import Motion
@@ -32,6 +33,7 @@ TRIAL = 150  # samples with which other columns, signs and axes are tried
 MOST = 6  # causes that are looked for one after the other
 TRIED = 4  # suspects whose value is sought, of those that one step explains best
 NEAR = 0.6  # times the largest share by one step: suspects below are not tried
+AT_REVERSALS = (TermKind.COULOMB, TermKind.SMOOTH, TermKind.STRIBECK, TermKind.DELAY)  # explain what is left there
 ALIKE = 0.9  # times the largest share: suspects from here on cannot be told apart
 
 
@@ -53,27 +55,39 @@ def robot_findings(
         return
     case = case_of(model, motions, parallel_filter, min_speed)
     found = list(explained(case, tilt))
-    yield from found
-    late = {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect is TermKind.DELAY}
-    yield from (one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late)
+    left = [one for one in found if isinstance(one.message, Unexplained)]
+    yield from (one for one in found if one not in left)
+    late = _joints_with(found, TermKind.DELAY)
+    delays = [one for one in delay_findings(misfit(case), motions, min_speed) if one.joint not in late]
+    yield from delays
+    known = _joints_with([*found, *delays], *AT_REVERSALS)
+    yield from (one for one in reversal_findings(model, motions, min_speed) if one.joint not in known)
     loaded = list(payload_findings(model, motions, held_out, parallel_filter, min_speed))
     yield from loaded
     odd = odd_log_findings(model, motions, held_out, parallel_filter, min_speed)
-    yield from (one for one in odd if one.source not in {other.source for other in loaded})
+    others = [one for one in odd if one.source not in {other.source for other in loaded}]
+    yield from others or left  # a log that does not fit with the others explains what is left
+
+
+def _joints_with(found: Sequence[Finding], *effects: TermKind) -> set[str | None]:
+    return {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect in effects}
 
 
 def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     """Yield what would explain much of the training residual, one cause after the other.
 
     A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
-    those found before set right, so that none is named for what another one causes.
+    those found before set right, so that none is named for what another one causes. Last comes what none explains.
     """
     names = tuple(joint.name for joint in case.model.joints)
     suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
     said: set[tuple[TermKind, int]] = set()
-    for _ in range(MOST):
+    for k in range(MOST + 1):
         fit = misfit(case)
         if not fit.size:  # nothing is left, or counts
+            return
+        if k == MOST:
+            yield from unexplained(fit)
             return
         weight = fit.weight.max(axis=0)
         absent = [one for one in missing(fit) if (one.kind, one.j) not in said]
@@ -95,6 +109,7 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
             said |= {(one.kind, one.j) for one in alike}
             yield from (one.finding(names, price) for one in alike)
         else:
+            yield from unexplained(fit)
             return
 
 

@@ -72,6 +72,7 @@ class Topic(StrEnum):
     TIME_UNIT = "time unit"
     TORQUE_SPIKES = "torque spikes"
     TOTAL_MASS = "total mass"
+    UNEXPLAINED = "unexplained"
     UNREAD = "unread"
     UNUSABLE = "unusable"
     VELOCITY_LIMIT = "velocity limit"

@@ -1,10 +1,10 @@
-"""Effects that a model lacks: friction of other kinds, springs, rotors, coupled motors; tested joint by joint."""
+"""Effects that a model lacks: friction of other kinds, springs, rotors, coupled or cogging motors; joint by joint."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import tee
+from itertools import pairwise, tee
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from dynident.checks.case import Case
 from dynident.checks.cost import Cost, faster
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import Evidence, Misfit
+from dynident.checks.ripple import ripple
 from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
@@ -28,17 +29,19 @@ WORTH = 0.1  # share of a joint's squared residual that an effect of its own mus
 FELT = 0.005  # share of a joint's torque (rms) below which an effect is none
 WARNED = 0.4  # ... and to be warned of
 OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
-POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD)
+POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
+Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other joint, period (rad or m), column (M, n)
 
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, by its column, and
-    the column ``beyond``, at twice the speed."""
+    """An effect that would explain much of the residual: of joint ``j``, with the joint ``partner``, of a ripple the
+    ``period``, by its column, and the column ``beyond``, at twice the speed."""
 
     kind: TermKind
     j: int
     partner: int | None
+    period: float
     column: Array
     beyond: Array
     evidence: Evidence
@@ -53,7 +56,7 @@ class Missing:
     def finding(self, names: tuple[str, ...], cost: Cost) -> Finding:
         """Return the finding, with what the effect costs."""
         partner = "" if self.partner is None else names[self.partner]
-        figures = self.evidence.value, self.evidence.std, self.share, partner
+        figures = self.evidence.value, self.evidence.std, self.share, partner, self.period
         left_out = self.share > WARNED and self.kind in OFFERED
         note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
         severity = Severity.WARNING if self.share > WARNED or note.forbidden else Severity.INFO
@@ -62,13 +65,14 @@ class Missing:
 
 def missing(fit: Misfit) -> list[Missing]:
     """Return the effects that explain much of a joint's residual, the most explaining first."""
-    columns, same = tee(_columns(fit, fit.case))
+    ripples = [ripple(fit, j) for j in range(fit.case.q.shape[1])]
+    columns, same = tee(_columns(fit, fit.case, ripples))
     seen = zip(columns, fit.evidence(column for *_, column in same), strict=True)
     error = fit.error
     found = {k: (what, one) for k, (what, one) in enumerate(seen) if one is not None and _counts(*what[:3], one, error)}
     if not found:
         return []
-    beyond = (column for k, (*_, column) in enumerate(_columns(fit, faster(fit.case))) if k in found)
+    beyond = (column for k, (*_, column) in enumerate(_columns(fit, faster(fit.case), ripples)) if k in found)
     every = [Missing(*what, far, one) for (what, one), far in zip(found.values(), beyond, strict=True)]
     return sorted(every, key=lambda one: -one.evidence.share)
 
@@ -78,7 +82,7 @@ def _counts(kind: TermKind, j: int, partner: int | None, evidence: Evidence, err
     makes sense, and is no chance."""
     share = float(evidence.by_joint[j])
     sensible = kind not in POSITIVE or evidence.value > 0
-    mutual = partner is None or evidence.by_joint[partner] > WORTH
+    mutual = kind is not TermKind.COUPLED or partner is None or evidence.by_joint[partner] > WORTH
     if not (share > WORTH and share**0.5 * error[j] > FELT and sensible and mutual):
         return False
     lasting = evidence.agreed and evidence.held_out > 0.5 * evidence.share
@@ -90,15 +94,16 @@ def with_missing(case: Case, found: Missing) -> Case:
     return replace(case, extra=(*case.extra, found.column), beyond=(*case.beyond, found.beyond))
 
 
-def _columns(fit: Misfit, case: Case) -> Iterator[tuple[TermKind, int, int | None, Array]]:
-    """Yield every kind of effect with its joint, the other joint of a coupled motor, and its column (M, n) in the
-    motion of a case, with the values of the fit."""
+def _columns(fit: Misfit, case: Case, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:
+    """Yield every kind of effect, in the motion of a case, with the values of the fit and its ``ripples`` by joint."""
     (load, friction), n = _parts(fit, case), case.q.shape[1]
     age = np.linspace(-1.0, 1.0, len(case.q))  # over all logs, in their order
     rate = torque_rate(fit, case)
     friction_jumps = _has_coulomb(case)
     speed = np.maximum(np.sqrt(np.mean(fit.case.dq**2, axis=0)), 1e-12)
     sign = np.tanh(case.dq / (SLOW * speed))
+    torque, usual = case.torque(fit.theta), np.maximum(np.sqrt(np.mean(fit.torque**2, axis=0)), 1e-12)
+    met = np.minimum(np.abs(torque), np.abs(fit.torque).max(axis=0)) / usual  # beyond, nobody knows
     shapes: dict[TermKind, Callable[[int], Array]] = {
         TermKind.VISCOUS: lambda j: case.dq[:, j],
         TermKind.COULOMB: lambda j: sign[:, j],
@@ -111,18 +116,27 @@ def _columns(fit: Misfit, case: Case) -> Iterator[tuple[TermKind, int, int | Non
         TermKind.LOAD: lambda j: sign[:, j] * np.abs(load[:, j]),
         TermKind.DRIFT: lambda j: age * friction[:, j],
         TermKind.DELAY: lambda j: -rate[:, j],
+        TermKind.SATURATION: lambda j: -(met[:, j] ** 2) * torque[:, j],
     }
     for kind, shape in shapes.items():
         for j in range(n):
-            column = np.zeros_like(case.q)
-            column[:, j] = shape(j)
             known = kind is TermKind.COULOMB and friction_jumps[j]
-            yield TermKind.SMOOTH if known else kind, j, None, column
+            yield TermKind.SMOOTH if known else kind, j, None, 0.0, _only(case, j, shape(j))
+    for j, found in enumerate(ripples):
+        if found is not None:
+            yield TermKind.RIPPLE, j, None, found[0], _only(case, j, found[1])
+    for i, j in (*pairwise(range(n)), *pairwise(range(n - 1, -1, -1))):
+        yield TermKind.NEIGHBOUR, j, i, 0.0, _only(case, j, torque[:, i])
     for i in range(n):
         for j in range(i + 1, n):
-            column = np.zeros_like(case.q)
-            column[:, i], column[:, j] = case.ddq[:, j], case.ddq[:, i]
-            yield TermKind.COUPLED, j, i, column
+            yield TermKind.COUPLED, j, i, 0.0, _only(case, i, case.ddq[:, j]) + _only(case, j, case.ddq[:, i])
+
+
+def _only(case: Case, j: int, x: Array) -> Array:
+    """Return columns (M, n) that are x (M) at one joint."""
+    column = np.zeros_like(case.q)
+    column[:, j] = x
+    return column
 
 
 def _parts(fit: Misfit, case: Case) -> tuple[Array, Array]:

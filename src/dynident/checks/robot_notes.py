@@ -12,9 +12,9 @@ from typing import ClassVar
 
 from dynident.errors import Note, Use
 
-__all__ = ["AxisTilted", "Channel", "ClockWrong", "ColumnReversed", "Costly", "JointsSwapped", "LengthWrong",
-           "MissingTerm", "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival", "TermKind", "TermLeftOut",
-           "TiltedBase", "TorqueGain", "WrongValue", "ZeroOff"]  # fmt: skip
+__all__ = ["AxisTilted", "Channel", "ClockWrong", "ColumnReversed", "Costly", "JointsSwapped",
+           "LeftAtReversals", "LengthWrong", "MissingTerm", "OddLog", "OtherAxis", "OtherPayload", "Quantity", "Rival",
+           "TermKind", "TermLeftOut", "TiltedBase", "TorqueGain", "Unexplained", "WrongValue", "ZeroOff"]  # fmt: skip
 
 CONTROL, JOINT = 10.0, 25.0  # %, of the torque and of one joint's: the verdict's limits of held-out errors
 SIMULATION = 5.0  # %, of the torque; what real robots have beside the usual terms is 2 to 4 %
@@ -43,7 +43,10 @@ class TermKind(StrEnum):
     LOAD = "load-dependent friction"
     DRIFT = "friction that drifts"
     DELAY = "delay of the torque"
+    SATURATION = "torque that saturates"
     COUPLED = "coupled motor"
+    NEIGHBOUR = "torque of a neighbour"
+    RIPPLE = "ripple"
 
 
 class Quantity(StrEnum):
@@ -194,13 +197,16 @@ class TiltedBase(WrongValue):
 @dataclass(frozen=True)
 class MissingTerm(Costly):
     """An effect that the model lacks at a joint: its value in SI units, and the share of that joint's own residual
-    (squared) that it removes; ``partner`` is the other joint of a coupled motor."""
+    (squared) that it removes; ``partner`` is the other joint of a coupled motor or torque, ``period`` that of a ripple
+    (rad or m). The value of a saturation is the share of the torque that is lost at its rms.
+    """
 
     effect: TermKind
     value: float
     std: float
     share: float
     partner: str = ""
+    period: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -208,6 +214,31 @@ class TermLeftOut(MissingTerm):
     """The same of a term that the library has: the user can add it, so that it forbids simulation at any cost."""
 
     forbids: ClassVar[Use | None] = Use.SIMULATION
+
+
+@dataclass(frozen=True)
+class LeftAtReversals(Note):
+    """Of a joint's torque ``left`` % remain within 50 ms of its reversals, beyond what remains elsewhere: ``share`` of
+    its squared residual as measured.
+
+    Backlash and elastic gears do this, and friction that builds up gradually, which the torque alone does not tell.
+    """
+
+    left: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Unexplained(Note):
+    """Of the low-passed torque ``left`` % remain that are no white noise, and that nothing sought explains; and the
+    ``joint_left`` % of the joint of the finding, of which the most is left.
+
+    The model lacks something, unless the sensors' noise is slow: that forbids simulation.
+    """
+
+    forbids: ClassVar[Use | None] = Use.SIMULATION
+    left: float
+    joint_left: float
 
 
 @dataclass(frozen=True)

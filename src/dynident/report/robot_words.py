@@ -32,7 +32,16 @@ EFFECTS = {
         "a torque that is stamped late, by these seconds,",
         "Set `delay: estimate` where all joints are late alike; else shift this torque in the file.",
     ),
+    TermKind.SATURATION: (
+        "a torque that grows less than in proportion, by this share at its rms,",
+        "Check whether the drive saturates, and how torque was computed from current.",
+    ),
     TermKind.COUPLED: ("a motor that turns with both joints", "Add it to `couplings` of the model."),
+    TermKind.NEIGHBOUR: (
+        "so many times the torque of a neighbour",
+        "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
+    ),
+    TermKind.RIPPLE: ("a ripple, of cogging or of the gear, with this amplitude", OWN),
 }
 
 
@@ -154,9 +163,29 @@ def _(note: robot_notes.AxisTilted) -> str:
 def _(note: MissingTerm) -> str:
     effect, remedy = EFFECTS[note.effect]
     partner = f" together with {note.partner}" if note.partner else ""
+    period = f" that repeats every {note.period:.3g} rad or m" if note.period else ""
     return (
-        f"{effect}{partner} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain {100 * note.share:.0f} % of "
-        f"the joint's squared residual. {_cost(note)} {remedy}"
+        f"{effect}{partner}{period} ({note.value:.3g} +- {note.std:.2g}, SI units) would explain "
+        f"{100 * note.share:.0f} % of the joint's squared residual. {_cost(note)} {remedy}"
+    )
+
+
+@words.register
+def _(note: robot_notes.LeftAtReversals) -> str:
+    return (
+        f"{note.left:.2g} % of its torque is left near its reversals (50 ms), beyond what is left elsewhere: "
+        f"{100 * note.share:.0f} % of the joint's squared residual. Has the gear backlash, or is the position that of "
+        "a motor behind an elastic joint? Friction that builds up gradually looks alike. `min_speed` leaves slow "
+        "samples out."
+    )
+
+
+@words.register
+def _(note: robot_notes.Unexplained) -> str:
+    return (
+        f"{note.left:.2g} % of all torque is left that is not white noise, the most at this joint "
+        f"({note.joint_left:.2g} % of its own), and no cause that was tried explains it. The model lacks "
+        "something, unless the noise of the sensors is slow: look at the residual in the report."
     )
 
 

@@ -1,0 +1,94 @@
+"""What is left of the torque, and no cause explains it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.checks.case import case_of
+from dynident.checks.explain import explained, robot_findings
+from dynident.checks.misfit import misfit
+from dynident.checks.robot_notes import LeftAtReversals, MissingTerm, OddLog, TermKind, Unexplained
+from dynident.checks.unexplained import reversal_findings, unexplained
+from dynident.errors import Severity, Use
+from dynident.log import Motion
+from tests.checks.moving_arm import T, arm, case, motion
+
+MOVED = motion()
+
+
+def with_torque(extra: np.ndarray, joint: int = 0) -> Motion:
+    tau = MOVED.tau.copy()
+    tau[:, joint] += extra
+    return replace(MOVED, tau=tau)
+
+
+def after_reversals(joint: int, only: int | None = None) -> np.ndarray:
+    """Three N m for 40 ms after the reversals of a joint, or after one of them."""
+    turns = T[np.flatnonzero(np.diff(np.signbit(MOVED.dq[:, joint])))]
+    turns = turns if only is None else turns[only : only + 1]
+    since = T[:, None] - turns
+    return 3.0 * ((since > 0) & (since < 0.04)).any(axis=1)
+
+
+def test_a_torque_that_no_state_explains_is_said_with_its_size_last() -> None:
+    foreign = 0.4 * MOVED.tau[:, 2].std() * np.sin(9.1 * T)
+    *_, last = explained(case(with_torque(foreign, 2)))
+    assert isinstance(last.message, Unexplained)
+    assert (last.severity, last.joint, last.forbids) == (Severity.WARNING, "j3", Use.SIMULATION)
+    own = 100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau[:, 2] + foreign)
+    assert last.message.joint_left == pytest.approx(own, rel=0.2)
+
+
+def test_what_is_left_is_of_all_torque() -> None:
+    foreign = 0.6 * MOVED.tau[:, 1].std() * np.sin(9.1 * T)
+    (one,) = unexplained(misfit(case(with_torque(foreign, 1))))
+    assert one.message.left == pytest.approx(100 * np.linalg.norm(foreign) / np.linalg.norm(MOVED.tau), rel=0.2)
+    assert one.message.left < one.message.joint_left
+
+
+def test_what_an_odd_log_explains_is_not_left() -> None:
+    odd = motion(1)
+    logs = [replace(MOVED, source="a"), replace(odd, tau=odd.tau * [1.0, 1.6, 1.0], source="b")]
+    assert any(isinstance(one.message, Unexplained) for one in explained(case_of(arm(), logs)))
+    kinds = {type(one.message) for one in robot_findings(arm(), logs, {})}
+    assert OddLog in kinds
+    assert Unexplained not in kinds
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.3])
+def test_white_noise_of_any_size_is_nothing(noise: float) -> None:
+    assert list(unexplained(misfit(case(motion(3, noise=noise))))) == []
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_what_is_left_at_the_reversals_of_a_joint_is_said(joint: int) -> None:
+    extra = after_reversals(joint)
+    (one,) = reversal_findings(arm(), [with_torque(extra, joint)])
+    assert isinstance(one.message, LeftAtReversals)
+    assert (one.severity, one.joint, one.forbids) == (Severity.WARNING, f"j{joint + 1}", None)
+    whole = np.linalg.norm(MOVED.tau[:, joint] + extra)
+    assert one.message.left == pytest.approx(100 * np.linalg.norm(extra) / whole, rel=0.25)
+    assert 0.4 < one.message.share < 1.0
+
+
+def test_a_right_arm_and_a_single_event_leave_nothing_there() -> None:
+    assert list(reversal_findings(arm(), [MOVED])) == []
+    assert list(reversal_findings(arm(), [with_torque(10.0 * after_reversals(0, only=3))])) == []
+
+
+def test_where_no_sample_lies_at_a_reversal_nothing_is_said() -> None:
+    moved = with_torque(after_reversals(0))
+    assert list(reversal_findings(arm(), [moved], (0.5, 0.5, 0.5))) == []
+    assert list(reversal_findings(arm(), [replace(moved, mask=T < 0.005)])) == []
+
+
+def test_what_a_delay_explains_is_not_said_again() -> None:
+    late = replace(MOVED, tau=np.column_stack([*MOVED.tau.T[:2], np.interp(T - 0.03, T, MOVED.tau[:, 2])]))
+    found = [one.message for one in robot_findings(arm(), [late], {}) if one.joint == "j3"]
+    assert [one.effect for one in found if isinstance(one, MissingTerm)] == [TermKind.DELAY]
+    assert not any(isinstance(one, LeftAtReversals) for one in found)
+    (said,) = reversal_findings(arm(), [late])
+    assert said.joint == "j3"

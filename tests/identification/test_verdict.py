@@ -332,7 +332,7 @@ def test_what_no_data_can_show_is_said_of_a_good_model(good: Identification) -> 
     assert judge(good).unknown == (CommonGain(),)
     assert judge(replace(good, validations=good.validations[:1])).unknown == ()
     weighed = replace(good.recipe, estimator=PhysicallyConsistent(total_mass=5.0))
-    assert judge(replace(good, recipe=weighed)).unknown == ()
+    assert judge(replace(good, recipe=weighed)).unknown == (CommonGain(),), "the base's mass takes the factor up"
 
 
 def test_zeros_that_parameters_take_up_are_unknown(good: Identification) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dynident.estimators import PhysicallyConsistent
 from dynident.identification.result import Identification
 from dynident.models import HasRobotFile
 
@@ -24,7 +23,10 @@ class Unknown:
 
 @dataclass(frozen=True)
 class CommonGain(Unknown):
-    """A factor that all torques share: masses, inertias and friction take it up."""
+    """A factor that all torques share: masses, inertias and friction take it up.
+
+    A known total mass does not show it: the bodies that the torque shows grow, those at the base shrink.
+    """
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,7 @@ class Zeros(Unknown):
 
 def unknowns(found: Identification) -> Iterator[Unknown]:
     """Yield what no data of this robot can show."""
-    estimator = found.recipe.estimator
-    if not (isinstance(estimator, PhysicallyConsistent) and estimator.total_mass is not None):
-        yield CommonGain()
+    yield CommonGain()
     if joints := _zeros(found):
         yield Zeros(joints)
 

@@ -33,6 +33,7 @@ __all__ = ["CheckResult", "run_checks", "with_findings"]
 
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
+SILENT = (Topic.DEAD, Topic.FROZEN_TORQUE)  # explain by themselves what a fit leaves of a joint's torque
 TILT_SAMPLES = 1000  # samples of all motions with which the tilt of the base is sought
 FITTED = 1e8  # numbers in the triangular factors of all joints (0.8 GB), above which nothing is fitted before a fit
 SEARCHED = 5e6  # the same, above which what explains the residual is not looked for: about 30 joints
@@ -286,6 +287,8 @@ def _faults(
     found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
     if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
+    silent = {one.joint for one in findings if one.topic in SILENT}
+    found = [one for one in found if one.topic is not Topic.UNEXPLAINED or one.joint not in silent]
     return [*findings, *found, *pairs]
 
 

@@ -11,7 +11,8 @@ from rich.segment import Segment
 from rich.text import Text
 
 from dynident.cli.terminal import one_line, visible
-from dynident.report.page import PageTable, terminal
+from dynident.report.page import PageTable
+from dynident.report.terminal import terminal
 
 __all__ = ["Screen"]
 

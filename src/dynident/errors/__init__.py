@@ -1,6 +1,6 @@
 """Errors that a user can cause, and notes on a result, as data."""
 
-from dynident.errors.brief import brief, changed, listed
+from dynident.errors.brief import brief, changed, listed, shortened
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.finding import Finding
 from dynident.errors.note import Note, Remark, Severity, Use
@@ -21,4 +21,5 @@ __all__ = [
     "changed",
     "choices",
     "listed",
+    "shortened",
 ]

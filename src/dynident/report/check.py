@@ -100,7 +100,7 @@ def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
 
 def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
     """Return groups of findings as a table of places and what to do."""
-    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False)
+    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False, prose=True)
     return PageTable(columns, tuple(map(finding_row, groups)), title)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.terminal import one_line, visible
+from dynident.cli.escapes import one_line, visible
 from tests.cli.commands import configure, run, write_log
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, status, tell
+from dynident.cli.options import ALLOW_CODE, FILE, LOG_NAME, RESULT
+from dynident.cli.terminal import console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.cli.screen import Screen
@@ -19,8 +20,8 @@ __all__ = ["predict"]
 
 
 @click.command(short_help="Predict the torque of recordings from a saved result.")
-@click.argument("result", type=FILE)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.argument("result", type=RESULT)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=LOG_NAME)
 @click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
 @ALLOW_CODE
 def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
@@ -74,6 +75,6 @@ def _predicted(
         say(f"predicting {text}")
         reading = read_log_like(saved, text, allow_code=allow_code)
         for warning in reading.warnings:
-            screen.say(f"Warning: {warning}", "yellow")
+            screen.remark(f"Warning: {warning}", "yellow")
         found += [(saved.predict(log), reading.measured) for log in reading.logs]
     return found

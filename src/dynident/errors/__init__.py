@@ -5,6 +5,7 @@ from dynident.errors.errors import ConfigError, DynidentError, InputError, Model
 from dynident.errors.finding import Finding
 from dynident.errors.note import Note, Remark, Severity, Use
 from dynident.errors.part import called
+from dynident.errors.step import Step
 
 __all__ = [
     "ConfigError",
@@ -15,6 +16,7 @@ __all__ = [
     "Note",
     "Remark",
     "Severity",
+    "Step",
     "Use",
     "brief",
     "called",

@@ -75,10 +75,11 @@ def _widths(table: PageTable, part: Sequence[int], width: int) -> dict[int, int]
     found = {k: _least(table, k) for k in part}
     cells = {k: max((cell_len(row[k]) for row in table.rows), default=0) for k in part}
     prose = [k for k in part if table.columns[k].prose]
+    left = width - sum(found.values()) - GAP * (len(part) - 1)
     for name, run in groupby(part, key=lambda k: table.columns[k].group):
         columns = list(run)
-        found[columns[-1]] += max(0, cell_len(name) - sum(found[k] + GAP for k in columns) + GAP)
-    left = width - sum(found.values()) - GAP * (len(part) - 1)
+        more = max(0, min(cell_len(name) - sum(found[k] + GAP for k in columns) + GAP, left))
+        found[columns[-1]], left = found[columns[-1]] + more, left - more
     texts = [k for k in part if not table.columns[k].numeric and k not in prose]
     most = width // SHARE if prose else width
     wanted = [(k, min(cells[k], most)) for k in texts] + [(k, cells[k]) for k in prose]

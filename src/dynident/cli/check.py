@@ -91,9 +91,9 @@ def _unusable(error: Exception) -> CheckResult:
 
 
 def _robot(path: Path) -> CheckResult:
-    from dynident.checks import CheckResult, check_robot, link_facts
+    from dynident.checks import CheckResult, check_robot, joint_facts, link_facts
     from dynident.io.robot import robot_text
     from dynident.models.rigid_bodies import read_robot_file
 
     file = read_robot_file(robot_text(path), path.name)
-    return CheckResult(check_robot(file), links=link_facts(file))
+    return CheckResult(check_robot(file), links=link_facts(file), joints=joint_facts(file))

@@ -54,9 +54,8 @@ class Voice:
         if step.words == self.last:
             return ""
         self.last = step.words
-        line = f"{self.elapsed:7.1f} s  {step.words}"
-        self.keep(line)
-        return line if self.verbose else ""
+        self.keep(step.words)
+        return f"{self.elapsed:7.1f} s  {step.words}" if self.verbose else ""
 
     def open(self) -> None:
         """Begin the log, if one is wanted; InputError where its file is another's, or cannot be written."""

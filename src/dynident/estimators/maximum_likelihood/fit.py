@@ -151,9 +151,9 @@ class _Run:
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
-        return cls(
-            settings, problem, start, Search(model, given, barrier, limits, theta, Sigma(sigma_q, sigma_tau)), notes
-        )
+        sigma = Sigma(sigma_q, sigma_tau)
+        search = Search(model, given, barrier, limits, theta, sigma, progress=problem.progress)
+        return cls(settings, problem, start, search, notes)
 
     def estimate(self) -> Estimate:
         """Fit, test for a start from rest where that is configured, and return the estimate."""

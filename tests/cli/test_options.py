@@ -49,3 +49,18 @@ def test_a_file_in_a_folder_and_what_the_shell_does_better(monkeypatch: pytest.M
     assert completed(["check"], "b") == [("file", "b")]
     assert completed(["check", "--json"], "") == [("file", "")]
     assert completed(["smooth", "x.csv", "--out"], "") == [("dir", "")]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_each_shell_knows_the_program_by_its_name(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], shell: str
+) -> None:
+    monkeypatch.setattr("sys.argv", ["/opt/tools/bin/dynident"])
+    monkeypatch.setenv("_DYNIDENT_COMPLETE", f"{shell}_source")
+    monkeypatch.setattr("click.shell_completion.BashComplete._check_version", lambda _: None)  # it asks bash
+    with pytest.raises(SystemExit) as end:
+        main([])
+    assert not end.value.code
+    script = capsys.readouterr().out
+    assert "_dynident_completion" in script
+    assert "/opt" not in script

@@ -29,6 +29,7 @@ FAULT = 70  # EX_SOFTWARE of sysexits.h
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 LEAST_ROOM = 2_000_000_000  # bytes of address space; a small project takes 1.2 GB
+PROGRAM = "dynident"
 PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -54,7 +55,7 @@ class Commands(click.Group):
             if getattr(sys, name) is None:  # closed by who started us
                 setattr(sys, name, io.StringIO())
         try:
-            code: object = super().main(args, **({"prog_name": launcher()} | how), standalone_mode=False)
+            code: object = super().main(args, **(_named() | how), standalone_mode=False)
         except click.ClickException as error:
             _show(error)
             sys.exit(error.exit_code)
@@ -85,6 +86,12 @@ class Commands(click.Group):
             if ctx.params.get("debug"):
                 complain(visible("".join(traceback.format_exception(error))))
             raise _ended(error) from error
+
+
+def _named() -> dict[str, str]:
+    """Return how messages call the program; a shell's completion knows it by its own name."""
+    completed = f"_{PROGRAM.upper()}_COMPLETE"
+    return {"prog_name": PROGRAM if completed in os.environ else launcher(), "complete_var": completed}
 
 
 def _require_room() -> None:

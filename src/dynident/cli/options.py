@@ -131,4 +131,4 @@ def said(group: Decorated) -> Decorated:
 def common(command: Decorated) -> Decorated:
     """Add the options that every command has."""
     log = click.option("--log-file", type=FILE, expose_value=False, callback=_open_log, help=_LOG_HELP)
-    return _MEMORY(_VERBOSE(_QUIET(log(command))))
+    return log(_QUIET(_VERBOSE(_MEMORY(command))))

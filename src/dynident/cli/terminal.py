@@ -70,12 +70,13 @@ def status() -> Iterator[Callable[[str], None]]:
         task = progress.add_task("starting", total=None, first=0)
 
         def say(step: str) -> None:
-            one = _escaped(step)
-            if progress.tasks[0].description != one.words:
+            one, shown = _escaped(step), progress.tasks[0]
+            if shown.description != one.words:
                 if line := own.step(one):
                     progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
                 progress.reset(task, description=one.words, first=one.done)
-            progress.update(task, completed=one.done, total=one.total)
+            shown.total = one.total  # to ``update``, None is no change
+            progress.update(task, completed=one.done)
 
         yield say
 

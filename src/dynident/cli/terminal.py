@@ -25,7 +25,7 @@ __all__ = ["console", "say_line", "status", "tell"]
 
 PIPE = 150  # columns where standard output is no terminal
 SOON = 2.0  # s after which a bar and the time left are shown
-CELLS = 20  # of a bar
+CELLS = 5, 20  # of a bar, from narrow to wide terminals
 
 
 def tell(screen: Screen, what: str, path: Path) -> None:
@@ -67,7 +67,7 @@ def status() -> Iterator[Callable[[str], None]]:
 
     screen = Screen(stderr=True)
     with Progress(SpinnerColumn(), Words(), console=screen, transient=True, refresh_per_second=5) as progress:
-        task = progress.add_task("starting", total=None, first=0)
+        task = progress.add_task("starting", total=None, first=0, at=0.0)
 
         def say(step: str) -> None:
             one, shown = _escaped(step), progress.tasks[0]
@@ -76,7 +76,7 @@ def status() -> Iterator[Callable[[str], None]]:
                     progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
                 progress.reset(task, description=one.words, first=one.done)
             shown.total = one.total  # to ``update``, None is no change
-            progress.update(task, completed=one.done)
+            progress.update(task, completed=one.done, at=shown.elapsed or 0.0)
 
         yield say
 
@@ -100,9 +100,12 @@ def _shown(task: Task, width: int) -> Text:
     if elapsed < SOON:
         parts = [count]
     elif total and (new := done - task.fields["first"]):
-        full = round(CELLS * min(done / total, 1.0))
-        bar = "━" * full + "╌" * (CELLS - full)
-        parts = [f"{bar} {count}", f"about {_time(elapsed * (total - done) / new)} left"]
+        least, most = CELLS
+        cells = min(max(width - 50, least), most)
+        full = round(cells * min(done / total, 1.0))
+        at = task.fields["at"]  # when so much was done
+        left = max(at * (total - done) / new - (elapsed - at), 0.0)
+        parts = [f"{'━' * full}{'╌' * (cells - full)} {count}", f"about {_time(left)} left"]
     else:
         parts = [count, _time(elapsed)]
     tail = "".join(f"  {part}" for part in parts if part)

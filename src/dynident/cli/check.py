@@ -45,7 +45,7 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     if json_file:
         tell(screen, "Findings", write_json(json_file, {path: check_dict(one) for path, one in found.items()}))
     for path in files:
-        screen.remark(_next(path, found[str(path)]))
+        screen.remark(_next(path, found[str(path)]), whole=True)
     if any(one.failed for one in found.values()):
         raise SystemExit(1)
 

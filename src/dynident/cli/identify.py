@@ -61,7 +61,7 @@ def identify(config: Path, out: Path | None) -> None:
     for what, path in written:
         tell(screen, what, path)
     for line in _next(config, out, project):
-        screen.remark(line)
+        screen.remark(line, whole=True)
 
 
 def _next(config: Path, out: Path | None, project: Project) -> Iterator[str]:

@@ -69,7 +69,7 @@ def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
         for item in items:
             screen.say(f"  {item}")
     first = "Then" if written.blanks or written.questions else "Next"
-    screen.remark(f"{first}: {command('check', out)}")
+    screen.remark(f"{first}: {command('check', out)}", whole=True)
 
 
 def _trial(text: str, out: Path) -> list[str]:

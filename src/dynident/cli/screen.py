@@ -26,13 +26,13 @@ class Screen(Console):
     def __init__(self, **how: Any) -> None:
         super().__init__(markup=False, emoji=False, highlight=False, **how)
 
-    def say(self, text: str, style: str | None = None) -> None:
-        """Print a result or what was written; the terminal wraps it, so that a path or command can be copied."""
-        self.put(Text(one_line(text), style or ""))
+    def say(self, text: str, style: str | None = None, whole: bool = False) -> None:
+        """Print a result or what was written; ``whole``: in one line, from which a path or command can be copied."""
+        self.put(Text(one_line(text), style or ""), whole)
 
-    def remark(self, text: str, style: str | None = None) -> None:
+    def remark(self, text: str, style: str | None = None, whole: bool = False) -> None:
         """Print what is said besides the results: notes, warnings, next steps; not with ``--quiet``."""
-        self.put(Text(one_line(text), style or ""), silent=voice().quiet)
+        self.put(Text(one_line(text), style or ""), whole, silent=voice().quiet)
 
     def show(self, table: PageTable) -> None:
         """Print a table."""
@@ -40,10 +40,10 @@ class Screen(Console):
         rows = tuple(tuple(map(one_line, row)) for row in table.rows)
         self.put(terminal(PageTable(columns, rows, one_line(table.caption))))
 
-    def put(self, shown: RenderableType, silent: bool = False) -> None:
-        """Print what rich can print, and keep it in the log."""
+    def put(self, shown: RenderableType, whole: bool = False, silent: bool = False) -> None:
+        """Print what rich can print, and keep it in the log; sentences are wrapped at words, only in a terminal."""
         if not silent:
-            self.print(shown, soft_wrap=isinstance(shown, Text))
+            self.print(shown, soft_wrap=whole or (isinstance(shown, Text) and not self.is_terminal))
         if voice().log is not None:
             plain = Screen(file=StringIO(), width=PIPE, color_system=None, force_terminal=False)
             plain.print(shown, soft_wrap=isinstance(shown, Text))

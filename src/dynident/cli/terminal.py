@@ -30,7 +30,7 @@ CELLS = 5, 20  # of a bar, from narrow to wide terminals
 
 def tell(screen: Screen, what: str, path: Path) -> None:
     """Print where a file was written."""
-    screen.say(f"{what}: {path.resolve()}")
+    screen.say(f"{what}: {path.resolve()}", whole=True)
 
 
 def say_line(screen: Screen, line: Line) -> None:

@@ -29,6 +29,9 @@ def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert version.commit() is None  # even where the environment lies in somebody else's clone
     (tmp_path / "lib" / ".git").mkdir(parents=True)
     assert version.commit() is None
+    (package / "commit.txt").parent.mkdir(parents=True)
+    (package / "commit.txt").write_text("1234abc\n")
+    assert version.commit() == "1234abc"
 
 
 def test_no_heavy_package_is_imported_for_it() -> None:

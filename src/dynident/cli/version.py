@@ -22,8 +22,12 @@ def version_text() -> str:
 
 
 def commit() -> str | None:
-    """Return the commit of a clone from which dynident runs, with "-dirty" where files differ from it; else None."""
-    root = Path(__file__).parents[3]
+    """Return the commit of the clone from which dynident runs, or was built (`hatch_build.py`), with "-dirty" where
+    files differed from it; None where it is not known.
+    """
+    root, built = Path(__file__).parents[3], Path(__file__).parents[1] / "commit.txt"
+    if built.is_file():
+        return built.read_text().strip()
     if not (root / ".git").exists() or not (root / "src" / "dynident").is_dir():
         return None
     asked = ["git", "-C", str(root), "describe", "--always", "--dirty", "--exclude=*"]

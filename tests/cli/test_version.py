@@ -23,13 +23,12 @@ def test_the_version_says_what_it_runs_with() -> None:
 
 
 def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(
-        version, "__file__", str(tmp_path / "lib" / "site-packages" / "dynident" / "cli" / "version.py")
-    )
+    package = tmp_path / "lib" / "site-packages" / "dynident"
+    monkeypatch.setattr(version, "__file__", str(package / "cli" / "version.py"))
     assert version.commit() is None  # even where the environment lies in somebody else's clone
     (tmp_path / "lib" / ".git").mkdir(parents=True)
     assert version.commit() is None
-    (package / "commit.txt").parent.mkdir(parents=True)
+    package.mkdir(parents=True)
     (package / "commit.txt").write_text("1234abc\n")
     assert version.commit() == "1234abc"
 

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["TerminalTable", "terminal"]
 
-GAP = 2  # spaces between columns
-NAME, PROSE = 14, 24  # least widths, in characters, of a column of names and of one of sentences
+GAPS = 2, 1  # spaces between columns: as a rule, and where all fit beside each other only then
+NAMES = 14, 24  # least width of a column of names: where all columns fit beside each other, and where not
+PROSE = 24  # least width of a column of sentences
 SHARE = 3  # names beside sentences take up to 1 / SHARE of the width
 
 
@@ -33,8 +34,10 @@ class TerminalTable:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
         if self.table.caption:
             yield Text(self.table.caption, "italic")
-        for part in _parts(self.table, options.max_width):
-            yield from _drawn(self.table, part, options.max_width)
+        width = options.max_width
+        gap = next((gap for gap in GAPS if len(_parts(self.table, width, gap)) == 1), GAPS[0])
+        for part in _parts(self.table, width, gap):
+            yield from _drawn(self.table, part, width, gap)
             yield Text()
 
 
@@ -43,42 +46,48 @@ def terminal(table: PageTable) -> TerminalTable:
     return TerminalTable(table)
 
 
-def _parts(table: PageTable, width: int) -> list[list[int]]:
+def _parts(table: PageTable, width: int, gap: int) -> list[list[int]]:
+    """Return the columns of each part, of which there is one where names that are short enough allow that."""
+    parts = _split(table, width, gap, NAMES[0])
+    return parts if len(parts) == 1 else _split(table, width, gap, min(NAMES[1], width // SHARE))
+
+
+def _split(table: PageTable, width: int, gap: int, name: int) -> list[list[int]]:
     """Return the columns of each part; every part begins with the names, and groups stay together where they can."""
     names = [k for k, column in enumerate(table.columns[:2]) if not column.numeric and not column.prose]
     names = names if names == list(range(len(names))) else names[:1]
-    taken = sum(_least(table, k) + GAP for k in names)
+    taken = sum(_least(table, k, name) + gap for k in names)
     parts, room = [list(names)], width - taken
     others = [k for k in range(len(table.columns)) if k not in names]
     for _, run in groupby(others, key=lambda k: table.columns[k].group or k):
         columns = list(run)
-        whole = sum(_least(table, k) + GAP for k in columns) - GAP
+        whole = sum(_least(table, k) + gap for k in columns) - gap
         groups = [columns] if whole <= width - taken else [[k] for k in columns]
         for group in groups:
-            needed = sum(_least(table, k) + GAP for k in group)
-            if needed - GAP > room and len(parts[-1]) > len(names):
+            needed = sum(_least(table, k) + gap for k in group)
+            if needed - gap > room and len(parts[-1]) > len(names):
                 parts, room = [*parts, list(names)], width - taken
             parts[-1] += group
             room -= needed
     return parts
 
 
-def _least(table: PageTable, k: int) -> int:
-    """Return the least width of a column: that of its numbers, and of the longest word of its title."""
+def _least(table: PageTable, k: int, name: int = NAMES[0]) -> int:
+    """Return the least width of a column: of its numbers and the longest word of its title; of names it is ``name``."""
     column, cells = table.columns[k], max((cell_len(row[k]) for row in table.rows), default=0)
     title = max(map(cell_len, column.title.split()), default=1)
-    return max(title, cells if column.numeric else min(cells, PROSE if column.prose else NAME))
+    return max(title, cells if column.numeric else min(cells, PROSE if column.prose else name))
 
 
-def _widths(table: PageTable, part: Sequence[int], width: int) -> dict[int, int]:
+def _widths(table: PageTable, part: Sequence[int], width: int, gap: int) -> dict[int, int]:
     """Return the widths of a part's columns: the least ones, then names, sentences and titles get what is left."""
     found = {k: _least(table, k) for k in part}
     cells = {k: max((cell_len(row[k]) for row in table.rows), default=0) for k in part}
     prose = [k for k in part if table.columns[k].prose]
-    left = width - sum(found.values()) - GAP * (len(part) - 1)
+    left = width - sum(found.values()) - gap * (len(part) - 1)
     for name, run in groupby(part, key=lambda k: table.columns[k].group):
         columns = list(run)
-        more = max(0, min(cell_len(name) - sum(found[k] + GAP for k in columns) + GAP, left))
+        more = max(0, min(cell_len(name) - sum(found[k] + gap for k in columns) + gap, left))
         found[columns[-1]], left = found[columns[-1]] + more, left - more
     texts = [k for k in part if not table.columns[k].numeric and k not in prose]
     most = width // SHARE if prose else width
@@ -90,30 +99,30 @@ def _widths(table: PageTable, part: Sequence[int], width: int) -> dict[int, int]
     return found
 
 
-def _drawn(table: PageTable, part: Sequence[int], width: int) -> Iterator[Text]:
+def _drawn(table: PageTable, part: Sequence[int], width: int, gap: int) -> Iterator[Text]:
     """Yield the lines of a part: the groups' headings, the titles, a rule, the rows."""
-    widths = _widths(table, part, width)
+    widths = _widths(table, part, width, gap)
     columns = [table.columns[k] for k in part]
     if any(column.group for column in columns):
-        yield _headings(table, part, widths)
+        yield _headings(table, part, widths, gap)
     if any(column.title for column in columns):
         titles = [wrap(column.title, widths[k]) or [""] for k, column in zip(part, columns, strict=True)]
         deepest = max(map(len, titles))
-        yield from _lines([[""] * (deepest - len(one)) + one for one in titles], columns, widths, part, "bold")
-        yield Text("─" * (sum(widths.values()) + GAP * (len(part) - 1)))
+        yield from _lines([[""] * (deepest - len(one)) + one for one in titles], columns, widths, part, gap, "bold")
+        yield Text("─" * (sum(widths.values()) + gap * (len(part) - 1)))
     lines = any(table.columns[k].prose for k in part)
     cells = [_cells([row[k] for row in table.rows], table.columns[k], widths[k], lines) for k in part]
     for row in zip(*cells, strict=True):
-        yield from _lines(row, columns, widths, part)
+        yield from _lines(row, columns, widths, part, gap)
 
 
-def _headings(table: PageTable, part: Sequence[int], widths: dict[int, int]) -> Text:
+def _headings(table: PageTable, part: Sequence[int], widths: dict[int, int], gap: int) -> Text:
     """Return the line with the groups' names, each across its columns."""
     line = Text()
     for name, run in groupby(part, key=lambda k: table.columns[k].group):
         columns = list(run)
-        span = sum(widths[k] for k in columns) + GAP * (len(columns) - 1)
-        line.append(_padded(shortened([name], span)[0], span, right=True), "bold").append(" " * GAP)
+        span = sum(widths[k] for k in columns) + gap * (len(columns) - 1)
+        line.append(_padded(shortened([name], span)[0], span, right=True), "bold").append(" " * gap)
     line.rstrip()
     return line
 
@@ -141,6 +150,7 @@ def _lines(
     columns: Sequence[Column],
     widths: dict[int, int],
     part: Sequence[int],
+    gap: int,
     style: str = "",
 ) -> Iterator[Text]:
     """Yield the lines of a row of cells, each of which has one or several."""
@@ -149,7 +159,7 @@ def _lines(
         for cell, column, k in zip(row, columns, part, strict=True):
             text = cell[depth] if depth < len(cell) else ""
             line.append(_padded(text, widths[k], column.numeric), style or ("dim" if column.muted else ""))
-            line.append(" " * GAP)
+            line.append(" " * gap)
         line.rstrip()
         yield line
 

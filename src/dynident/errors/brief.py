@@ -22,7 +22,7 @@ def shortened(names: Sequence[str], width: int) -> list[str]:
     """Return names, of which the longer ones are cut in the middle to ``width`` letters, such that they stay distinct.
 
     >>> shortened(["left_arm_shoulder_pan_joint", "left_arm_shoulder_lift_joint", "gripper"], 16)
-    ['left_ar…an_joint', 'left_ar…ft_joint', 'gripper']
+    ['left_arm…n_joint', 'left_arm…t_joint', 'gripper']
     """
     width = max(width, 2)
     long = [name for name in dict.fromkeys(names) if len(name) > width]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, check_robot, file_notes, link_facts
+from dynident.checks import Finding, check_robot, file_notes, joint_facts, link_facts
 from dynident.errors import Note, Severity
 from dynident.models.rigid_bodies import read_robot_file
 from tests.robots import ARM, ARM_MJCF, joint, link, urdf
@@ -132,3 +132,16 @@ def test_what_mujoco_computes_from_meshes_is_said() -> None:
     )
     shapes = [one for one in found(xml) if one.topic == "shapes"]
     assert [(one.link, one.message) for one in shapes] == [("arm", file_notes.OnlyShapes())]
+
+
+def test_joints_with_their_limits_bodies_and_masters() -> None:
+    mimic = ELBOW.replace("</joint>", '<mimic joint="shoulder" multiplier="-2" offset="0.1"/></joint>')
+    tool = link("tool", 0.5), joint("flange", "fixed", "fore", "tool")
+    one, other = joint_facts(read_robot_file(arm(UPPER, FORE, SHOULDER, mimic, *tool), "arm.urdf"))
+    assert (one.joint, one.kind, one.follows, one.held, one.mass) == ("shoulder", "revolute", None, "", 2.0)
+    assert (other.follows, other.mass) == (("shoulder", -2.0, 0.1), 2.0)
+
+
+def test_a_joint_that_cannot_be_identified_is_held() -> None:
+    (free,) = joint_facts(read_robot_file(urdf(BASE, UPPER, joint("float", "floating", "base", "upper")), "arm.urdf"))
+    assert "several coordinates" in free.held

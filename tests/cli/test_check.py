@@ -56,7 +56,7 @@ def test_robot_files_alone(tmp_path: Path) -> None:
     (tmp_path / "bad.urdf").write_text(ARM.replace(link("base", 4.0), link("base", -4.0)))
     good = run("check", tmp_path / "good.urdf")
     assert good.exit_code == 0, good.output
-    for words in ("Links", "upper", "wrist", "8.200"):
+    for words in ("Joints, SI", "revolute", "Links", "upper", "wrist", "8.200"):
         assert words in good.output
     both = run("check", tmp_path / "bad.urdf", tmp_path / "good.urdf")
     assert both.exit_code == 1

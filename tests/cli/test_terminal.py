@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import re
+import time
 from pathlib import Path
 
 import pytest
 
-from dynident.cli.terminal import one_line, visible
+from dynident.cli.escapes import one_line, visible
+from dynident.cli.terminal import status
+from dynident.errors import Step
 from tests.cli.commands import configure, run, write_log
 
 
@@ -32,3 +37,43 @@ def test_what_is_no_name_of_a_file(tmp_path: Path, out: str) -> None:
     done = run("identify", configure(tmp_path), "--out", out)
     assert done.exit_code == 2
     assert f"{out!r} is no name of a file or folder" in done.output
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def shown(screen: Terminal, words: str) -> None:
+    """Wait until words are shown."""
+    for _ in range(1000):
+        if words in screen.getvalue():
+            return
+        time.sleep(0.02)
+    raise AssertionError(screen.getvalue())
+
+
+@pytest.mark.parametrize("columns", ["50", "80"])
+def test_a_bar_with_the_time_left_after_a_while(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setattr("dynident.cli.terminal.SOON", 0.0)
+    for name, value in (("TERM", "xterm"), ("COLUMNS", columns)):
+        monkeypatch.setenv(name, value)
+    with status() as say:
+        say(Step("choosing the smoother of a robot with a long name", 0, 4))
+        shown(screen, "0 of 4")
+        say(Step("choosing the smoother of a robot with a long name", 1, 4))
+        shown(screen, "left")
+        say("estimating")
+        shown(screen, "estimating")
+    lines = [re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", line) for line in re.split(r"[\r\n]", screen.getvalue())]
+    assert any(re.search("━╌+ 1 of 4  about .* left", line) for line in lines)
+    assert any(line.rstrip().endswith("estimating  0 s") for line in lines)
+    assert max(map(len, lines)) <= int(columns)
+
+
+def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with status() as say:
+        say(Step("choosing", 1, 4))
+    assert capsys.readouterr().err == ""

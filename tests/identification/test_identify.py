@@ -123,7 +123,10 @@ def test_progress_is_reported_before_each_step(log: Log) -> None:
     told: list[str] = []
     identify(ARM, {"a": log}, {"b": log}, Recipe(smoother=Difference()), progress=told.append)
     reducing = "reducing the regression to triangular factors"
-    assert told == ["smoothing a", "smoothing b", reducing, "estimating", "repeating the smoothing", "validating"]
+    smoothing, validating = (
+        [f"{words} ({k} of 2)" for k in range(2)] for words in ("smoothing the logs", "validating")
+    )
+    assert told == [*smoothing, reducing, "estimating", "repeating the smoothing", *validating]
 
 
 def test_warnings_hold_the_notes_where_the_rank_is_deficient(log: Log) -> None:

@@ -45,7 +45,7 @@ def test_a_run_says_each_step_what_it_read_and_what_to_doubt(config: Path) -> No
     steps: list[str] = []
     found = run(str(config), progress=steps.append)
     assert steps[0] == "building the model"
-    assert "validating" in steps
+    assert any(step.startswith("validating") for step in steps)
     np.testing.assert_allclose(found.estimate.value, [5.0, 8.0, 3.0, 0.5], rtol=0.01)
     assert found.provenance.configuration is not None
     assert found.provenance.configuration.text == config.read_text()

@@ -18,7 +18,9 @@ import polars as pl
 import pytest
 import yaml
 
-from dynident.cli.terminal import bar, one_line, status, visible
+from dynident.cli.escapes import one_line, visible
+from dynident.cli.terminal import status
+from dynident.errors import Step
 from dynident.export import Identified, Mjcf, Numpy, Urdf, Yaml, export, random_states
 from dynident.models import Joint, Model, RigidBodies, Viscous, from_physical
 from tests.cli.commands import run
@@ -246,8 +248,8 @@ def test_progress_only_shows_names(monkeypatch):
     with status() as say:
         say(f"reading {name}")
         time.sleep(0.3)
-    with bar(name) as progress:
-        progress(1, 2)
+        say(Step(name, 1, 2))
+        time.sleep(0.3)
     shown = screen.getvalue()
     assert shown.count("[red]\\u202e\\nVerdict") >= 2
     assert not re.search("[\x07\x08\x7f\u202e]|\x1b]8|\x1b\\[31m", shown)

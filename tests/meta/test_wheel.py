@@ -62,6 +62,8 @@ def test_the_wheel_has_every_file_of_the_package(wheel: Path) -> None:
     }
     assert {"dynident/py.typed", "dynident/report/templates/page.html"} <= wanted
     assert wanted <= there
+    if (ROOT / ".git").exists():
+        assert "dynident/commit.txt" in there
     assert {name.partition("/")[0] for name in there} == {"dynident", f"dynident-{__version__}.dist-info"}
 
 

@@ -18,7 +18,7 @@ from dynident.log import Log, Motion
 from dynident.models import INERTIAL, Parameter
 from dynident.regression import BaseParameters, UnexcitedParameters
 from dynident.report import identification_notes, identification_page, identification_tables, result_words
-from dynident.report.page import terminal
+from dynident.report.terminal import terminal
 from dynident.report.wording import Line
 from tests.report.conftest import identification_of
 from tests.report.test_page import EVIL, Outline

@@ -1,11 +1,9 @@
-import io
 import json
 import re
 from html.parser import HTMLParser
 
 import plotly.graph_objects as go
 import pytest
-import rich.console
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -22,7 +20,6 @@ from dynident.report.page import (
     number,
     pairs,
     render,
-    terminal,
 )
 
 EVIL = "</script><script>alert(1)</script><b>\u2028&"
@@ -183,23 +180,3 @@ def test_the_page_fits_both_schemes_narrow_windows_and_paper():
     page = render("t", "l", [])
     for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print", "overflow-x: auto"):
         assert rule in page
-
-
-def printed(table, width=80):
-    console = rich.console.Console(width=width, file=io.StringIO(), color_system=None)
-    console.print(terminal(table))
-    return console.file.getvalue()
-
-
-def test_terminal_tables_show_names_as_they_are():
-    table = PageTable((Column("name", numeric=False), Column("own", "raw")), (("[bold]x[/]", "∞"),), "[red]caption")
-    shown = printed(table)
-    assert "[bold]x[/]" in shown
-    assert "[red]caption" in shown
-    assert "inf" in shown
-
-
-def test_terminal_tables_wrap_words_before_they_lose_numbers():
-    columns = (Column("name", numeric=False), *(Column("value") for _ in range(4)))
-    shown = printed(PageTable(columns, (("a long name of a thing", *("123456789",) * 4),)), width=60)
-    assert shown.count("123456789") == 4

@@ -30,6 +30,7 @@ from dynident.regression import UnexcitedParameters
 from dynident.report import advice
 from dynident.report.finding_words import finding_words
 from dynident.report.wording import Line, note_lines, words
+from dynident.report.words import percent
 from dynident.smoothers import Difference, Spline
 from dynident.validation import (
     Broken,
@@ -316,3 +317,10 @@ def test_what_is_not_known_is_said() -> None:
         "Against its use: no log was held out, so the error on unseen motion is not known.",
         "The torque residual could not be tested.",
     )
+
+
+def test_shares_are_no_powers_of_ten() -> None:
+    assert [percent(value, 2) for value in (0.0, 0.0004, 0.126, 5.0, 99.7, 100.0, 1234.0)] == [
+        "0 %", "0.0004 %", "0.13 %", "5 %", "100 %", "100 %", "1234 %",
+    ]  # fmt: skip
+    assert percent(1e-7) == "1.00e-7 %"

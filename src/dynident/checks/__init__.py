@@ -11,7 +11,7 @@ from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
-from dynident.checks.robot import LinkFacts, check_robot, link_facts
+from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
 from dynident.checks.torque import Agreement
 
@@ -23,6 +23,7 @@ __all__ = [
     "Excitation",
     "ExcitedRank",
     "Finding",
+    "JointFacts",
     "LinkFacts",
     "Timing",
     "Topic",
@@ -30,6 +31,7 @@ __all__ = [
     "check_log",
     "check_log_fully",
     "check_robot",
+    "joint_facts",
     "link_facts",
     "moving_span",
     "notes",

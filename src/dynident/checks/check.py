@@ -15,11 +15,11 @@ from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
-from dynident.checks.robot import LinkFacts, check_robot, link_facts
+from dynident.checks.robot import JointFacts, LinkFacts, check_robot, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, timing
 from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.checks.units import radian_findings, thin
-from dynident.errors import DynidentError, Severity
+from dynident.errors import DynidentError, Severity, Step
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
@@ -45,7 +45,8 @@ class CheckResult:
     """All findings on a robot file or a configuration, the most severe first, and the figures behind them.
 
     ``timings`` and ``channels`` are by log, ``excitations`` and ``agreements`` by joint over the training motions,
-    ``links`` by link of the robot file. Without usable logs ``rank`` is None and the others are empty.
+    ``links`` by link of the robot file; ``joints`` are those of a robot file alone. Without usable logs ``rank`` is
+    None and the others are empty.
     """
 
     findings: tuple[Finding, ...]
@@ -55,6 +56,7 @@ class CheckResult:
     agreements: tuple[Agreement, ...] = ()
     rank: ExcitedRank | None = None
     links: tuple[LinkFacts, ...] = ()
+    joints: tuple[JointFacts, ...] = ()
 
     def __repr__(self) -> str:
         from dynident.report.display import check_lines
@@ -149,11 +151,13 @@ def _recorded(
 ) -> tuple[CheckResult, dict[str, list[Log]]]:
     """Return the result of checking each log, and by role the logs without an error; adds to the findings."""
     kinds = {joint.name: joint.kind for joint in model.joints}
-    timings, facts = {}, {}
+    timings: dict[str, Timing] = {}
+    facts = {}
+    every = sum(map(len, logs.values()))
     sound: dict[str, list[Log]] = {role: [] for role in ("train", "validation", *logs)}
     for role, named in logs.items():
         for name, log in named.items():
-            progress(f"checking {name}")
+            progress(Step("checking the logs", len(timings), every))
             log = log.select(tuple(kinds))
             log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
             found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")

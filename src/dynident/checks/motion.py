@@ -118,7 +118,7 @@ def _effort(found: Excitation, limits: Limits, unit: str) -> Iterator[Finding]:
     if found.torque > OVER * limit:
         above = motion_notes.EffortAboveLimit(found.torque, limit, unit, far=found.torque > 3 * limit)
         yield Finding(Severity.WARNING, found.joint, above, Topic.EFFORT_LIMIT)
-    elif found.torque < 1e-3 * limit:
+    elif 0 < found.torque < 1e-3 * limit:  # a torque of zero is a dead channel
         below = motion_notes.EffortFarBelowLimit(found.torque, limit, unit)
         yield Finding(Severity.WARNING, found.joint, below, Topic.EFFORT_LIMIT)
 

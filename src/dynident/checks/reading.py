@@ -18,7 +18,8 @@ def reading_words(note: Note) -> str:
 
 @reading_words.register
 def _(note: notes.TooFewSamples) -> str:
-    return f"only {note.samples} samples; at least {note.least} are needed: widen the window or record longer."
+    held = "one sample" if note.samples == 1 else f"{note.samples} samples"
+    return f"only {held}; at least {note.least} are needed: widen the window or record longer."
 
 
 @reading_words.register

@@ -14,7 +14,7 @@ from dynident.errors import Note, Severity
 from dynident.models import consistency_violations, from_physical, to_physical
 from dynident.models.robot_file import Limits, RobotFile, RobotJoint
 
-__all__ = ["LinkFacts", "check_robot", "link_facts"]
+__all__ = ["JointFacts", "LinkFacts", "check_robot", "joint_facts", "link_facts"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,33 @@ class LinkFacts:
     mass: float
     centre: Array
     moments: Array
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """A joint of a robot file: its kind, its ``limits``, what it ``follows`` (joint, multiplier, offset) as a mimic
+    joint, why it is ``held`` fixed (empty: it moves), and the ``mass`` (kg) of the body that it carries: of its link
+    and those fixed to it, nan where the file leaves that to shapes.
+    """
+
+    joint: str
+    kind: str
+    limits: Limits
+    follows: tuple[str, float, float] | None
+    held: str
+    mass: float
+
+
+def joint_facts(file: RobotFile) -> tuple[JointFacts, ...]:
+    """Return the joints that can move, or could if they had one coordinate, in the order of the file."""
+    found = []
+    for one in file.joints:
+        if one.kind == "fixed" and not one.refusal:
+            continue
+        thetas = [file.links[name] for name in _rigid(file, one.child)]
+        mass = float(sum(np.nan if theta is None else theta[0] for theta in thetas))
+        found.append(JointFacts(one.name, one.kind, one.limits, one.follows, one.refusal, mass))
+    return tuple(found)
 
 
 def link_facts(file: RobotFile) -> tuple[LinkFacts, ...]:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import click
 
-from dynident import __version__
 from dynident.cli.bound import bound
 from dynident.cli.check import check
 from dynident.cli.export import export
 from dynident.cli.failures import Commands
 from dynident.cli.identify import identify
 from dynident.cli.init import init
+from dynident.cli.options import common, said
 from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
-from dynident.cli.terminal import MEMORY_OPTION
 
 __all__ = ["main"]
+
+
+def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
+    if value and not ctx.resilient_parsing:
+        from dynident.cli.version import version_text
+
+        click.echo(version_text())
+        ctx.exit()
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -27,11 +34,15 @@ __all__ = ["main"]
     envvar="DYNIDENT_DEBUG",
     help="Print the traceback where a command fails.",
 )
-@click.version_option(__version__, prog_name="dynident")
+@said
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version,
+    help="Show the version, what it was built from and what it runs with.",
+)  # fmt: skip
 def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
 for _command in (reproduce, init, check, bound, identify, predict, export, smooth, schema):
-    MEMORY_OPTION(_command)
+    common(_command)
     main.add_command(_command)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
+from dynident.cli.options import CONFIG, DIRECTORY, FILE
+from dynident.cli.terminal import console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.bounds import TorqueNoise
@@ -17,7 +18,7 @@ __all__ = ["bound"]
 
 
 @click.command(short_help="Show the best accuracy that any method can reach.")
-@click.argument("config", type=FILE)
+@click.argument("config", type=CONFIG)
 @click.option("--sigma-q", multiple=True, help="Position noise (rad, m): a number, or joint=number; repeat it.")
 @click.option("--sigma-tau", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option(

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import FILE, console, status, tell
+from dynident.cli.launcher import command
+from dynident.cli.options import CHECKED, FILE, ROBOTS
+from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
     from dynident.checks import CheckResult
@@ -17,7 +19,7 @@ __all__ = ["check"]
 
 
 @click.command(short_help="Find errors in recordings and robot files.")
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=FILE)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=CHECKED)
 @click.option("--json", "json_file", type=FILE, help="JSON file for the findings and their figures.")
 def check(files: tuple[Path, ...], json_file: Path | None) -> None:
     """Check each FILE, a configuration (YAML) with its logs and robot file, or a robot file (URDF, MJCF) alone, and
@@ -42,8 +44,19 @@ def check(files: tuple[Path, ...], json_file: Path | None) -> None:
             screen.show(table)
     if json_file:
         tell(screen, "Findings", write_json(json_file, {path: check_dict(one) for path, one in found.items()}))
+    for path in files:
+        screen.remark(_next(path, found[str(path)]), whole=True)
     if any(one.failed for one in found.values()):
         raise SystemExit(1)
+
+
+def _next(path: Path, found: CheckResult) -> str:
+    """Return what to type next."""
+    if found.failed:
+        return f"When the errors are corrected: {command('check', path)}"
+    if path.suffix.lower() in ROBOTS:
+        return f"Next, with a recording: {command('init', path, 'LOG.csv', '-o', path.with_suffix('.yaml').name)}"
+    return f"Next: {command('identify', path, '--out', f'{path.stem}-out')}"
 
 
 def _examined(path: Path, json_file: Path | None, say: Callable[[str], None]) -> CheckResult:
@@ -78,9 +91,9 @@ def _unusable(error: Exception) -> CheckResult:
 
 
 def _robot(path: Path) -> CheckResult:
-    from dynident.checks import CheckResult, check_robot, link_facts
+    from dynident.checks import CheckResult, check_robot, joint_facts, link_facts
     from dynident.io.robot import robot_text
     from dynident.models.rigid_bodies import read_robot_file
 
     file = read_robot_file(robot_text(path), path.name)
-    return CheckResult(check_robot(file), links=link_facts(file))
+    return CheckResult(check_robot(file), links=link_facts(file), joints=joint_facts(file))

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, tell
+from dynident.cli.options import ALLOW_CODE, FILE, RESULT
+from dynident.cli.terminal import console, say_line, tell
 
 __all__ = ["export"]
 
@@ -36,7 +37,7 @@ class _Format(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
 
 
 @click.command(short_help="Write a saved result as a robot file, YAML, or Python module.")
-@click.argument("result", type=FILE)
+@click.argument("result", type=RESULT)
 @click.option("--format", "kind", type=_Format(), required=True, help="Format.")
 @click.option("--out", type=FILE, required=True, help="File to write.")
 @ALLOW_CODE

@@ -12,13 +12,15 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from dynident import __version__
+from dynident.cli.escapes import one_line, visible
 from dynident.cli.interrupt import interruptible
-from dynident.cli.terminal import one_line, visible
+from dynident.cli.launcher import launcher
+from dynident.cli.voice import complain, speaking, voice
 from dynident.errors import DynidentError
 from dynident.io.opener import watched
 
@@ -28,6 +30,7 @@ FAULT = 70  # EX_SOFTWARE of sysexits.h
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 LEAST_ROOM = 2_000_000_000  # bytes of address space; a small project takes 1.2 GB
+PROGRAM = "dynident"
 PACKAGE = str(Path(__file__).parents[1])
 
 
@@ -42,18 +45,23 @@ class Commands(click.Group):
 
     def main(self, args: Sequence[str] | None = None, **how: Any) -> Any:  # type: ignore[override]  # its overloads
         """Run, and end the process, as ``click.Command.main``; names in messages are shown as text."""
-        if not how.pop("standalone_mode", True):
-            return super().main(args, standalone_mode=False, **how)
+        with speaking():
+            if not how.pop("standalone_mode", True):
+                return super().main(args, standalone_mode=False, **how)
+            return self._alone(args, **how)
+
+    def _alone(self, args: Sequence[str] | None, **how: Any) -> NoReturn:
+        """Run, and end the process."""
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
                 setattr(sys, name, io.StringIO())
         try:
-            code: object = super().main(args, standalone_mode=False, **how)
+            code: object = super().main(args, **(_named() | how), standalone_mode=False)
         except click.ClickException as error:
             _show(error)
             sys.exit(error.exit_code)
         except click.Abort:
-            click.echo("Interrupted.", err=True)
+            complain("Interrupted.")
             sys.exit(INTERRUPTED)
         except OSError as error:  # of --help; all else is in ``invoke``
             ended = _ended(error)
@@ -82,7 +90,7 @@ class Commands(click.Group):
             sys.exit(1)
         except BaseException as error:  # such as a panic of a library written in Rust
             if ctx.params.get("debug"):
-                click.echo(visible("".join(traceback.format_exception(error))), err=True)
+                complain(visible("".join(traceback.format_exception(error))))
             raise _ended(error) from error
 
 
@@ -93,6 +101,12 @@ def _in_room(work: Callable[..., Any]) -> Callable[..., Any]:
         return work(*given, **named)
 
     return run
+
+
+def _named() -> dict[str, str]:
+    """Return how messages call the program; a shell's completion knows it by its own name."""
+    completed = f"_{PROGRAM.upper()}_COMPLETE"
+    return {"prog_name": PROGRAM if completed in os.environ else launcher(), "complete_var": completed}
 
 
 def _require_room() -> None:
@@ -149,8 +163,9 @@ def _show(error: click.ClickException) -> None:
     text = one_line(error.format_message())
     if isinstance(error, click.UsageError):
         click.UsageError(text, error.ctx).show()
+        voice().keep(f"Error: {text}")
     else:
-        click.echo(f"Error: {text}", err=True)
+        complain(f"Error: {text}")
 
 
 def _close_output() -> None:

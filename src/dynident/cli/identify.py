@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, console, say_line, status, tell
+from dynident.cli.launcher import command
+from dynident.cli.options import CONFIG, DIRECTORY
+from dynident.cli.terminal import console, say_line, status, tell
 
 if TYPE_CHECKING:
     from dynident.export import Export
     from dynident.identification import Identification
     from dynident.io.folder import ResultFolder
+    from dynident.io.project import Project
 
 __all__ = ["identify"]
 
@@ -22,7 +25,7 @@ MOST_STEPS = 6  # in a terminal; the report has all
 
 
 @click.command(short_help="Identify parameters from recordings.")
-@click.argument("config", type=FILE)
+@click.argument("config", type=CONFIG)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
@@ -54,9 +57,23 @@ def identify(config: Path, out: Path | None) -> None:
     for note in (*identification_notes(found), *map(Line, export_notes(made))):
         say_line(screen, note)
     for step in steps[:MOST_STEPS]:
-        screen.say(f"Next: {step}")
+        screen.remark(f"Next: {step}")
     for what, path in written:
         tell(screen, what, path)
+    for line in _next(config, out, project):
+        screen.remark(line, whole=True)
+
+
+def _next(config: Path, out: Path | None, project: Project) -> Iterator[str]:
+    """Yield what to type next."""
+    from dynident.io.named_log import named
+
+    if out is None:
+        yield f"To keep this, with a report: {command('identify', config, '--out', f'{config.stem}-out')}"
+        return
+    result, log = out / "result.json", named(next(iter((*project.config.validation, *project.config.train))))
+    yield f"To predict the torque of a recording: {command('predict', result, log, '--out', out / 'torques.csv')}"
+    yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
 
 
 def _write(folder: ResultFolder, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import FILE, console, status, tell
+from dynident.cli.launcher import command
+from dynident.cli.options import FILE, LOG_NAME, ROBOT
+from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
     from dynident.io.config_draft import ConfigDraft
@@ -17,8 +19,8 @@ __all__ = ["init"]
 
 
 @click.command(short_help="Draft a configuration for your robot and logs.")
-@click.argument("robot")
-@click.argument("logs", nargs=-1, required=True)
+@click.argument("robot", type=ROBOT)
+@click.argument("logs", nargs=-1, required=True, type=LOG_NAME)
 @click.option("-o", "--out", type=FILE, default="identify.yaml", show_default=True, help="The configuration to write.")
 @click.option("--force", is_flag=True, help="Overwrite an existing configuration.")
 def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
@@ -58,16 +60,16 @@ def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
     """Print what to fill in and to confirm, and the next command."""
     screen = console()
     for note in written.notes:
-        screen.say(f"Note: {note}")
+        screen.remark(f"Note: {note}")
     for note in [*notes, *(() if written.blanks else _trial(written.text, out))]:
-        screen.say(f"Warning: {note}", "yellow")
+        screen.remark(f"Warning: {note}", "yellow")
     for title, items in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):
         if items:
             screen.say(title)
         for item in items:
             screen.say(f"  {item}")
     first = "Then" if written.blanks or written.questions else "Next"
-    screen.say(f"{first}: dynident check {out}, and when that finds nothing wrong: dynident identify {out}")
+    screen.remark(f"{first}: {command('check', out)}", whole=True)
 
 
 def _trial(text: str, out: Path) -> list[str]:

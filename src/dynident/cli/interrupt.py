@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-import click
-
-from dynident.cli.terminal import one_line
+from dynident.cli.escapes import one_line
+from dynident.cli.voice import complain
 
 __all__ = ["interruptible"]
 
@@ -37,7 +36,7 @@ def interruptible() -> Iterator[None]:
         yield
     except KeyboardInterrupt as stop:
         kept = " ".join(getattr(stop, "__notes__", ["each file is as it was or complete; run the same command again."]))
-        click.echo(one_line(f"Interrupted: {kept}"), err=True)
+        complain(one_line(f"Interrupted: {kept}"))
         raise SystemExit(128 + getattr(stop, "number", signal.SIGINT)) from None
     finally:
         for number, handler in before.items():

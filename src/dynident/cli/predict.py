@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import ALLOW_CODE, FILE, console, say_line, status, tell
+from dynident.cli.options import ALLOW_CODE, FILE, LOG_NAME, RESULT
+from dynident.cli.terminal import console, say_line, status, tell
 
 if TYPE_CHECKING:
-    from dynident.cli.screen import Screen
     from dynident.identification import Identification
+    from dynident.report.wording import Line
     from dynident.validation import LogValidation
 
 __all__ = ["predict"]
 
 
 @click.command(short_help="Predict the torque of recordings from a saved result.")
-@click.argument("result", type=FILE)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@click.argument("result", type=RESULT)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=LOG_NAME)
 @click.option("--out", type=FILE, help="Table of measured and predicted torques (.csv or .parquet).")
 @ALLOW_CODE
 def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: bool) -> None:
@@ -50,9 +51,9 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
         saved = load(result, allow_code=allow_code)
         if out:
             refuse_inputs(out)
-        for line in old_result_lines(saved):
-            say_line(screen, line)
-        found = _predicted(saved, logs, allow_code, screen, say)
+        found, warnings = _predicted(saved, logs, allow_code, say)
+    for line in (*old_result_lines(saved), *warnings):
+        say_line(screen, line)
     measured = [one for one, known in found if known]
     if measured:
         screen.show(prediction_table(measured, saved.model.joints))
@@ -64,16 +65,17 @@ def predict(result: Path, logs: tuple[str, ...], out: Path | None, allow_code: b
 
 
 def _predicted(
-    saved: Identification, logs: tuple[str, ...], allow_code: bool, screen: Screen, say: Callable[[str], None]
-) -> list[tuple[LogValidation, bool]]:
-    """Return the prediction of every log, and whether its torques are known; print what reading warns of."""
+    saved: Identification, logs: tuple[str, ...], allow_code: bool, say: Callable[[str], None]
+) -> tuple[list[tuple[LogValidation, bool]], list[Line]]:
+    """Return the prediction of every log, and whether its torques are known; and what reading warns of."""
+    from dynident.errors import Severity
     from dynident.io.saved import read_log_like
+    from dynident.report.wording import Line
 
-    found = []
+    found, warnings = [], []
     for text in logs:
         say(f"predicting {text}")
         reading = read_log_like(saved, text, allow_code=allow_code)
-        for warning in reading.warnings:
-            screen.say(f"Warning: {warning}", "yellow")
+        warnings += [Line(f"Warning: {words}", Severity.WARNING) for words in reading.warnings]
         found += [(saved.predict(log), reading.measured) for log in reading.logs]
-    return found
+    return found, warnings

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, FILE, bar, console, tell
+from dynident.cli.options import DIRECTORY, FILE
+from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -55,7 +56,7 @@ def reproduce(
         found = _study(scenario, runs, seed, names, workers, table)
         written = folder.replace({"report.html": study_page(found)}) if folder else ()
     screen = console()
-    screen.print(study_text(found))
+    screen.put(study_text(found))
     if json_file:
         write_json(json_file, found.summary())
     for path in written:
@@ -66,11 +67,15 @@ def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int
     """Run the study; however it is stopped, what is said then is where the finished runs are."""
     from concurrent.futures import BrokenExecutor
 
-    from dynident.errors import InputError
+    from dynident.errors import InputError, Step
     from dynident.studies import article
 
     try:
-        with bar(f"{scenario}, {runs} runs") as progress, _pool(workers) as executor:
+        with status() as say, _pool(workers) as executor:
+
+            def progress(done: int, total: int) -> None:
+                say(Step(f"{scenario}, {runs} runs", done, total))
+
             return article.reproduce(scenario, runs, seed, methods, path=table, executor=executor, progress=progress)
     except KeyboardInterrupt as stop:
         stop.add_note(_kept(table))

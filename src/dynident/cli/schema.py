@@ -7,7 +7,9 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import FILE, console, tell
+from dynident.cli.options import FILE
+from dynident.cli.terminal import console, tell
+from dynident.cli.voice import complain
 
 __all__ = ["schema"]
 
@@ -32,7 +34,7 @@ def schema(kind: str, out: Path | None) -> None:
     found = SCHEMAS[kind]()
     for family in (SMOOTHERS, TERMS, ESTIMATORS) if kind == "config" else ():
         for words in unusable(family):
-            click.echo(f"Warning: its settings are not in the schema: {words}", err=True)
+            complain(f"Warning: its settings are not in the schema: {words}")
     if out and os.path.exists(out) and b'"$schema"' not in content(out, remember=False):
         raise InputError(f"{out}: exists already and is no schema; choose another name.")
     if out:

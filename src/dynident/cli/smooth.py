@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from dynident.cli.terminal import DIRECTORY, LOG, console, tell
+from dynident.cli.options import DIRECTORY, LOG
+from dynident.cli.terminal import console, tell
 
 __all__ = ["smooth"]
 
@@ -68,9 +69,9 @@ def smooth(
     screen = console()
     if unit is None and used != "s":
         note = f"{time_column!r} is read in {used}, as its name says; else give --time-unit."
-        screen.print(note, soft_wrap=True, highlight=False, markup=False)
+        screen.remark(note)
     for note in table.notes:
-        screen.say(f"Warning: {note}", "yellow")
+        screen.remark(f"Warning: {note}", "yellow")
     screen.show(smoothing_table(found.names, found.fit))
     for what, path in zip(("Table", "Report"), written, strict=True):
         tell(screen, what, path)

@@ -1,126 +1,118 @@
-"""Output of the commands: the console, a progress bar, a status line; the last two only in a terminal.
-
-What files, columns and joints are called is shown as text: no character of a name acts on the terminal.
-"""
+"""Output of the commands: the console, and what is being done, on standard error and only in a terminal."""
 
 from __future__ import annotations
 
-import os
-import re
 import sys
-import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from dynident.io.opener import set_memory
+from dynident.cli.escapes import one_line
+from dynident.cli.voice import voice
+from dynident.errors import Step, shortened
 
 if TYPE_CHECKING:
+    from rich.progress import Task
+    from rich.text import Text
+
     from dynident.cli.screen import Screen
     from dynident.report.wording import Line
 
-__all__ = [
-    "ALLOW_CODE", "DIRECTORY", "FILE", "LOG", "MEMORY_OPTION", "bar", "console", "one_line", "say_line", "status",
-    "tell", "visible",
-]  # fmt: skip
+__all__ = ["console", "say_line", "status", "tell"]
 
-
-class _Path(click.Path):
-    """A path without ``..``: what is written into a/../b would make a, too."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if not str(value) or "\0" in str(value):
-            self.fail(f"{str(value)!r} is no name of a file or folder.", param, ctx)
-        path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        return path.resolve() if ".." in path.parts else path
-
-
-DIRECTORY = _Path(file_okay=False, path_type=Path)
-FILE = _Path(dir_okay=False, path_type=Path)
-LOG = _Path(path_type=Path)  # a ROS 2 bag is a folder
-ALLOW_CODE = click.option(
-    "--allow-code", is_flag=True, help="Run the Python files that RESULT names; only if you trust them."
-)
-
-
-def _set_memory(ctx: click.Context, option: click.Parameter, value: float | None) -> None:  # noqa: ARG001
-    set_memory(value)
-
-
-MEMORY_OPTION = click.option(
-    "--memory", type=click.FloatRange(0, min_open=True), metavar="GB", expose_value=False, callback=_set_memory,
-    help="Most memory that reading one file may take (GB); else DYNIDENT_MEMORY, else 4.",
-)  # fmt: skip
-
-
-def visible(text: str) -> str:
-    r"""Return a text with escapes, such as ``\x1b``, for all that could act on a terminal, except line breaks.
-
-    These are the control characters (ESC, BEL, backspace, C1), those that turn the direction of writing or are not
-    seen, and halves of surrogate pairs, by which Python holds the bytes of names that are no text.
-    """
-    if text.isprintable():
-        return text
-    return "".join(one if one == "\n" or _is_shown(one) else one.encode("unicode_escape").decode() for one in text)
-
-
-def one_line(text: str) -> str:
-    r"""Return a message as ``visible`` does; only a line that is indented stands alone.
-
-    Other line breaks, those of names, become ``\n``: no name can pass for a message.
-    """
-    return re.sub(r"\n(?!  )", r"\\n", visible(text).rstrip("\n"))
-
-
-def _is_shown(one: str) -> bool:
-    return one.isprintable() or unicodedata.category(one) == "Zs"
+PIPE = 150  # columns where standard output is no terminal
+SOON = 2.0  # s after which a bar and the time left are shown
+CELLS = 5, 20  # of a bar, from narrow to wide terminals
 
 
 def tell(screen: Screen, what: str, path: Path) -> None:
     """Print where a file was written."""
-    screen.say(f"{what}: {path.resolve()}")
+    screen.say(f"{what}: {path.resolve()}", whole=True)
 
 
 def say_line(screen: Screen, line: Line) -> None:
-    """Print a line, in yellow where it is a warning."""
+    """Print a line besides the results, in yellow where it is a warning."""
     from dynident.errors import Severity
 
-    screen.say(line.text, "yellow" if line.severity is Severity.WARNING else None)
+    screen.remark(line.text, "yellow" if line.severity is Severity.WARNING else None)
 
 
 def console() -> Screen:
     """Return the console of standard output; wide enough for the tables where it is no terminal."""
     from dynident.cli.screen import Screen
 
-    return Screen() if sys.stdout.isatty() else Screen(width=150)
-
-
-@contextmanager
-def bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on standard error; silent where that is no terminal."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from dynident.cli.screen import Screen
-
-    text = TextColumn("{task.description}", markup=False)
-    columns = (text, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Screen(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(one_line(title), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    return Screen() if sys.stdout.isatty() else Screen(width=PIPE)
 
 
 @contextmanager
 def status() -> Iterator[Callable[[str], None]]:
-    """Show what is being done on standard error; silent where that is no terminal."""
-    from rich.text import Text
+    """Show on standard error what is being done, with a bar and the time left where they are known.
+
+    Where that is no terminal nothing is shown, but each step by ``--verbose``.
+    """
+    own = voice()
+    if own.quiet or not sys.stderr.isatty():
+        yield lambda step: _print(own.step(_escaped(step)))
+        return
+    from rich.progress import Progress, ProgressColumn, SpinnerColumn
 
     from dynident.cli.screen import Screen
 
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
-    with Screen(stderr=True).status("starting") as status:
-        yield lambda step: status.update(Text(one_line(step)))
+    class Words(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return _shown(task, screen.width - 3)
+
+    screen = Screen(stderr=True)
+    with Progress(SpinnerColumn(), Words(), console=screen, transient=True, refresh_per_second=5) as progress:
+        task = progress.add_task("starting", total=None, first=0, at=0.0)
+
+        def say(step: str) -> None:
+            one, shown = _escaped(step), progress.tasks[0]
+            if shown.description != one.words:
+                if line := own.step(one):
+                    progress.console.print(line, soft_wrap=True, markup=False, highlight=False)
+                progress.reset(task, description=one.words, first=one.done)
+            shown.total = one.total  # to ``update``, None is no change
+            progress.update(task, completed=one.done, at=shown.elapsed or 0.0)
+
+        yield say
+
+
+def _escaped(step: str) -> Step:
+    one = Step.of(step)
+    return Step(one_line(one.words), one.done, one.total)
+
+
+def _print(line: str) -> None:
+    if line:
+        click.echo(line, err=True)
+
+
+def _shown(task: Task, width: int) -> Text:
+    """Return what is being done, in one line: how much of it and the time left where they are known, else the time."""
+    from rich.text import Text
+
+    elapsed, done, total = task.elapsed or 0.0, task.completed, task.total
+    count = f"{done:.0f} of {total:.0f}" if total else f"{done:.0f}" if done else ""
+    if elapsed < SOON:
+        parts = [count]
+    elif total and (new := done - task.fields["first"]):
+        least, most = CELLS
+        cells = min(max(width - 50, least), most)
+        full = round(cells * min(done / total, 1.0))
+        at = task.fields["at"]  # when so much was done
+        left = max(at * (total - done) / new - (elapsed - at), 0.0)
+        parts = [f"{'━' * full}{'╌' * (cells - full)} {count}", f"about {_time(left)} left"]
+    else:
+        parts = [count, _time(elapsed)]
+    tail = "".join(f"  {part}" for part in parts if part)
+    room = max(width - len(tail), 10)
+    return Text(shortened([task.description], room)[0] + tail, no_wrap=True, overflow="crop")
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

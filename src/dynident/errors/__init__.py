@@ -1,10 +1,11 @@
 """Errors that a user can cause, and notes on a result, as data."""
 
-from dynident.errors.brief import brief, changed, listed
+from dynident.errors.brief import brief, changed, listed, shortened
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.finding import Finding
 from dynident.errors.note import Note, Remark, Severity, Use
 from dynident.errors.part import called
+from dynident.errors.step import Step
 
 __all__ = [
     "ConfigError",
@@ -15,10 +16,12 @@ __all__ = [
     "Note",
     "Remark",
     "Severity",
+    "Step",
     "Use",
     "brief",
     "called",
     "changed",
     "choices",
     "listed",
+    "shortened",
 ]

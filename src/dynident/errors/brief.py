@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
-__all__ = ["brief", "changed", "listed"]
+__all__ = ["brief", "changed", "listed", "shortened"]
 
 FEW = 3  # items and numbers that are shown
 LONGEST, WHOLE = 80, 400  # letters of a field, and of all
@@ -16,6 +16,23 @@ def listed(names: Iterable[str], most: int = 12) -> str:
     """Return names in a row, no more than ``most`` of them, and how many more there are."""
     every = list(names)
     return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+
+
+def shortened(names: Sequence[str], width: int) -> list[str]:
+    """Return names, of which the longer ones are cut in the middle to ``width`` letters, such that they stay distinct.
+
+    >>> shortened(["left_arm_shoulder_pan_joint", "left_arm_shoulder_lift_joint", "gripper"], 16)
+    ['left_arm…n_joint', 'left_arm…t_joint', 'gripper']
+    """
+    width = max(width, 2)
+    long = [name for name in dict.fromkeys(names) if len(name) > width]
+    cuts = sorted(range(width), key=lambda tail: abs(2 * tail + 1 - width))  # half of the letters before the cut first
+    tail = max(cuts, key=lambda tail: len({_middle(name, width, tail) for name in long})) if long else 0
+    return [name if len(name) <= width else _middle(name, width, tail) for name in names]
+
+
+def _middle(name: str, width: int, tail: int) -> str:
+    return f"{name[: width - 1 - tail]}…{name[len(name) - tail :]}"
 
 
 def brief(noun: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -47,6 +47,7 @@ class Problem:
 
     ``logs`` may be empty: the positions of the motions are then used as the measured ones. The positions of the logs
     are stamped ``time_offset`` (s) later than the torque; the motions are corrected for it, the logs are not.
+    ``progress`` is called with each `Step` of long work.
     """
 
     model: Model
@@ -54,6 +55,7 @@ class Problem:
     regression: Regression
     logs: tuple[Log, ...] = ()
     time_offset: float = 0.0
+    progress: Callable[[str], None] = field(default=lambda _: None, repr=False)
 
     __repr__ = brief
 

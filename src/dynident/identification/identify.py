@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError, Note, called
+from dynident.errors import ConfigError, InputError, ModelError, Note, Step, called
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
@@ -103,9 +103,8 @@ def _identify(
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
-    problem = Problem(model, fitted, regression, trained, late)
+    problem = Problem(model, fitted, regression, trained, late, progress)
     estimate, regression, more, noted = _estimated(problem, recipe.estimator, pairing, progress)
-    progress("validating")
     judged = _judged(model, estimate, roles, motions, used, progress)
     errors, base = _identifiability(model, regression, estimate, more, progress)
     return Identification(
@@ -171,10 +170,10 @@ def _smoothed(
     roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
 ) -> dict[str, dict[str, Motion]]:
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
-    for role, logs in roles.items():
-        for name, log in logs.items():
-            progress(f"smoothing {name}")
-            motions[role][name] = motion_of(smoother, log)
+    every = [(role, *one) for role, logs in roles.items() for one in logs.items()]
+    for k, (role, name, log) in enumerate(every):
+        progress(Step("smoothing the logs", k, len(every)))
+        motions[role][name] = motion_of(smoother, log)
     return motions
 
 
@@ -234,15 +233,18 @@ def _judged(
     progress: Callable[[str], None],
 ) -> tuple[LogValidation, ...]:
     """Return how the model does on all logs, those of the training first."""
-    min_speed, found = recipe.min_speeds([joint.name for joint in model.joints]), []
+    min_speed = recipe.min_speeds([joint.name for joint in model.joints])
+    found: list[LogValidation] = []
+    total = sum(len(motions[role]) for role in ROLES)
     for role in ROLES:
         for name, motion in motions[role].items():
+            progress(Step("validating", len(found), total))
             one = validate(
                 model, estimate.value, motion, name=name, role=role, parallel_filter=recipe.filter, min_speed=min_speed
             )
             log = roles[role][name]
             signals = Signals(motion, one.predicted, log)
-            run = _run(model, estimate, name, recipe.repaired(log), motion, recipe, progress)
+            run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)
             found.append(replace(one, signals=signals, free_run=run))
     return tuple(found)
 
@@ -283,12 +285,10 @@ def _run(
     log: Log,
     motion: Motion,
     recipe: Recipe,
-    progress: Callable[[str], None],
 ) -> FreeRun | None:
     """Return the free simulation of a recording that knows its controller, or of any where the recipe asks."""
     if log.controller is None and recipe.restart is None:
         return None
-    progress(f"simulating {name}")
     if log.controller is not None and motion.time_offset:  # a controller sees the positions when they were stamped
         motion = unshifted(recipe.smoothers[0])(log)
     return free_run(model, estimate.value, motion, log.controller, recipe.restart, name=name)

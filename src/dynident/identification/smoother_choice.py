@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, brief
+from dynident.errors import ConfigError, InputError, Step, brief
 from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
@@ -59,7 +59,8 @@ def choose_smoother(
     tried = _tried(excerpts(logs), candidates, progress)
     masks = _common([motions for motions in tried if not isinstance(motions, InputError)], 10 * folds)
     errors = []
-    for motions in tried:
+    for k, motions in enumerate(tried):
+        progress(Step("choosing the smoother", len(tried) + k, 2 * len(tried)))
         if isinstance(motions, InputError):
             errors.append(np.inf)
             continue
@@ -79,8 +80,8 @@ def _tried(
 ) -> list[tuple[Motion, ...] | InputError]:
     """Return the motions of the logs by each candidate, or why it has none; raises the first error where all fail."""
     tried: list[tuple[Motion, ...] | InputError] = []
-    for k, smoother in enumerate(candidates, start=1):
-        progress(f"trying smoother {k} of {len(candidates)}")
+    for k, smoother in enumerate(candidates):
+        progress(Step("choosing the smoother", k, 2 * len(candidates)))  # the errors come after
         try:
             tried.append(tuple(motion_of(smoother, log) for log in logs))
         except InputError as error:

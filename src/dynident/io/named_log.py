@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from dynident.errors import ConfigError, choices
 from dynident.io.settings import Config, LogSpec
 
-__all__ = ["log_spec"]
+__all__ = ["log_spec", "named"]
 
 
 def log_spec(text: str, config: Config) -> LogSpec:
@@ -26,6 +27,13 @@ def log_spec(text: str, config: Config) -> LogSpec:
     if isinstance(width, Mapping):
         width = {key: count for key, count in width.items() if key in pairs}
     return LogSpec.model_validate({"file": pairs, "width": width})
+
+
+def named(spec: LogSpec) -> str:
+    """Return the text by which a command line names a recording, with files below the current folder relative to it."""
+    here = Path.cwd()
+    files = {key: file.relative_to(here) if file.is_relative_to(here) else file for key, file in spec.file.items()}
+    return ",".join(f"{key}={file}" if key else str(file) for key, file in files.items())
 
 
 def _pairs(text: str, keys: list[str], needed: list[str]) -> dict[str, str]:

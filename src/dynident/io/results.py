@@ -8,20 +8,21 @@ import os
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.io.folder import write_whole
-from dynident.io.opener import afford, content, real
+from dynident.io.opener import afford, content, real, refuse_inputs
 from dynident.io.text import unpanicked
 
 if TYPE_CHECKING:
     import polars as pl
 
 __all__ = [
+    "append_log",
     "as_path",
     "check_json",
     "json_text",
@@ -67,6 +68,24 @@ def probe_folder(folder: str | Path) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{folder}: nothing can be written here: {reason}. Choose another folder.") from error
+
+
+def append_log(path: Path, head: str) -> IO[str]:
+    """Open a log to add lines to, which begins with the words ``head``, at most buffered by line; folders are made.
+
+    Raises InputError where that is impossible, or where the file is there and begins otherwise: it is no log.
+    """
+    refuse_inputs(path)
+    if os.path.exists(path) and (old := content(path, remember=False)) and not old.startswith(head.encode()):
+        raise InputError(f"{path}: exists already and is no log of dynident; choose another name for the log.")
+    try:
+        real(path).parent.mkdir(parents=True, exist_ok=True)
+        file = open(real(path), "a", buffering=1, encoding="utf-8", errors="backslashreplace")  # noqa: SIM115
+        if not file.tell():
+            file.write(f"{head}\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}. Choose another name for the log.") from error
+    return file
 
 
 def write_text(path: str | Path, text: str) -> Path:

@@ -9,6 +9,7 @@ from dynident.identification.verdict import reasons, steps
 from dynident.identification.verdict.unknown import CommonGain, Zeros
 from dynident.report.check import finding_row
 from dynident.report.wording import words
+from dynident.report.words import percent
 from dynident.validation import Driver
 
 if TYPE_CHECKING:
@@ -78,13 +79,13 @@ def _errors(held: HeldOut | None) -> str:
         return "no log was held out"
     if held.unfiltered is None:
         return (
-            f"on held-out motion it leaves {held.error:.3g} % of the torque unexplained, "
-            f"in training {held.training:.3g} %"
+            f"on held-out motion it leaves {percent(held.error)} of the torque unexplained, "
+            f"in training {percent(held.training)}"
         )
     measured, trained = held.unfiltered
     return (
-        f"on held-out motion it leaves {held.error:.3g} % of the torque unexplained after the low-pass of the fit "
-        f"(training {held.training:.3g} %), and {measured:.3g} % of it as measured ({trained:.3g} %)"
+        f"on held-out motion it leaves {percent(held.error)} of the torque unexplained after the low-pass of the fit "
+        f"(training {percent(held.training)}), and {percent(measured)} of it as measured ({percent(trained)})"
     )
 
 
@@ -179,17 +180,17 @@ def _(reason: reasons.SilentTorque) -> str:
 
 @words.register
 def _(reason: reasons.TorqueErrorTooLarge) -> str:
-    return f"the torque error on {reason.log} is {reason.error:.3g} %, above {reason.limit:g} %"
+    return f"the torque error on {reason.log} is {percent(reason.error)}, above {reason.limit:g} %"
 
 
 @words.register
 def _(reason: reasons.UnfilteredErrorTooLarge) -> str:
-    return f"unfiltered, the torque error on {reason.log} is {reason.error:.3g} %, above {reason.limit:g} %"
+    return f"unfiltered, the torque error on {reason.log} is {percent(reason.error)}, above {reason.limit:g} %"
 
 
 @words.register
 def _(reason: reasons.JointErrorsTooLarge) -> str:
-    bad = ", ".join(f"{joint} {size:.3g} %" for joint, size in reason.errors)
+    bad = ", ".join(f"{joint} {percent(size)}" for joint, size in reason.errors)
     return f"on {reason.log} some joints have a torque error above {reason.limit:g} %: {bad}"
 
 
@@ -201,8 +202,8 @@ def _(reason: reasons.NotCarriedOver) -> str:
 @words.register
 def _(reason: reasons.TrainedWorse) -> str:
     return (
-        f"the error on {reason.log}, which was fitted, is {reason.error:.3g} %, {reason.ratio:.2g} times the held-out "
-        "error: outliers or a fault are in the fit"
+        f"the error on {reason.log}, which was fitted, is {percent(reason.error)}, {reason.ratio:.2g} times the "
+        "held-out error: outliers or a fault are in the fit"
     )
 
 
@@ -261,4 +262,4 @@ def _(reason: reasons.FreeRunAstray) -> str:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.2g} %" if value < 10 else f"{value:.0f} %"
+    return percent(value, 2) if value < 10 else f"{value:.0f} %"

@@ -187,7 +187,7 @@ def _label(found: AccuracyBound, k: int) -> str:
     if len(name) <= SHORT:
         return name
     lead, *rest = name.replace(" - ", " + ").split(" + ")
-    return f"{lead} (+{len(rest)} more)"
+    return f"{lead} (+{len(rest)} more)" if rest else name
 
 
 def bound_page(found: AccuracyBound) -> str:

@@ -17,7 +17,16 @@ from dynident.report.wording import words
 from dynident.report.words import count
 
 if TYPE_CHECKING:
-    from dynident.checks import Agreement, ChannelFacts, CheckResult, Excitation, ExcitedRank, Finding, Timing
+    from dynident.checks import (
+        Agreement,
+        ChannelFacts,
+        CheckResult,
+        Excitation,
+        ExcitedRank,
+        Finding,
+        JointFacts,
+        Timing,
+    )
 
 __all__ = ["check_dict", "check_summary", "check_tables", "finding_groups", "finding_row", "finding_table"]
 
@@ -48,6 +57,7 @@ def check_tables(examination: CheckResult) -> list[PageTable]:
     if examination.channels:
         tables.append(_channel_table(*next(iter(examination.channels.items()))))
     elif examination.links:
+        tables += _joint_tables(examination.joints) if examination.joints else ()
         tables.append(_link_table(examination))
     return tables
 
@@ -69,6 +79,7 @@ def check_dict(examination: CheckResult) -> dict[str, Any]:
         ],
         "rank": _rank(examination.rank) if examination.rank else None,
         "links": [asdict(link) for link in examination.links],
+        "robot_joints": [asdict(joint) for joint in examination.joints],
     }
 
 
@@ -100,7 +111,7 @@ def finding_groups(findings: Sequence[Finding]) -> list[list[Finding]]:
 
 def finding_table(groups: Sequence[Sequence[Finding]], title: str) -> PageTable:
     """Return groups of findings as a table of places and what to do."""
-    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False)
+    columns = Column("where", numeric=False), Column("what, and what to do", numeric=False, prose=True)
     return PageTable(columns, tuple(map(finding_row, groups)), title)
 
 
@@ -209,6 +220,36 @@ def _left_out(channels: Sequence[ChannelFacts]) -> str:
     counts = (("positions", sum(x.left_out for x in channels)), ("torques", sum(x.torque_left_out for x in channels)))
     named = " and ".join(f"{count} {what}" for what, count in counts if count)
     return f"; without {named} that the fit leaves out" if named else ""
+
+
+def _joint_tables(joints: Sequence[JointFacts]) -> Iterator[PageTable]:
+    """Yield the joints of a robot file, and those that do not move by themselves; in m and N where prismatic."""
+    heads = ("from", "position"), ("to", "position"), ("velocity", "limits"), ("effort", "limits"), ("body, kg", "")
+    columns = Column("joint", numeric=False), Column("type", numeric=False), *(Column(*one) for one in heads)
+    rows = []
+    for one in joints:
+        limits = one.limits.lower, one.limits.upper, one.limits.velocity, one.limits.effort
+        kind = "held fixed" if one.held else "continuous" if _turns(one) else one.kind
+        cells = ("-" if value is None or np.isnan(value) else f"{value:.4g}" for value in (*limits, one.mass))
+        rows.append((one.joint, kind, *cells))
+    yield PageTable(columns, tuple(rows), "Joints, SI (body: the link that it moves and those fixed to it)")
+    if others := [(one.joint, how) for one in joints if (how := _moved(one))]:
+        columns = Column("joint", numeric=False), Column("how", numeric=False, prose=True)
+        yield PageTable(columns, tuple(others), "Joints that do not move by themselves")
+
+
+def _turns(one: JointFacts) -> bool:
+    return one.kind == "revolute" and one.limits.lower is None and one.limits.upper is None
+
+
+def _moved(one: JointFacts) -> str:
+    """Return how a joint moves, where it does not by itself."""
+    if one.held:
+        return f"held fixed: {one.held}"
+    if one.follows is None:
+        return ""
+    master, factor, offset = one.follows
+    return f"mimics {master}, times {factor:.4g}" + (f", plus {offset:.4g}" if offset else "")
 
 
 def _link_table(examination: CheckResult) -> PageTable:

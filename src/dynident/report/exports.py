@@ -8,7 +8,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from dynident.report.page import Column, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count
+from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
     from dynident.export import Export, FileError
@@ -72,7 +72,8 @@ def _cost(one: Export) -> str:
     worst = max(_costs(one), key=lambda error: error.file - error.model, default=None)
     if worst is None:
         return ""
-    return f" By itself it has a torque error of {worst.file:.4g} % on {worst.log!r}, the model {worst.model:.4g} %."
+    file, model = percent(worst.file, 4), percent(worst.model, 4)
+    return f" By itself it has a torque error of {file} on {worst.log!r}, the model {model}."
 
 
 def export_results(exports: Sequence[Export]) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from dynident.errors import listed
 from dynident.identification import BaseTilt, TimeOffset
 from dynident.report import log_words, robot_words  # noqa: F401  # register their words
 from dynident.report.wording import words
-from dynident.report.words import count
+from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
     from dynident.checks import Finding
@@ -57,8 +57,8 @@ def _(note: notes.SamplingJitter) -> str:
 @words.register
 def _(note: notes.LostSamples) -> str:
     return (
-        f"about {count(note.count, 'sample')} ({100 * note.share:.2g} %) {'is' if note.count == 1 else 'are'} lost, in "
-        f"steps of up to {note.longest:.0f} times "
+        f"about {count(note.count, 'sample')} ({percent(100 * note.share, 2)}) {'is' if note.count == 1 else 'are'} "
+        f"lost, in steps of up to {note.longest:.0f} times "
         "the median: a spline bridges them if the time is taken from the stamps and not from a `rate`."
     )
 
@@ -69,8 +69,8 @@ def _(note: notes.RepeatedPositions) -> str:
     if note.every > 1:
         remedy = f"Keep only one row in {note.every}, the first with each new value."
     return (
-        f"{100 * note.share:.2g} % of the positions exactly repeat the previous one although the joint moves: the "
-        f"encoder is read less often than it is logged. {remedy}"
+        f"{percent(100 * note.share, 2)} of the positions exactly repeat the previous one although the joint moves: "
+        f"the encoder is read less often than it is logged. {remedy}"
     )
 
 
@@ -267,7 +267,7 @@ def _(note: motion_notes.CorrelatedParameters) -> str:
 
 
 def _vary(jitter: float) -> str:
-    return f"the time steps vary by {100 * jitter:.2g} % rms, and the positions"
+    return f"the time steps vary by {percent(100 * jitter, 2)} rms, and the positions"
 
 
 def _times(factor: float) -> str:

@@ -8,7 +8,7 @@ from functools import singledispatch
 from dynident.checks import log_notes as notes
 from dynident.identification.outliers import HeldOutOutliers
 from dynident.report.wording import words
-from dynident.report.words import count
+from dynident.report.words import count, percent
 
 __all__ = ["figures_words"]
 
@@ -111,7 +111,7 @@ def _(note: notes.PositionJump) -> str:
 @words.register
 def _(note: notes.InterpolatedPositions) -> str:
     return (
-        f"{100 * note.share:.2g} % of the positions lie exactly on the line between their neighbours: they were "
+        f"{percent(100 * note.share, 2)} of the positions lie exactly on the line between their neighbours: they were "
         "interpolated from fewer samples, which adds no knowledge and spoils accelerations. Log at the rate of the "
         "encoder, or keep only its own samples."
     )
@@ -129,7 +129,7 @@ def _(note: notes.TorqueSpikes) -> str:
 @words.register
 def _(note: notes.ManyTorqueOutliers) -> str:
     return (
-        f"{100 * note.share:.2g} % of the torques look like outliers, first sample {note.row} "
+        f"{percent(100 * note.share, 2)} of the torques look like outliers, first sample {note.row} "
         f"(t = {_second(note.time)} s): too many to be left out, so that none is. Is it the right column, or was it "
         "recorded badly?"
     )
@@ -159,7 +159,7 @@ def _(note: HeldOutOutliers) -> str:
     outliers = "is an outlier" if note.count == 1 else "are outliers"
     return (
         f"{note.log}: {count(note.count, 'torque')} of {', '.join(note.joints)} {outliers}, with which the error on "
-        f"this held-out log is {note.error:.3g} %, and {note.without:.3g} % without"
+        f"this held-out log is {percent(note.error)}, and {percent(note.without)} without"
     )
 
 
@@ -181,7 +181,7 @@ def _(note: notes.SameData) -> str:
 @words.register
 def _(note: notes.RepeatedMotion) -> str:
     return (
-        f"repeats the motion of {note.other!r}{_lagging(note.lag, 1e-3)}, to {note.error:.2g} %: its error shows "
+        f"repeats the motion of {note.other!r}{_lagging(note.lag, 1e-3)}, to {percent(note.error, 2)}: its error shows "
         "repeatability, not how the model does on another motion. Hold out a different motion. (Repeats at another "
         "speed are not looked for.)"
     )
@@ -191,7 +191,7 @@ def _(note: notes.RepeatedMotion) -> str:
 def _(note: notes.PerhapsRadians) -> str:
     return (
         f"no joint moves more than {note.span:.2g} rad; as degrees that should have been radians, the positions leave "
-        f"{note.after:.3g} % of the torque unexplained instead of {note.before:.3g} %. Are they in rad? Set "
+        f"{percent(note.after)} of the torque unexplained instead of {percent(note.before)}. Are they in rad? Set "
         "`unit: rad`."
     )
 
@@ -200,16 +200,16 @@ def _(note: notes.PerhapsRadians) -> str:
 def _(note: notes.GravityCompensated) -> str:
     return (
         f"the torque shows {note.factor:.2f} +- {note.std:.2g} times the gravity of the arm: without gravity the plain "
-        f"fit leaves {note.after:.3g} % instead of {note.before:.3g} %. Was it logged after gravity compensation, or "
-        "is the arm mounted so that gravity does not act? Log the whole torque, add the compensation to it by `sum`, "
-        "or set `gravity: [0, 0, 0]` for a model without gravity."
+        f"fit leaves {percent(note.after)} instead of {percent(note.before)}. Was it logged after gravity "
+        "compensation, or is the arm mounted so that gravity does not act? Log the whole torque, add the compensation "
+        "to it by `sum`, or set `gravity: [0, 0, 0]` for a model without gravity."
     )
 
 
 @words.register
 def _(note: notes.SlowMotion) -> str:
     return (
-        f"accelerations explain only {note.share:.2g} % of the torque, less than the {note.residual:.2g} % that the "
-        "fit leaves: the motion is too slow to show inertias, and faster motion would not be predicted. Record one at "
-        f"least {note.faster:.2g} times as fast."
+        f"accelerations explain only {percent(note.share, 2)} of the torque, less than the {percent(note.residual, 2)} "
+        "that the fit leaves: the motion is too slow to show inertias, and faster motion would not be predicted. "
+        f"Record one at least {note.faster:.2g} times as fast."
     )

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     import jinja2
     import plotly.graph_objects as go
-    import rich.table
     from markupsafe import Markup
 
 __all__ = [
@@ -34,18 +33,20 @@ __all__ = [
     "number",
     "pairs",
     "render",
-    "terminal",
 ]
 
 
 @dataclass(frozen=True)
 class Column:
-    """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right."""
+    """A table's column: neighbours of the same ``group`` share a heading; numbers stand on the right; ``prose`` holds
+    sentences, which a terminal wraps.
+    """
 
     title: str
     group: str = ""
     numeric: bool = True
     muted: bool = False
+    prose: bool = False
 
 
 @dataclass(frozen=True)
@@ -162,25 +163,6 @@ def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> 
     """Return a table of names and texts, such as settings or versions."""
     columns = (Column(title, numeric=False), Column("value" if title else "", numeric=False))
     return PageTable(columns, tuple((str(name), str(text)) for name, text in content), caption)
-
-
-def terminal(table: PageTable) -> rich.table.Table:
-    """Return the table for a terminal; names are not read as rich's markup."""
-    import rich.table
-    from rich.box import SIMPLE_HEAD
-    from rich.text import Text
-
-    title = Text(table.caption) if table.caption else None
-    drawn = rich.table.Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for i, column in enumerate(table.columns):
-        header = Text(f"{column.group}\n{column.title}" if table.groups else column.title)
-        justify: Literal["left", "right"] = "right" if column.numeric else "left"
-        # Without a least width rich lets the words vanish before it narrows the numbers.
-        least = max((len(row[i]) for row in table.rows), default=1) if column.numeric else 8
-        drawn.add_column(header, justify=justify, style="dim" if column.muted else None, min_width=least)
-    for row in table.rows:
-        drawn.add_row(*(Text(cell.replace("∞", "inf")) for cell in row))
-    return drawn
 
 
 def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:

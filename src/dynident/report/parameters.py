@@ -85,7 +85,9 @@ def parameter_table(identification: Identification, chosen: tuple[int, ...] | No
     columns += [Column("if independent", muted=True)] * robust
     reference = "nominal" if figures.only_nominal(identification.model) else "true"
     columns += [Column(reference)] * known + [Column("unit", numeric=False)]
-    columns += [Column("determined by", numeric=False)] * bool(verdict) + [Column("meaning", numeric=False)] * meant
+    columns += [Column("determined by", numeric=False)] * bool(verdict) + [
+        Column("meaning", numeric=False, prose=True)
+    ] * meant
     rows = []
     for k in shown:
         row = [estimate.names[k], number(float(estimate.value[k])), number(float(errors[k]), 2)]

@@ -6,6 +6,7 @@ from dynident.checks import robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
 from dynident.identification import BaseTilt
 from dynident.report.wording import words
+from dynident.report.words import percent
 
 __all__: list[str] = []
 
@@ -69,7 +70,7 @@ def _others(others: tuple[Rival, ...]) -> str:
 
 def _cost(note: robot_notes.Costly) -> str:
     """Return what it costs, as a sentence."""
-    return f"On this path at twice the speed it changes the torque by {note.cost:.2g} %."
+    return f"On this path at twice the speed it changes the torque by {percent(note.cost, 2)}."
 
 
 def _turned(note: robot_notes.AxisTilted) -> str:
@@ -81,7 +82,7 @@ def _vector(axis: tuple[float, ...]) -> str:
 
 
 def _errors(before: float, after: float) -> str:
-    return f"the mean torque error then falls from {before:.3g} to {after:.3g} %"
+    return f"the mean torque error then falls from {before:.3g} to {percent(after)}"
 
 
 @words.register
@@ -208,8 +209,8 @@ def _(note: robot_notes.OtherPayload) -> str:
 @words.register
 def _(note: robot_notes.OddLog) -> str:
     return (
-        f"does not fit together with the other logs: one fit of all leaves {note.before:.3g} % of the torque (mean "
-        f"over the joints), with a fit of its own for this log {note.after:.3g} %. Have the payload, a zero, the "
+        f"does not fit together with the other logs: one fit of all leaves {percent(note.before)} of the torque (mean "
+        f"over the joints), with a fit of its own for this log {percent(note.after)}. Have the payload, a zero, the "
         "mounting or the temperature changed in between, or are columns, signs or units others in this file? Correct "
         "it, or leave it out."
     )

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dynident.report import figures
 from dynident.report.efficiency import efficiency_section, efficiency_table, median_efficiency
-from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, pairs, render, terminal
+from dynident.report.page import Column, Figure, PageBlock, PageSection, PageTable, number, pairs, render
+from dynident.report.terminal import terminal
 
 if TYPE_CHECKING:
     import rich.console
-    import rich.table
 
     from dynident.studies import Case, Reproduction
 
@@ -45,9 +45,9 @@ def _typeset(text: str) -> str:
     return text.replace("sigma_q^2", "σq²").replace("rad^2", "rad²")
 
 
-def study_tables(reproduction: Reproduction) -> list[rich.table.Table]:
-    """Return the tables 2 to 7 for a terminal: means, then variances, for each noise level; and the bound's."""
-    return [terminal(table) for table in (*_tables(reproduction), *efficiency_table(reproduction))]
+def study_tables(reproduction: Reproduction) -> list[PageTable]:
+    """Return the tables 2 to 7: means, then variances, for each noise level; and the bound's."""
+    return [*_tables(reproduction), *efficiency_table(reproduction)]
 
 
 def study_text(reproduction: Reproduction) -> rich.console.Group:
@@ -57,7 +57,7 @@ def study_text(reproduction: Reproduction) -> rich.console.Group:
 
     heading = Text(f"Scenario {reproduction.scenario}: {reproduction.description}")
     lines = (Text(f"* {line}") for line in findings(reproduction))
-    return Group(heading, Text(), *study_tables(reproduction), *lines)
+    return Group(heading, Text(), *map(terminal, study_tables(reproduction)), *lines)
 
 
 def findings(reproduction: Reproduction) -> list[str]:

@@ -14,6 +14,7 @@ from dynident.estimators import notes
 from dynident.identification import BaseTilt, Choice, OldResult, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
+from dynident.report.words import percent
 from dynident.smoothers import unshifted
 from dynident.validation import residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
@@ -258,7 +259,7 @@ def _(failure: Broken) -> str:
 
 @words.register
 def _(choice: Choice) -> str:
-    listed = ", ".join(f"{error:.3g} % {one}" for one, error in zip(choice.candidates, choice.errors, strict=True))
+    listed = ", ".join(f"{percent(error)} {one}" for one, error in zip(choice.candidates, choice.errors, strict=True))
     return f"{choice.smoother}, by the cross-validated torque error on the training logs: {listed}"
 
 
@@ -267,7 +268,7 @@ def _(time_offset: TimeOffset) -> str:
     error = np.inf if time_offset.std is None else 1e3 * time_offset.std
     if not time_offset.seconds:
         known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
-        return f"none, as none lowers the training error ({time_offset.before:.3g} %){known}"
+        return f"none, as none lowers the training error ({percent(time_offset.before)}){known}"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
     size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
     return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"
@@ -303,7 +304,7 @@ def _(origin: Origin) -> str:
 
 
 def _better(found: TimeOffset | BaseTilt) -> str:
-    return f"with it, the training error is {found.after:.3g} % instead of {found.before:.3g} %"
+    return f"with it, the training error is {percent(found.after)} instead of {percent(found.before)}"
 
 
 def _parameters(number: int) -> str:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 from dynident.errors import listed
 from dynident.report import figures
+from dynident.report.page import number
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "points"]
+__all__ = ["ROLES", "count", "labelled", "listed", "logs_of", "motion_known", "percent", "points"]
 
 ROLES = {"train": "training", "validation": "held out"}
 CURVES = 11  # of a log and joint: torques, motion, free simulation
@@ -47,6 +48,12 @@ def labelled(identification: Identification) -> list[tuple[str, int]]:
 def count(number_of: int, noun: str) -> str:
     """Word a count, such as "1 log" or "2 logs"."""
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
+
+
+def percent(value: float, digits: int = 3) -> str:
+    """Word a share (%) to so many significant digits: never "1e+02 %" for 100 %, as a format of two digits has it."""
+    shown = f"{value:.{digits}g}"
+    return f"{number(value, digits) if 'e' in shown else shown} %"
 
 
 def points(identification: Identification) -> int:

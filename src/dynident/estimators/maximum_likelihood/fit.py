@@ -154,7 +154,8 @@ class _Run:
         sigma_tau = np.maximum(sigma_tau, misfit(problem, theta))  # the misfit of the model counts as noise
         bodies = any(parameter.body for parameter in model.parameters)
         limits = NewtonSettings(settings.tolerance, settings.iterations, newton=not bodies)
-        search = Search(model, given, barrier, limits, directions, theta, Sigma(sigma_q, sigma_tau))
+        sigma = Sigma(sigma_q, sigma_tau)
+        search = Search(model, given, barrier, limits, directions, theta, sigma, progress=problem.progress)
         return cls(settings, problem, start, search, notes)
 
     def estimate(self) -> Estimate:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, Step
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
 from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
@@ -74,6 +74,7 @@ class Search:
     sigma: Sigma
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = field(default=())
+    progress: Callable[[str], None] = lambda _: None
 
     @property
     def likelihood(self) -> Likelihood:
@@ -173,7 +174,11 @@ class Search:
     ) -> LikelihoodFit:
         """Search from a theta and states, with one parameter fixed or none."""
         settings = replace(self.settings, tolerance=loose * self.settings.tolerance, hold=hold, fixed=fixed)
-        return maximise(self.likelihood, states, theta, settings)
+
+        def trace(step: int, *_: object) -> None:
+            self.progress(Step("maximum likelihood, steps", step))
+
+        return maximise(self.likelihood, states, theta, settings, trace)
 
     def with_free_start(self) -> Search:
         """Return the search with the velocities at the start unknown."""

@@ -1,0 +1,45 @@
+"""What the version says, and how quickly."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import dynident
+from dynident.cli import version
+from tests.cli.commands import run
+
+
+def test_the_version_says_what_it_runs_with() -> None:
+    shown = run("--version").output
+    assert shown.startswith(f"dynident {dynident.__version__}")
+    assert platform.python_version() in shown
+    assert f"numpy {metadata.version('numpy')}" in shown
+
+
+def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    package = tmp_path / "lib" / "site-packages" / "dynident"
+    monkeypatch.setattr(version, "__file__", str(package / "cli" / "version.py"))
+    assert version.commit() is None  # even where the environment lies in somebody else's clone
+    (tmp_path / "lib" / ".git").mkdir(parents=True)
+    assert version.commit() is None
+    package.mkdir(parents=True)
+    (package / "commit.txt").write_text("1234abc\n")
+    assert version.commit() == "1234abc"
+
+
+def test_no_heavy_package_is_imported_for_it() -> None:
+    script = (
+        "import sys; from dynident.cli.version import version_text; version_text(); "
+        "print([name for name in ('numpy', 'scipy', 'rich', 'polars', 'pydantic') if name in sys.modules])"
+    )
+    source = str(Path(dynident.__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={"PYTHONPATH": source}
+    )
+    assert done.stdout.strip() == "[]"

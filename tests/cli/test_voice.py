@@ -1,0 +1,92 @@
+"""How much a command says, and the log that keeps all of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dynident.cli.voice import LOG_HEAD
+from tests.cli.commands import configure, run, write_log
+
+STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d  ")
+SMOOTH = ("--time", "time", "--column", "pos")
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_steps_are_printed_with_times_wherever_the_option_stands(tmp_path: Path, before: bool) -> None:
+    write_log(tmp_path)
+    words = ["check", configure(tmp_path)]
+    done = run(*(["-v", *words] if before else [*words, "-v"]))
+    assert done.exit_code == 0, done.output
+    steps = re.findall(r"^ *\d+\.\d s  (.*)", done.stderr, re.M)
+    assert steps[:2] == ["building the model", "reading log 0-3 s"]
+    assert len(steps) == len(set(steps))
+    assert " s  " not in done.stdout.splitlines()[0]
+
+
+def test_a_quiet_run_prints_results_and_what_was_written(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    config = configure(tmp_path)
+    loud, quiet = run("identify", config), run("identify", config, "-q")
+    for words in ("Next:", "Warning:", "To keep this"):
+        assert words in loud.stdout
+        assert words not in quiet.output
+    assert set(quiet.stdout.splitlines()) < set(loud.stdout.splitlines())
+    assert "Parameters with their standard errors" in quiet.stdout
+
+
+def test_the_log_keeps_all_that_is_said_of_each_run(tmp_path: Path) -> None:
+    log, out = tmp_path / "logs" / "run.log", tmp_path / "out"
+    done = run("--log-file", log, "smooth", write_log(tmp_path), *SMOOTH, "--out", out, "-q")
+    assert done.exit_code == 0, done.output
+    failed = run("smooth", tmp_path / "log.csv", "--time", "tmie", "--log-file", log)
+    assert failed.exit_code == 1
+    head, *lines = log.read_text().splitlines()
+    assert head == LOG_HEAD
+    assert all(STAMP.match(line) for line in lines)
+    said = [line[len(STAMP.match(line).group()) :] for line in lines]
+    assert said[0].startswith("dynident ")
+    assert "ended with exit code 0 after" in "\n".join(said)
+    assert {line for line in done.stdout.splitlines() if line} <= set(said)
+    assert any(line.startswith("Error: ") and "tmie" in line for line in said)
+    assert said[-1].startswith("ended with exit code 1")
+
+
+def test_a_log_in_the_folder_of_the_results(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    done = run(
+        "smooth", tmp_path / "log.csv", *SMOOTH, "--out", tmp_path / "out", "--log-file", tmp_path / "out/run.log"
+    )
+    assert done.exit_code == 0, done.output
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"run.log", "smoothed.csv", "report.html"}
+
+
+@pytest.mark.parametrize("name", ["log.csv", "identify.yaml", "out/report.html"])
+def test_no_file_but_a_log_is_added_to(tmp_path: Path, name: str) -> None:
+    write_log(tmp_path)
+    config = configure(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("<html>")
+    before = (tmp_path / name).read_bytes()
+    done = run("check", config, "--log-file", tmp_path / name)
+    assert done.exit_code == 1
+    assert "is no log of dynident" in done.output
+    assert (tmp_path / name).read_bytes() == before
+
+
+def test_a_log_is_not_replaced_by_a_result(tmp_path: Path) -> None:
+    write_log(tmp_path)
+    log = tmp_path / "out" / "report.html"
+    done = run("smooth", tmp_path / "log.csv", *SMOOTH, "--out", tmp_path / "out", "--log-file", log)
+    assert done.exit_code == 1
+    assert log.read_text().startswith(LOG_HEAD)
+
+
+def test_names_in_a_log_are_escaped(tmp_path: Path) -> None:
+    write_log(tmp_path, "a\x1b[31mb.csv")
+    log = tmp_path / "run.log"
+    run("smooth", tmp_path / "a\x1b[31mb.csv", "--time", "none", "--log-file", log)
+    assert "\x1b" not in log.read_text()
+    assert r"a\x1b[31mb.csv" in log.read_text()

@@ -1,0 +1,88 @@
+"""Tables in a terminal of any width."""
+
+from __future__ import annotations
+
+import io
+import random
+
+import pytest
+import rich.console
+from rich.cells import cell_len
+
+from dynident.report.page import Column, PageTable
+from dynident.report.terminal import terminal
+
+JOINTS = tuple(f"robot_cell_left_manipulator_arm_joint_{k}_x" for k in range(7))
+WORDS = Column("joint", numeric=False)
+
+
+def printed(table, width=80):
+    console = rich.console.Console(width=width, file=io.StringIO(), color_system=None)
+    console.print(terminal(table))
+    return console.file.getvalue()
+
+
+def numbers(count, group=""):
+    return tuple(Column(f"value {k}", group) for k in range(count))
+
+
+def test_terminal_tables_show_names_as_they_are():
+    table = PageTable((Column("name", numeric=False), Column("own", "raw")), (("[bold]x[/]", "∞"),), "[red]caption")
+    shown = printed(table)
+    assert "[bold]x[/]" in shown
+    assert "[red]caption" in shown
+    assert "inf" in shown
+
+
+def test_a_table_that_fits_is_one_line_a_row():
+    shown = printed(PageTable((WORDS, *numbers(2)), (("shoulder", "1.5", "-2"), ("elbow", "10", "3"))))
+    assert shown.splitlines() == [
+        "joint     value 0  value 1",
+        "─" * 26,
+        "shoulder      1.5       -2",
+        "elbow          10        3",
+        "",
+    ]
+
+
+def test_a_group_stands_once_above_its_columns():
+    columns = (WORDS, Column("peak", "acceleration"), Column("rms", "acceleration"), Column("turns"))
+    head = printed(PageTable(columns, (("elbow", "12.25", "1.125", "3"),))).splitlines()[:2]
+    assert head == ["       acceleration", "joint   peak    rms  turns"]
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 150])
+@pytest.mark.parametrize("count", [1, 4, 12])
+def test_every_number_is_shown_in_any_width(width, count):
+    rng = random.Random(width * count)
+    rows = tuple((name, *(f"{rng.uniform(-1e4, 1e4):.2f}" for _ in range(count))) for name in JOINTS)
+    shown = printed(PageTable((WORDS, *numbers(count, "speed")), rows), width)
+    assert max(map(cell_len, shown.splitlines())) <= width
+    for row in rows:
+        for cell in row[1:]:
+            assert cell in shown.split()
+
+
+def test_long_names_stay_distinct():
+    rows = tuple((name, "log.csv 0-10 s", "1.25", "N m") for name in JOINTS)
+    columns = (WORDS, Column("log", numeric=False), *numbers(1), Column("unit", numeric=False))
+    shown = printed(PageTable(columns, rows), 44).splitlines()[3:10]
+    assert len({line.split()[0] for line in shown}) == len(JOINTS)
+    assert all(line.endswith("N m") for line in shown)
+
+
+def test_sentences_wrap_and_no_word_is_lost():
+    message = f"The torque of {JOINTS[0]} is 0.876 times what it should be: check its gain. " * 3
+    columns = (Column("where", numeric=False), Column("what", numeric=False, prose=True))
+    shown = printed(PageTable(columns, ((f"monday.csv: {JOINTS[3]}", message.strip()),)), 80)
+    assert max(map(cell_len, shown.splitlines())) <= 80
+    assert shown.count("check") == 3
+    assert shown.count(JOINTS[0]) == 3
+
+
+def test_titles_wrap_and_wide_letters_count_as_two_cells():
+    columns = (WORDS, Column("longest step between neighbouring samples, ms"), *numbers(3))
+    shown = printed(PageTable(columns, (("関節" * 10, *("123456.5",) * 4),)), 60)
+    assert max(map(cell_len, shown.splitlines())) <= 60
+    assert shown.count("123456.5") == 4
+    assert "neighbouring" in shown

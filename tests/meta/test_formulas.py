@@ -37,7 +37,9 @@ def test_every_formula_can_be_read() -> None:
         assert HOOK["mathml"](formula).startswith("<math")
 
 
-@pytest.mark.parametrize("formula", [r"\alhpa", r"\frac{a}", r"\left( a", "{a", "a}", "x_", "a_b_c", r"\begin{matrix} a"])
+@pytest.mark.parametrize(
+    "formula", [r"\alhpa", r"\frac{a}", r"\left( a", "{a", "a}", "x_", "a_b_c", r"\begin{matrix} a"]
+)
 def test_a_wrong_formula_is_refused(formula: str) -> None:
     with pytest.raises(PluginError, match="cannot be read"):
         HOOK["mathml"](formula)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,14 @@ def test_it_forbids_a_use_by_its_share_of_the_torque(mass: float, forbidden: Use
     whole = MODEL.torque(*state, theta)
     cost = 100 * np.linalg.norm(whole - bare) / np.linalg.norm(whole)
     assert found.message.cost == pytest.approx(cost, rel=0.1)
+
+
+def test_gains_that_are_too_small_make_a_payload_as_much_too_light() -> None:
+    """The one thing that shows a factor of all torques: docs/gains.md relies on it."""
+    bare, other = (replace(one, tau=0.9 * one.tau) for one in (motion(1), loaded(3, 1.0)))
+    (found,) = payload_findings(MODEL, [bare], {"other": other})
+    assert found.message.mass == pytest.approx(0.9, abs=5 * found.message.std)
+    assert found.message.mass < 1.0 - 2 * found.message.std
 
 
 def test_a_payload_in_training_is_missing_in_the_other_log() -> None:

@@ -1,0 +1,110 @@
+"""docs/symptoms.md has the words that checks, verdict and estimators print: of each type, and no others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from enum import Enum
+from functools import cache
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import pytest
+
+from dynident.checks.motion_notes import EffortAboveLimit, Search, SearchLeftOut
+from dynident.checks.notes import ReadingNote, SamplingJitter
+from dynident.checks.robot_notes import MissingTerm, TermKind
+from dynident.errors import Note, Remark, Use
+from dynident.identification.verdict.reasons import Noted, Reason
+from dynident.identification.verdict.steps import Sharpen
+from dynident.report.advice import sentences  # noqa: F401  # with it the words of reasons are there
+from dynident.report.finding_words import finding_words  # noqa: F401  # and those of findings
+from dynident.report.wording import words
+from dynident.validation.free_run import Broken, Failure
+from dynident.validation.residuals import Cause
+
+PAGE = (Path(__file__).parents[2] / "docs" / "symptoms.md").read_text(encoding="utf-8")
+PLAIN = {int: 2, float: 1e-3, str: "one", bool: False}
+# what a reader needs no help with, and what passes on the words of another
+LEFT_OUT = {"Averaged", "SmoothSigns"}
+PASSED_ON = (Remark, Noted, Broken, ReadingNote)
+
+
+def kinds(base: type) -> Iterator[type]:
+    """All types below one that have words of their own."""
+    for kind in base.__subclasses__():
+        if kind.__module__.startswith("dynident."):
+            yield from kinds(kind)
+            if words.dispatch(kind) is not words.dispatch(object) and kind not in PASSED_ON:
+                yield kind
+
+
+def printed() -> list[type]:
+    return [kind for base in (Note, Reason, Cause, Failure) for kind in kinds(base)]
+
+
+def example(hint: Any) -> Any:
+    """Any value of a type: the words about it matter, not its figures."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin is tuple:
+        return (example(inside[0]),) * 2 if Ellipsis in inside else tuple(map(example, inside))
+    if origin in (Union, UnionType):
+        return example(next(one for one in inside if one is not type(None)))
+    if issubclass(hint, Enum):
+        return next(iter(hint))
+    return PLAIN[hint] if hint in PLAIN else made(hint)
+
+
+def made(kind: type, **given: Any) -> Any:
+    if kind is Failure:
+        return Broken("stopped")
+    hints = get_type_hints(kind)
+    return kind(**({field.name: example(hints[field.name]) for field in fields(kind)} | given))  # type: ignore[arg-type]
+
+
+@cache
+def texts(kind: type) -> tuple[str, ...]:
+    """What is printed of a type, of each sort of it."""
+    if issubclass(kind, MissingTerm):
+        return tuple(words(made(kind, effect=effect)) for effect in TermKind)
+    if kind is SearchLeftOut:
+        return tuple(words(made(kind, search=search)) for search in Search)
+    if kind is EffortAboveLimit:
+        return tuple(words(made(kind, far=far)) for far in (False, True))
+    if kind is SamplingJitter:
+        return words(made(kind)), words(made(kind, factor=None))
+    said: str = words(made(kind))
+    return said, said[0].upper() + said[1:]
+
+
+def quoted() -> list[str]:
+    prose = re.sub(r"```.*?```|`[^`]*`", "``", PAGE, flags=re.DOTALL)
+    return re.findall(r'"([^"\n]+)"', prose)
+
+
+@pytest.mark.parametrize("kind", sorted(printed(), key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__)
+def test_each_type_of_message_has_its_entry(kind: type) -> None:
+    if kind.__name__ in LEFT_OUT:
+        assert getattr(kind, "forbids", None) is None
+        return
+    found = [phrase for phrase in quoted() if any(phrase in text for text in texts(kind))]
+    assert found, f"docs/symptoms.md quotes nothing of what is printed: {texts(kind)[0]}"
+
+
+def test_every_effect_that_a_model_may_lack_has_its_entry() -> None:
+    for effect in TermKind:
+        name = words(made(MissingTerm, effect=effect)).partition(" (")[0].removesuffix(" together with one")
+        assert f'"{name.removesuffix(",")}"' in PAGE, name
+
+
+def test_no_words_are_quoted_that_nobody_prints() -> None:
+    every = [text for kind in (*printed(), Sharpen) for text in texts(kind)]
+    assert [phrase for phrase in quoted() if not any(phrase in text for text in every)] == []
+
+
+def test_what_forbids_a_use_is_among_them() -> None:
+    found = set(printed())
+    assert len([kind for kind in found if getattr(kind, "forbids", None) in (Use.CONTROL, Use.SIMULATION)]) > 20
+    assert set(Reason.__subclasses__()) - {Noted} <= found

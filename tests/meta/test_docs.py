@@ -116,7 +116,7 @@ def test_readme_has_its_examples() -> None:
 def test_shell_commands_exist(page: str, line: str) -> None:
     program, *words = shlex.split(line)
     if program == "python3":
-        tasks = runpy.run_path(str(ROOT / "dev.py"))["EXTRAS"]
+        tasks = runpy.run_path(str(ROOT / "dev.py"))["TASKS"]
         assert words[0] == "dev.py"
         assert words[1] in tasks
         return

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dynident.cli.terminal import FILE, console, status, tell
+from dynident.cli.typed import typed
 
 if TYPE_CHECKING:
     from dynident.io.config_draft import ConfigDraft
@@ -67,7 +68,7 @@ def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
         for item in items:
             screen.say(f"  {item}")
     first = "Then" if written.blanks or written.questions else "Next"
-    screen.say(f"{first}: dynident check {out}, and when that finds nothing wrong: dynident identify {out}")
+    screen.say(f"{first}: {typed('check', out)}, and when that finds nothing wrong: {typed('identify', out)}")
 
 
 def _trial(text: str, out: Path) -> list[str]:

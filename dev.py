@@ -183,7 +183,7 @@ def robots(arguments: list[str]) -> None:
 
 def release(arguments: list[str]) -> None:
     """Build what is published, and try it in fresh environments."""
-    run(PYTHON, "-P", ".ci/release.py", *arguments)
+    run(PYTHON, "-P", "tools/release.py", *arguments)
 
 
 # each with its extras

@@ -20,7 +20,9 @@ from dynident.cli.terminal import MEMORY_OPTION
 __all__ = ["main"]
 
 
-@click.group("dynident", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    "dynident", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.option(
     "--debug",
     is_flag=True,

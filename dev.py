@@ -114,12 +114,16 @@ def pip(*arguments: object) -> None:
         sys.exit("".join(said) + "pip could not install this; its errors are above.")
 
 
+def digest() -> str:
+    """Return what tells an installation from the same files in the same place."""
+    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
+
+
 def install(extra: str) -> None:
     """Install the package, editable, with extras; at once if this was done before from the same files."""
-    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
     stamp = VENV / f"installed-{extra}"
-    if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest:
+    if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest():
         return
     print(f"Installing dynident into {VENV} (about 0.9 GB, once) ...", file=sys.stderr, flush=True)
     if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
@@ -128,7 +132,7 @@ def install(extra: str) -> None:
         except subprocess.CalledProcessError:
             sys.exit("This Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
     pip("--constraint", "constraints.txt", "--editable", f".[{extra}]")
-    stamp.write_text(digest)
+    stamp.write_text(digest())
 
 
 def demo(arguments: list[str]) -> None:

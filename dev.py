@@ -96,7 +96,7 @@ def activation() -> str:
 
 
 def pip(*arguments: object) -> None:
-    """Install with pip: its last line on a terminal, all that it says where it fails."""
+    """Install with pip; what it says is shown where it fails, and line by line on a terminal."""
     # modules are compiled when they are first imported: a minute and 130 MB less
     command = (PYTHON, "-m", "pip", "install", "--no-compile", "--disable-pip-version-check", "--no-input", *arguments)
     said = []
@@ -111,7 +111,7 @@ def pip(*arguments: object) -> None:
     if sys.stderr.isatty():
         print(f"\r{'':76}\r", end="", file=sys.stderr)
     if process.returncode:
-        sys.exit("".join(said) + "pip could not install this; its errors are above.")
+        sys.exit("".join(said[-20:]) + "pip could not install this; its errors are above.")
 
 
 def digest() -> str:
@@ -219,4 +219,7 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except KeyboardInterrupt:  # while something is installed; the next call goes on
+        sys.exit(130)

@@ -38,8 +38,7 @@ IMPORTS = (PYTHON, "-c", "from importlinter.cli import lint_imports_command as l
 DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
 DYNIDENT = (PYTHON, "-P", "-m", "dynident")  # -P: a numpy.py where the user stands is not imported
 NEXT = """
-What next? Every command of dynident runs from here:
-  {run} check {robot}
+Every command of dynident runs from here:
   {run} identify {robot} --out my-out
   {run} init YOUR.urdf MONDAY.csv TUESDAY.csv -o robot.yaml    (your robot and recordings)
   {run} --help

@@ -1,37 +1,34 @@
 #!/usr/bin/env python3
 """Make .venv, install dynident into it and run one task; only the standard library is needed.
 
-python3 dev.py demo [ARGS]   the article's study with its report (dynident reproduce)
+python3 dev.py demo [ARGS]   the article's study with its report (dynident reproduce), then a robot (dynident demo)
+python3 dev.py run ...       any command of dynident, where you are: python3 dev.py run --help lists them
 python3 dev.py test [ARGS]   the test suite (pytest)
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
 python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
 python3 dev.py mutate [ARGS] the share of small faults, put into the core one by one, that its tests notice (hours)
 python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
+python3 dev.py release [3.X] what is published, in dist/, tried in fresh environments of each Python that is found
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shlex
+import shutil
 import subprocess
 import sys
 import venv
+from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-EXTRAS = {
-    "demo": "",
-    "test": "dev",
-    "lint": "dev,docs",
-    "docs": "docs",
-    "bench": "bench",
-    "mutate": "dev",
-    "robots": "dev,mujoco,xacro",
-}
+READERS = "hdf5,ros,xacro"  # extras for the files that a user may bring
 MUTANTS = "cosmic-ray==8.7.0"
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
@@ -39,32 +36,171 @@ ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "
 # by Python, not by the programs in BIN: those name the folder in which they were installed
 IMPORTS = (PYTHON, "-c", "from importlinter.cli import lint_imports_command as lint; lint()", "--no-cache")
 DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
+DYNIDENT = (PYTHON, "-P", "-m", "dynident")  # -P: a numpy.py where the user stands is not imported
+NEXT = """
+Every command of dynident runs from here:
+  {run} identify {robot} --out my-out
+  {run} init YOUR.urdf MONDAY.csv TUESDAY.csv -o robot.yaml    (your robot and recordings)
+  {run} --help
+Or activate the environment, and type `dynident` instead of `{run}`:
+  {activate}"""
 
 
-def run(*command: object) -> None:
-    """Run a command from the project's root; end with its exit code where it fails."""
-    code = subprocess.run([str(word) for word in command], cwd=ROOT).returncode
-    if code:
-        sys.exit(code)
+def run(*command: object, folder: Path | None = ROOT) -> None:
+    """Run a command; end with its exit code where it fails. Ctrl-C, which it gets too, is for it to answer."""
+    process = subprocess.Popen([str(word) for word in command], cwd=folder)
+    while process.poll() is None:
+        try:
+            process.wait()
+        except KeyboardInterrupt:
+            continue
+    if code := process.returncode:
+        sys.exit(code if code > 0 else 128 - code)
+
+
+def become(*command: object) -> None:
+    """Run a command where the user stands, and end with it; signals and the terminal are its own."""
+    if os.name == "nt":  # has no exec
+        run(*command, folder=None)
+    else:
+        os.execv(str(command[0]), [str(word) for word in command])
+
+
+def quoted(*words: object) -> str:
+    """Return a command as the user's shell takes it."""
+    texts = [str(word) for word in words]
+    return subprocess.list2cmdline(texts) if os.name == "nt" else shlex.join(texts)
+
+
+def called() -> str:
+    """Return what calls this file from where the user stands: ``python3 dev.py``."""
+    typed = sys.orig_argv[0]
+    if Path(typed).name == typed:
+        return quoted(typed, sys.argv[0])
+    names = ("py", "python") if os.name == "nt" else ("python3", "python")
+    return quoted(next(filter(runs_this, names), sys.executable), sys.argv[0])
+
+
+def runs_this(name: str) -> bool:
+    """Return whether a command is a Python that is new enough."""
+    check = "import sys; sys.exit(sys.version_info < (3, 11))"
+    return shutil.which(name) is not None and not subprocess.run([name, "-c", check], capture_output=True).returncode
+
+
+def activation() -> str:
+    """Return what activates the environment from where the user stands."""
+    script = BIN / "activate"
+    near = script.relative_to(ROOT) if Path.cwd() == ROOT else script
+    return quoted(near) if os.name == "nt" else quoted("source", near)
+
+
+def pip(*arguments: object) -> None:
+    """Install with pip; what it says is shown where it fails, and line by line on a terminal."""
+    # modules are compiled when they are first imported: a minute and 130 MB less
+    command = (PYTHON, "-m", "pip", "install", "--no-compile", "--disable-pip-version-check", "--no-input", *arguments)
+    said = []
+    with subprocess.Popen(
+        [str(word) for word in command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8",
+        errors="replace",
+    ) as process:  # fmt: skip
+        for line in process.stdout or ():
+            said.append(line)
+            if sys.stderr.isatty():
+                print(f"\r  {line.strip()[:74]:74}", end="", file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        print(f"\r{'':76}\r", end="", file=sys.stderr)
+    if process.returncode:
+        sys.exit("".join(said[-20:]) + "pip could not install this; its errors are above.")
+
+
+def digest() -> str:
+    """Return what tells an installation from the same files in the same place."""
+    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
 
 
 def install(extra: str) -> None:
-    """Install the package, editable, with one extra; at once if this was done before from the same files."""
-    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
-    stamp = VENV / f"installed-{extra or 'base'}"
-    if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest:
+    """Install the package, editable, with extras; at once if this was done before from the same files."""
+    stamp = VENV / f"installed-{extra}"
+    if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest():
         return
-    print(f"Installing dynident into {VENV} (once; later calls start at once) ...", flush=True)
+    print(f"Installing dynident into {VENV} (about 0.9 GB, once) ...", file=sys.stderr, flush=True)
     if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
         try:
             venv.create(VENV, with_pip=True, clear=True)
         except subprocess.CalledProcessError:
             sys.exit("This Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
-    target = f".[{extra}]" if extra else "."
-    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    run(*pip, "--constraint", "constraints.txt", "--editable", target)
-    stamp.write_text(digest)
+    pip("--constraint", "constraints.txt", "--editable", f".[{extra}]")
+    stamp.write_text(digest())
+
+
+def demo(arguments: list[str]) -> None:
+    """Run the article's study and the robot in the box where the user stands; say what to type next."""
+    os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
+    run(*DYNIDENT, "reproduce", *(arguments or ["--out", "demo-out"]), folder=None)
+    run(*DYNIDENT, "demo", folder=None)
+    print(NEXT.format(run=f"{called()} run", robot=Path("arm-out", "robot.yaml"), activate=activation()))
+
+
+def dynident(arguments: list[str]) -> None:
+    """Run a command of dynident where the user stands."""
+    os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
+    become(*DYNIDENT, *arguments)
+
+
+def test(arguments: list[str]) -> None:
+    """Run the tests, in two processes where no others are named."""
+    run(PYTHON, "-m", "pytest", *(arguments or ["-n", "2", "--dist", "worksteal"]))
+
+
+def lint(_: list[str]) -> None:
+    """Run the linters, and build the documentation strictly."""
+    run(PYTHON, "-m", "ruff", "check", ".")
+    run(PYTHON, "-m", "ruff", "format", "--check", ".")
+    run(PYTHON, "-m", "mypy")
+    run(*IMPORTS)
+    run(*DOCS)
+
+
+def docs(_: list[str]) -> None:
+    """Build the documentation as a site."""
+    run(*DOCS)
+
+
+def bench(arguments: list[str]) -> None:
+    """Run the benchmarks."""
+    run(PYTHON, "benchmarks/run.py", *arguments)
+
+
+def mutate(arguments: list[str]) -> None:
+    """Try whether the tests notice small faults."""
+    pip("--constraint", "constraints.txt", MUTANTS)
+    run(PYTHON, "benchmarks/mutation.py", *arguments)
+
+
+def robots(arguments: list[str]) -> None:
+    """Compare the robot files of two packages with Pinocchio and MuJoCo."""
+    pip("--no-deps", *ROBOT_FILES)
+    run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *arguments)
+
+
+def release(arguments: list[str]) -> None:
+    """Build what is published, and try it in fresh environments."""
+    run(PYTHON, "-P", "tools/release.py", *arguments)
+
+
+# each with its extras
+TASKS: dict[str, tuple[str, Callable[[list[str]], None]]] = {
+    "demo": (READERS, demo),
+    "run": (READERS, dynident),
+    "test": ("dev", test),
+    "lint": ("dev,docs", lint),
+    "docs": ("docs", docs),
+    "bench": ("bench", bench),
+    "mutate": ("dev", mutate),
+    "robots": ("dev,mujoco,xacro", robots),
+    "release": ("dev", release),
+}
 
 
 def main(arguments: list[str]) -> None:
@@ -74,32 +210,15 @@ def main(arguments: list[str]) -> None:
     if arguments[:1] in (["-h"], ["--help"]):
         print(__doc__)
         return
-    if not arguments or arguments[0] not in EXTRAS:
+    if not arguments or arguments[0] not in TASKS:
         sys.exit(__doc__)
-    task, rest = arguments[0], arguments[1:]
-    install(EXTRAS[task])
-    pip = (PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
-    if task == "demo":
-        run(PYTHON, "-m", "dynident", "reproduce", *(rest or ["--out", "demo-out"]))
-    elif task == "test":
-        run(PYTHON, "-m", "pytest", *(rest or ["-n", "2", "--dist", "worksteal"]))
-    elif task == "lint":
-        run(PYTHON, "-m", "ruff", "check", ".")
-        run(PYTHON, "-m", "ruff", "format", "--check", ".")
-        run(PYTHON, "-m", "mypy")
-        run(*IMPORTS)
-        run(*DOCS)
-    elif task == "docs":
-        run(*DOCS)
-    elif task == "robots":
-        run(*pip, "--no-deps", *ROBOT_FILES)
-        run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *rest)
-    elif task == "mutate":
-        run(*pip, "--constraint", "constraints.txt", MUTANTS)
-        run(PYTHON, "benchmarks/mutation.py", *rest)
-    else:
-        run(PYTHON, "benchmarks/run.py", *rest)
+    extras, task = TASKS[arguments[0]]
+    install(extras)
+    task(arguments[1:])
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except KeyboardInterrupt:  # while something is installed; the next call goes on
+        sys.exit(130)

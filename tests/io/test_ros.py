@@ -169,7 +169,7 @@ def test_without_the_extra_the_message_says_what_to_install(tmp_path, monkeypatc
         return plain(name, *rest, **more)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r'pip install "dynident\[ros\]"'):
+    with pytest.raises(InputError, match=r"-m pip install rosbags$"):
         read_columns(path)
 
 

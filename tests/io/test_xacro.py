@@ -46,8 +46,9 @@ def test_xacro_expands_its_files(path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_where_xacro_is_missing_it_is_said_how_to_go_on(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(xacro.shutil, "which", lambda _: None)
-    monkeypatch.setattr(xacro.importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(ModelError, match=r"needs xacro, which is not installed.*pip install xacro.*> robot\.urdf"):
+    plain = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "xacro" else plain(name))
+    with pytest.raises(ModelError, match=r"needs xacro, which is not installed.*> robot\.urdf.*-m pip install xacro$"):
         robot_text(path)
 
 

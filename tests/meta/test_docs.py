@@ -116,11 +116,20 @@ def test_readme_has_its_examples() -> None:
 def test_shell_commands_exist(page: str, line: str) -> None:
     program, *words = shlex.split(line)
     if program == "python3":
-        tasks = runpy.run_path(str(ROOT / "dev.py"))["EXTRAS"]
+        tasks = runpy.run_path(str(ROOT / "dev.py"))["TASKS"]
         assert words[0] == "dev.py"
         assert words[1] in tasks
+        if words[1] != "run" or words[2:] in ([], ["--help"]):
+            return
+        words = words[2:]
+    elif program in ("pip", "pipx"):
+        assert_installs(*words)
         return
-    assert program == "dynident"
+    elif program == "source":
+        assert words == [".venv/bin/activate"]
+        return
+    else:
+        assert program == "dynident"
     command = main.commands.get(words[0])
     assert command is not None, f"{page}: no command {words[0]!r}"
     if "--help" not in words and len(words) > 1:
@@ -128,9 +137,26 @@ def test_shell_commands_exist(page: str, line: str) -> None:
         command.make_context(words[0], words[1:], parent=parent)  # raises for an unknown option or a missing value
 
 
+def assert_installs(command: str, *targets: str) -> None:
+    """The clone with extras that there are, or packages that pyproject.toml names: dynident is on no index."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    known = {re.split(r"[<>=; ]", one)[0] for wanted in (project["dependencies"], *extras.values()) for one in wanted}
+    assert command == "install"
+    for target in targets:
+        own = re.fullmatch(r"\.(?:\[(.+)\])?", target)
+        assert set((own[1] or "hdf5").split(",")) <= set(extras) if own else target in known, target
+
+
+def test_no_page_and_no_message_installs_dynident_from_an_index() -> None:
+    for path in (*PAGES, *SOURCE.rglob("*.py")):
+        found = re.findall(r"install \S*dynident\S*", path.read_text(encoding="utf-8"))
+        assert found == [], path
+
+
 def test_the_pages_show_the_main_commands() -> None:
     shown = {line for page, line in commands() if page == "README.md"}
-    assert {"python3 dev.py demo", "python3 dev.py test"} <= shown
+    assert {"python3 dev.py demo", "python3 dev.py run --help"} <= shown
     assert any(line.startswith("dynident identify") for line in shown)
 
 

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 SETTINGS: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT: dict[str, Any] = SETTINGS["project"]
-TASKS: dict[str, str] = runpy.run_path(str(ROOT / "dev.py"))["EXTRAS"]
+TASKS: dict[str, Any] = runpy.run_path(str(ROOT / "dev.py"))["TASKS"]
 
 
 def read(path: Path) -> Any:

@@ -27,7 +27,9 @@ def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None: 
         ctx.exit()
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    "dynident", cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.option(
     "--debug",
     is_flag=True,

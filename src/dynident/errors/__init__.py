@@ -3,6 +3,7 @@
 from dynident.errors.brief import brief, changed, listed, shortened
 from dynident.errors.errors import ConfigError, DynidentError, InputError, ModelError, choices
 from dynident.errors.finding import Finding
+from dynident.errors.install import install_command
 from dynident.errors.note import Note, Remark, Severity, Use
 from dynident.errors.part import called
 from dynident.errors.step import Step
@@ -22,6 +23,7 @@ __all__ = [
     "called",
     "changed",
     "choices",
+    "install_command",
     "listed",
     "shortened",
 ]

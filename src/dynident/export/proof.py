@@ -43,7 +43,7 @@ def prove(written: Written, identified: Identified, states: States, exporter: Ex
     skipped: list[str] = []
     for name, reader in exporter.readers.items():
         if name == "MuJoCo" and importlib.util.find_spec("mujoco") is None:
-            skipped.append("MuJoCo is not installed (the extra `mujoco`)")
+            skipped.append("MuJoCo is not installed (the package `mujoco`)")
             continue
         try:
             found[name] = _difference(reader(written.text, identified, states), expected)

@@ -1,4 +1,4 @@
-"""Numeric arrays of HDF5 files and of MATLAB files of version 7.3, by the library h5py (extra ``hdf5``).
+"""Numeric arrays of HDF5 files and of MATLAB files of version 7.3, by the package h5py.
 
 Nothing outside the file is opened: links to other files, and data in them, are reported as such.
 """
@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError
+from dynident.errors import InputError, install_command
 from dynident.io.arrays import Found, StoredArray, held
 from dynident.io.matlab import described
 from dynident.io.opener import memory
@@ -44,13 +44,13 @@ def opened_hdf5(file: BinaryIO, source: str) -> Iterator[dict[str, Found]]:
 
     Fields of MATLAB's structs are named ``struct.field``, as those of older files. Arrays written by MATLAB are
     transposed to MATLAB's own shape. A group with several names is read under one. Raises
-    InputError where the extra is not installed, and almost any exception where the file is damaged.
+    InputError where h5py is not installed, and almost any exception where the file is damaged.
     """
     try:
         import h5py
     except ImportError as error:
         raise InputError(
-            f'{source}: to read HDF5 (MATLAB 7.3), install the extra "hdf5": pip install "dynident[hdf5]"'
+            f"{source}: HDF5 (MATLAB 7.3) is read by h5py; install it by: {install_command('h5py')}"
         ) from error
     size = file.seek(0, 2)
     with h5py.File(file, "r") as content:

@@ -1,4 +1,4 @@
-"""Joint states from ROS 1 bags, ROS 2 bags and MCAP files, by the library rosbags (extra ``ros``).
+"""Joint states from ROS 1 bags, ROS 2 bags and MCAP files, by the package rosbags.
 
 Only topics of type sensor_msgs/JointState are decoded, with the published definition of that type; all else in a bag,
 custom types included, is ignored.
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError
+from dynident.errors import InputError, install_command
 from dynident.io.bag_files import chunks_within_budget, examine_files
 from dynident.io.opener import afford, memory
 
@@ -78,7 +78,7 @@ def parse_bag(path: Path) -> tuple[dict[str, Array], dict[str, str], tuple[str, 
     other group begin with ``<topic>/``, so that columns of one prefix share their rows. The first group is one with
     positions and efforts, of the most joints. Times are in s since the first message, exact to 1 ns before they
     become floats: of the header stamps, or of the receipt where headers are not stamped. Raises InputError where the
-    bag has no joint states or the extra is not installed, and almost any exception where it is damaged.
+    bag has no joint states or rosbags is not installed, and almost any exception where it is damaged.
     """
     examine_files(path)
     groups, notes = _groups(path)
@@ -144,7 +144,7 @@ def _opened(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
         from rosbags.rosbag2 import Reader as Reader2
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise InputError(f'{path}: to read bags, install the extra "ros": pip install "dynident[ros]"') from error
+        raise InputError(f"{path}: bags are read by rosbags; install it by: {install_command('rosbags')}") from error
     if path.suffix.lower() == ".bag" and not path.is_dir():
         return Reader1(path), get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
     return Reader2(path), get_typestore(Stores.LATEST).deserialize_cdr

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from threading import Timer
 
-from dynident.errors import ModelError
+from dynident.errors import ModelError, install_command
 from dynident.io.opener import XML_WEIGHT, find, keep, memory, real
 
 __all__ = ["XACRO", "expand"]
@@ -21,8 +21,8 @@ __all__ = ["XACRO", "expand"]
 XACRO = ".xacro"
 LONGEST = 60.0  # s
 ADVICE = (
-    "Install it with `pip install xacro`, or expand the file where ROS is installed, with "
-    "`xacro robot.urdf.xacro > robot.urdf`, and name robot.urdf."
+    "expand the file where ROS is installed, with `xacro robot.urdf.xacro > robot.urdf`, and name robot.urdf; or "
+    "install xacro by: "
 )
 
 
@@ -55,7 +55,7 @@ def _program(path: Path) -> list[str]:
     if (command := shutil.which("xacro")) is not None:
         return [command]
     if importlib.util.find_spec("xacro") is None:
-        raise ModelError(f"{path}: needs xacro, which is not installed. {ADVICE}")
+        raise ModelError(f"{path}: needs xacro, which is not installed: {ADVICE}{install_command('xacro')}")
     return [sys.executable, "-P", "-c", "from xacro import main; main()"]
 
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError, listed
+from dynident.errors import ModelError, install_command, listed
 from dynident.models.inertia import consistency_violations
 from dynident.models.robot_file import (
     Arm,
@@ -35,10 +35,7 @@ __all__ = ["RigidBodies", "read_robot_file"]
 
 Array = NDArray[np.float64]
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
-ADVICE = (
-    "Install it with `pip install pin` on Linux and macOS; on Windows, where there is no wheel, with "
-    "`conda install -c conda-forge pinocchio`."
-)
+WINDOWS = "on Windows, where pip has no wheel of it: conda install -c conda-forge pinocchio"
 SDF = " SDF is not read: export the robot as a URDF, from which most SDF files are made, or as an MJCF."
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 MEANINGS = (
@@ -343,7 +340,11 @@ def _pinocchio() -> Any:
     try:
         module = importlib.import_module("pinocchio")
     except ImportError as error:
-        raise ModelError(f"Robot files need Pinocchio, which cannot be imported ({error}). {ADVICE}") from error
+        raise ModelError(f"Robot files need Pinocchio, which cannot be imported ({error}). {_advice()}") from error
     if not hasattr(module, "computeJointTorqueRegressor"):
-        raise ModelError(f"The installed package 'pinocchio' is not the robotics library. {ADVICE}")
+        raise ModelError(f"The installed package 'pinocchio' is not the robotics library. {_advice()}")
     return module
+
+
+def _advice() -> str:
+    return f"Install it, {WINDOWS}; elsewhere: {install_command('pin')}"

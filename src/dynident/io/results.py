@@ -28,6 +28,7 @@ __all__ = [
     "probe_folder",
     "read_table",
     "table_kind",
+    "write_bytes",
     "write_json",
     "write_table",
     "write_text",
@@ -71,7 +72,7 @@ def probe_folder(folder: str | Path) -> None:
 
 def write_text(path: str | Path, text: str) -> Path:
     """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
-    return _write(as_path(path), text.encode("utf-8", "backslashreplace"))
+    return write_bytes(as_path(path), text.encode("utf-8", "backslashreplace"))
 
 
 def write_json(path: str | Path, data: Any) -> Path:
@@ -95,7 +96,7 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
         frame.write_parquet(buffer)
     else:
         frame.write_csv(buffer)
-    return _write(path, buffer.getvalue())
+    return write_bytes(path, buffer.getvalue())
 
 
 def read_table(path: str | Path) -> pl.DataFrame:
@@ -169,7 +170,8 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _write(path: Path, data: bytes) -> Path:
+def write_bytes(path: Path, data: bytes) -> Path:
+    """Write bytes and return the path; folders are made. Raises InputError where that is impossible."""
     try:
         write_whole(path, data)
     except (OSError, ValueError) as error:

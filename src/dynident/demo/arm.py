@@ -72,7 +72,7 @@ JOINTS = (
     DemoJoint("wrist_pitch", (0, 0, 0.24), Y, 2.0, 40, 4.5, 0.18, 1.4, 0.6, 0.15, 40, 30),
     DemoJoint("wrist_roll", (0, 0, 0.09), Z, 2.9, 20, 5.0, 0.07, 0.5, 0.25, -0.08, 40, 11),
 )
-BASE = DemoLink("base", Capsule((0, 0, 0.07), (0, 0, 0.09), 0.09), 6.0)
+BASE = DemoLink("base", Capsule((0, 0, 0), (0, 0, 0.02), 0.06), 6.0)  # clear of the shoulder
 LINKS = (
     DemoLink("shoulder", Capsule((0, 0, 0), (0, 0, 0.18), 0.075), 4.6, 3.1, 2.0, (0.0, -0.03, 0.15)),
     DemoLink("upper_arm", Capsule((0, 0.03, 0), (0, 0.03, 0.42), 0.065), 6.4, 4.4, 2.5, (0.01, 0.06, 0.37)),

@@ -126,11 +126,9 @@ def _compare(screen: Screen, found: Comparison) -> None:
         f"one; with the inertias of arm.urdf it would be {number(found.file_error, 2)} %, the friction being known."
     )
     screen.say(
-        f"Of the {found.base} base parameters, {found.within} are within 1.96 of their standard errors, which should "
-        "hold 95 %."
+        f"Of the {found.base} base parameters, {found.within} are within 1.96 of their standard errors, where 95 % "
+        "should be."
     )
-    rows = [
-        (one.name, number(one.found, 4), number(one.true, 4), number(one.std, 2), one.unit) for one in found.values
-    ]
+    rows = [(one.name, number(one.found, 4), number(one.true, 4), number(one.std, 2), one.unit) for one in found.values]
     titles = (Column("", numeric=False), Column("found"), Column("true"), Column("std. error"))
     screen.show(PageTable((*titles, Column("unit", numeric=False)), tuple(rows)))

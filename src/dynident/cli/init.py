@@ -43,9 +43,7 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     _remarks(written, out, notes)
 
 
-def drafted(
-    robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], None]
-) -> tuple[ConfigDraft, list[str]]:
+def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], None]) -> tuple[ConfigDraft, list[str]]:
     """Return the configuration drafted for a folder, and notes on what was read."""
     from dynident.io.column_mapping import map_columns
     from dynident.io.config_draft import draft_config, same_columns

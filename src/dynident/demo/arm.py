@@ -6,7 +6,8 @@ that no drawing has: masses are 5 to 15 % off and centres some cm, as of real ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,9 @@ def controller() -> str:
         f"kp: {joint.kp}, kv: {joint.kv}, saturation: {joint.effort} }}"
         for joint in JOINTS
     ]
-    head = "simulation:  # of the recordings, in the loop of the controller that the arm had: kp in 1/s, kv in N m s/rad"
+    head = (
+        "simulation:  # of the recordings, in the loop of the controller that the arm had: kp in 1/s, kv in N m s/rad"
+    )
     return "\n".join(("", head, "  kind: cascade", "  joints:", *lines)) + "\n"
 
 
@@ -132,7 +135,7 @@ def _link(link: DemoLink) -> str:
   <link name="{link.name}">
     <inertial>
       <origin xyz="{_vector(centre)}"/>
-      <mass value="{_number(mass)}"/>
+      <mass value="{_number(float(mass))}"/>
       <inertia {values}/>
     </inertial>
     <visual>{mesh}</visual>
@@ -151,8 +154,8 @@ def _joint(joint: DemoJoint, parent: DemoLink, child: DemoLink) -> str:
   </joint>"""
 
 
-def _vector(values: NDArray[np.float64] | Vector) -> str:
-    return " ".join(map(_number, values))
+def _vector(values: Iterable[float]) -> str:
+    return " ".join(_number(float(value)) for value in values)
 
 
 def _number(value: float) -> str:

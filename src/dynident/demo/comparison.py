@@ -75,8 +75,9 @@ def _values(found: Identification) -> tuple[Compared, ...]:
         std = None if offset.std is None else 1e3 * offset.std
         lines.append(Compared("time offset", 1e3 * offset.seconds, 1e3 * truth.time_offset, std, "ms"))
     if tilt is not None:
-        turned = zip("xy", (tilt.x, tilt.y), truth.tilt, tilt.std, strict=True)
-        lines += [Compared(f"tilt about {axis}", *np.rad2deg(angles).tolist(), "deg") for axis, *angles in turned]
+        for axis, *angles in zip("xy", (tilt.x, tilt.y), truth.tilt, tilt.std, strict=True):
+            value, true, std = np.rad2deg(angles).tolist()
+            lines.append(Compared(f"tilt about {axis}", value, true, std, "deg"))
     lines.append(Compared("gravity, arm stretched out", _held(found), _held(None), None, "N m"))
     known = dict(zip(truth.model.names, truth.value.tolist(), strict=True))
     for k, one in enumerate(found.model.parameters):

@@ -12,7 +12,7 @@ from dynident.demo.arm import JOINTS, TIME_OFFSET, true_model, true_values
 from dynident.log import Motion
 from dynident.validation import CascadePD, free_run
 
-__all__ = ["DAYS", "SEED", "Day", "fourier", "recorded", "smooth_motion"]
+__all__ = ["DAYS", "SEED", "Day", "fourier", "recorded"]
 
 Array = NDArray[np.float64]
 SEED = 12
@@ -76,9 +76,9 @@ def fourier(rng: np.random.Generator, day: Day, t: Array) -> tuple[Array, Array,
 def recorded(rng: np.random.Generator, day: Day, duration: float | None = None) -> pl.DataFrame:
     """Return the log of a day, or of its first seconds: time, and by joint position, torque, and reference."""
     lead, rows = round(BEFORE / STEP), round((duration or day.duration) / STEP / EVERY)
-    t = STEP * np.arange(-lead, EVERY * rows + 1)
+    t: Array = STEP * np.arange(-lead, EVERY * rows + 1, dtype=np.float64)
     reference, speed, _ = fourier(rng, day, t)
-    reference = np.round(reference, 5)
+    reference = np.asarray(np.round(reference, 5), dtype=np.float64)
     names = tuple(joint.name for joint in JOINTS)
     still = np.zeros_like(reference)
     start = Motion(t, reference, speed, still, still, names, np.ones(len(t), dtype=bool), day.name)
@@ -88,9 +88,11 @@ def recorded(rng: np.random.Generator, day: Day, duration: float | None = None) 
     run = free_run(true_model(), true_values(), start, _Encoders(drives))
     rows_logged = lead + EVERY * np.arange(rows)
     last = rows_logged + round(TIME_OFFSET / STEP + EVERY / 2)  # of the cycles whose mean is reported
-    tau = np.mean([run.tau[last - k] for k in range(1, EVERY + 1)], axis=0) + effort * NOISE * _coloured(rng, rows, len(names))
+    tau = np.mean([run.tau[last - k] for k in range(1, EVERY + 1)], axis=0) + effort * NOISE * _coloured(
+        rng, rows, len(names)
+    )
     return _table(
-        EVERY * STEP * np.arange(rows),
+        t[rows_logged],
         ENCODER * np.round(run.q[rows_logged] / ENCODER),
         TORQUE * np.round(tau / TORQUE),
         reference[rows_logged],

@@ -121,7 +121,7 @@ def urdf() -> str:
     head = (
         "<!-- The arm of `dynident demo`: drawn for it, no product. Its inertias are those of solid capsules. -->",
         '<robot name="demo_arm">',
-        '  <mujoco><compiler meshdir="meshes" balanceinertia="false" discardvisual="false"/></mujoco>',
+        '  <mujoco><compiler strippath="false"/></mujoco>',
     )
     return "\n".join((*head, *links, *joints, "</robot>")) + "\n"
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynident.demo import Comparison
     from dynident.identification import Identification
 
-__all__ = ["demo"]
+__all__ = ["demo", "tilted"]
 
 LOGS = ("monday.parquet", "tuesday.parquet")
 FILE, TILT = "  file: arm.urdf\n", "  base_tilt: estimate"
@@ -67,7 +67,7 @@ def _init(screen: Screen, out: Path) -> str:
     _command(screen, f"$ dynident init arm.urdf {' '.join(LOGS)} -o robot.yaml")
     with status() as say:
         text = drafted(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out, say)[0].text
-    if os.path.lexists(config) and config.read_text(encoding="utf-8") not in (text, _tilted(text)):
+    if os.path.lexists(config) and config.read_text(encoding="utf-8") not in (text, tilted(text)):
         raise InputError(f"{config}: exists already, and is not the one that is drafted; give another folder by --out.")
     write_text(config, text)
     screen.say("robot.yaml names the column and unit of each joint's position and torque.")
@@ -90,11 +90,12 @@ def _check(screen: Screen, out: Path, text: str) -> None:
     for finding in checked.findings:
         if finding.severity is not Severity.INFO:
             screen.say(finding_words(finding))
-    write_text(config, _tilted(text))
+    write_text(config, tilted(text))
     screen.say(f"The base is indeed tilted, so robot.yaml says now, below its file: {TILT.strip()}")
 
 
-def _tilted(text: str) -> str:
+def tilted(text: str) -> str:
+    """Return the draft with the tilt of the base to be estimated."""
     return text.replace(FILE, f"{FILE}{TILT}\n", 1)
 
 

@@ -20,13 +20,13 @@ def folder(tmp_path: Path) -> Path:
 
 def test_the_draft_needs_no_answer_and_takes_the_tilt(folder: Path) -> None:
     draft, notes = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
-    assert not (draft.questions or draft.blanks or draft.notes or notes)
+    assert [*draft.questions, *draft.blanks, *draft.notes, *notes] == []
     assert draft.text.count(FILE) == 1
     assert tilted(draft.text) == draft.text.replace(FILE, f"{FILE}{TILT}\n")
     project = parse_project(tilted(draft.text) + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()
     assert project.recipe.base_tilt == "estimate"
-    assert not (warnings or project.warnings or project.model.notes)
+    assert (*warnings, *project.warnings, *project.model.notes) == ()
     assert [len(log) for log in (*logs["train"].values(), *logs["validation"].values())] == [5000, 3750]
     assert all(log.controller is not None for log in logs["train"].values())
 

@@ -39,7 +39,9 @@ class Capsule:
         """Return the surface as binary STL, normals outwards."""
         corners = self._corners()
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+        there = sizes[:, 0] > 0  # a ball has no cylinder
+        corners, normals = corners[there], normals[there] / sizes[there]
         facets = np.zeros(len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
         facets["normal"], facets["corners"] = normals, corners
         return b"dynident demo arm".ljust(80) + len(corners).to_bytes(4, "little") + facets.tobytes()
@@ -47,8 +49,10 @@ class Capsule:
     def _corners(self) -> Array:
         """Return the corners (facets, 3, 3) of triangles, counter-clockwise from outside."""
         x, y, z = _frame(np.subtract(self.end, self.start))
-        up = np.linspace(-np.pi / 2, np.pi / 2, 2 * ALONG)  # the two in the middle are the ends of the cylinder
-        up[ALONG - 1], up[ALONG] = 0.0, 0.0
+        up = np.linspace(-np.pi / 2, np.pi / 2, 2 * ALONG)
+        up[ALONG - 1], up[ALONG] = 0.0, 0.0  # the ends of the cylinder
+        across = np.cos(up)
+        across[0], across[-1] = 0.0, 0.0
         turn = 2 * np.pi * np.arange(AROUND) / AROUND
         ring = np.outer(np.cos(turn), x) + np.outer(np.sin(turn), y)
         middle = np.where(np.arange(len(up))[:, None] < ALONG, self.start, self.end)

@@ -56,9 +56,8 @@ class Capsule:
         turn = 2 * np.pi * np.arange(AROUND) / AROUND
         ring = np.outer(np.cos(turn), x) + np.outer(np.sin(turn), y)
         middle = np.where(np.arange(len(up))[:, None] < ALONG, self.start, self.end)
-        rings = (middle + self.radius * np.outer(np.sin(up), z))[:, None] + self.radius * np.cos(up)[
-            :, None, None
-        ] * ring
+        axes = middle + self.radius * np.outer(np.sin(up), z)
+        rings = axes[:, None] + self.radius * across[:, None, None] * ring
         low, high = rings[:-1], rings[1:]
         following = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)
         first = np.stack((low, following[0], following[1]), axis=2)[1:]  # the first ring is a point

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynident.export import Urdf, export, identified_urdf, random_states
+from dynident.export import Urdf, export, identified_urdf, random_states, relocated
 from tests.export.arms import STATES, arm
 from tests.robots import ARM, joint, link, urdf
 
@@ -38,3 +38,16 @@ def test_a_root_that_is_not_declared_is_no_obstacle():
     made = export(arm(text), Urdf(), STATES)
     assert made.ready, made.refusal
     assert "Pinocchio" in made.proof.readers
+
+
+def test_relative_file_names_lead_from_another_folder_to_the_same_files():
+    text = ARM.replace(
+        "</robot>",
+        '<mujoco><compiler meshdir="parts" strippath="false"/></mujoco>'
+        '<link name="x"><visual><geometry><mesh filename="parts/x.stl" scale="1 1 1"/></geometry></visual></link>'
+        '<link name="y"><visual><geometry><mesh filename="package://arm/y.stl"/></geometry></visual></link>'
+        '<link name="z"><visual><geometry><mesh filename="/parts/z.stl"/></geometry></visual></link></robot>',
+    )
+    made = relocated(text, "../..")
+    assert '<compiler meshdir="../../parts" strippath="false"/>' in made
+    assert made == text.replace('="parts', '="../../parts')

@@ -9,6 +9,9 @@ import yaml
 
 import dynident as dy
 from dynident.errors import ConfigError
+from dynident.export import Export, Written
+from dynident.identification import SourceFile, Sources
+from dynident.io.model_files import moved_to
 from tests.io.test_shortcuts import sliding
 
 
@@ -26,3 +29,23 @@ class TestExportModel:
     def test_mistakes_are_named(self, found: dy.Identification, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="no format 'yml' of this model; did you mean 'yaml'"):
             dy.export_model(found, tmp_path, "yml")
+
+
+class TestMovedTo:
+    MESH = '<robot name="one"><link name="a"><visual><geometry><mesh filename="{}"/></geometry></visual></link></robot>'
+
+    @pytest.mark.parametrize(
+        ("place", "name"), [("arm", "a.stl"), ("arm/result", "../a.stl"), ("other", "../arm/a.stl")]
+    )
+    def test_meshes_are_found_from_the_new_folder(self, tmp_path: Path, place: str, name: str) -> None:
+        made = Export("urdf", "one.identified.urdf", Written(self.MESH.format("a.stl")))
+        (moved,) = moved_to(tmp_path / place, [made], Sources(model=SourceFile(str(tmp_path / "arm" / "one.urdf"))))
+        assert moved.written is not None
+        assert moved.written.text == self.MESH.format(name)
+
+    def test_only_a_robot_file_of_which_the_place_is_known_changes(self, tmp_path: Path) -> None:
+        urdf, refused = Export("urdf", "one.urdf", Written(self.MESH.format("a.stl"))), Export("urdf", "two.urdf")
+        other = Export("yaml", "parameters.yaml", Written("text"))
+        known = Sources(model=SourceFile(str(tmp_path / "one.urdf")))
+        assert moved_to(tmp_path / "out", [urdf], Sources()) == (urdf,)
+        assert moved_to(tmp_path / "out", [refused, other], known) == (refused, other)

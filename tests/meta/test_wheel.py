@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -96,3 +97,22 @@ def test_the_installed_command_writes_a_report(installed: Path, tmp_path: Path) 
     """The page's templates are read from the wheel."""
     run(installed / "dynident", "reproduce", "--runs", "1", "--methods", "spline", "--out", "out", folder=tmp_path)
     assert "<html" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) -> None:
+    """In a folder whose name has a blank: its data come with the wheel, and the identified robot has its meshes."""
+    place = tmp_path / "a first day"
+    place.mkdir()
+    shown = run(installed / "dynident", "demo", folder=place)
+    commands = [line.split()[2] for line in shown.splitlines() if line.startswith("$ dynident")]
+    assert commands == ["init", "check", "identify"]
+    assert "1 warning" in shown
+    assert "The base is tilted by 1.2" in shown
+    assert "Good for control" in shown
+    arm = place / "arm-out"
+    assert {path.name for path in arm.iterdir()} >= {"arm.urdf", "meshes", "robot.yaml", "controller.yaml", "result"}
+    result = arm / "result"
+    assert {"result.json", "report.html", "model.py", "parameters.yaml"} <= {path.name for path in result.iterdir()}
+    names = re.findall(r'<mesh filename="(.*?)"', (result / "arm.identified.urdf").read_text(encoding="utf-8"))
+    assert len(names) == 14
+    assert all((result / name).is_file() for name in names)

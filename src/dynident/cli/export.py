@@ -51,6 +51,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     from dynident.export import Identified, random_states
     from dynident.export import export as make
     from dynident.io.families import EXPORTERS
+    from dynident.io.model_files import moved_to
     from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import probe_folder, write_text
     from dynident.io.saved import load
@@ -63,7 +64,8 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     found, exporter = load(result, allow_code=allow_code), EXPORTERS.get(kind)()
     refuse_inputs(out)
     estimate, states = found.estimate, random_states(len(found.model.joints), np.random.default_rng(0))
-    made = make(Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance)), exporter, states)
+    identified = Identified(found.model, estimate.value, estimate.std, tuple(estimate.provenance))
+    (made,) = moved_to(out.parent, [make(identified, exporter, states)], found.provenance)
     if not made.ready or made.written is None or made.proof is None:
         raise ModelError(f"{out}: not written: {made.refusal}")
     screen = console()

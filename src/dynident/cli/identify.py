@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dynident.io.folder import ResultFolder
     from dynident.io.project import Project
 
-__all__ = ["identify"]
+__all__ = ["identify", "write_result"]
 
 MOST_STEPS = 6  # in a terminal; the report has all
 
@@ -31,6 +31,7 @@ def identify(config: Path, out: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.export import export_files, exports
     from dynident.io.folder import result_folder
+    from dynident.io.model_files import moved_to
     from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
     from dynident.report import identification_notes, identification_tables
@@ -46,9 +47,9 @@ def identify(config: Path, out: Path | None) -> None:
                 refuse_inputs(*(out / name for name in names))
             found = project.identify(say)
             say("writing and verifying the model")
-            made = exports(found) if folder else ()
+            made = moved_to(folder.path, exports(found), found.provenance) if folder else ()
         # written before anything is printed: the reader of a pipe may close it early
-        written = _write(folder, found, made) if folder else []
+        written = write_result(folder, found, made) if folder else []
     screen = console()
     verdict, steps = verdict_text(found)
     screen.say(verdict, "bold")
@@ -76,7 +77,7 @@ def _next(config: Path, out: Path | None, project: Project) -> Iterator[str]:
     yield f"To export the model: {command('export', result, '--format', 'numpy', '--out', out / 'arm.py')}"
 
 
-def _write(folder: ResultFolder, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
+def write_result(folder: ResultFolder, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
     """Write the model's files, result.json and report.html; return what was written where."""
     from dynident.io.result_write import result_data
     from dynident.io.results import json_text

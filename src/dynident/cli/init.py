@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from dynident.cli.terminal import console, status, tell
 if TYPE_CHECKING:
     from dynident.io.config_draft import ConfigDraft
 
-__all__ = ["init"]
+__all__ = ["drafted", "init"]
 
 
 @click.command(short_help="Draft a configuration for your robot and logs.")
@@ -30,30 +31,37 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
     one log together are joined by a plus sign: q.csv+tau.csv.
     """
     from dynident.errors import InputError
-    from dynident.io.column_mapping import map_columns
-    from dynident.io.config_draft import draft_config, same_columns
     from dynident.io.opener import keep, refuse_inputs
     from dynident.io.results import write_text
-    from dynident.io.robot import SUFFIXES
-    from dynident.io.sources import read_joints, read_source
 
     if os.path.lexists(out) and not force:
         raise InputError(f"{out}: exists already; choose another name with -o, or overwrite it with --force.")
     for file in (robot, robot.rpartition(":")[0], *logs, *(file.strip() for log in logs for file in log.split("+"))):
         keep(file)
     refuse_inputs(out)
+    with status() as say:
+        written, notes = drafted(robot, logs, out.parent, say)
+    tell(console(), "Configuration", write_text(out, written.text))
+    _remarks(written, out, notes)
+
+
+def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], None]) -> tuple[ConfigDraft, list[str]]:
+    """Return the configuration drafted for a folder, and notes on what was read."""
+    from dynident.io.column_mapping import map_columns
+    from dynident.io.config_draft import draft_config, same_columns
+    from dynident.io.robot import SUFFIXES
+    from dynident.io.sources import read_joints, read_source
+
     joints = read_joints(robot)
     sources = []
-    with status() as say:
-        for log in logs:
-            say(f"reading {log}")
-            sources.append(read_source(log))
+    for log in logs:
+        say(f"reading {log}")
+        sources.append(read_source(log))
     first, *others = (source.table for source in sources)
     found = map_columns(first, joints, sources[0].ros, others, lockable=Path(robot).suffix.lower() in SUFFIXES)
     same_columns(found, sources)
-    written = draft_config(robot, joints, found, sources, out.parent)
-    tell(console(), "Configuration", write_text(out, written.text))
-    _remarks(written, out, [note for source in sources for note in source.table.notes])
+    notes = [note for source in sources for note in source.table.notes]
+    return draft_config(robot, joints, found, sources, folder), notes
 
 
 def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:

@@ -15,7 +15,7 @@ from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
 from dynident.export.proof import prove, random_states, spread
-from dynident.export.urdf import identified_urdf
+from dynident.export.urdf import identified_urdf, relocated
 from dynident.export.written import Export, FileError, Proof, Written
 from dynident.identification import Identification
 from dynident.models import Model
@@ -42,6 +42,7 @@ __all__ = [
     "identified_yaml",
     "prove",
     "random_states",
+    "relocated",
     "spread",
 ]
 

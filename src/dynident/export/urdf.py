@@ -14,10 +14,11 @@ from dynident.export.placement import moves, placed
 from dynident.export.written import Written
 from dynident.models import RigidBodies, to_physical
 
-__all__ = ["identified_urdf", "numbers_text"]
+__all__ = ["identified_urdf", "numbers_text", "relocated"]
 
 Array = NDArray[np.float64]
 EARTH = (0.0, 0.0, -9.81)
+FILES = {"mesh": ("filename",), "texture": ("filename",), "compiler": ("meshdir", "texturedir", "assetdir")}
 TENSOR = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
@@ -47,6 +48,21 @@ def identified_urdf(identified: Identified) -> Written:
     gravity = [] if bodies.gravity == EARTH else [f"gravity {bodies.gravity} m/s^2 in the frame of the root link"]
     notes = (*moves(identified, best), *found.notes, *shares.notes, *standing(bodies, shares))
     return Written(str(text), (*found.left_out, *gravity), notes)
+
+
+def relocated(xml: str, way: str) -> str:
+    """Return a URDF for another folder, from which ``way`` leads to the one that its relative file names start at.
+
+    These are those of meshes and textures, and the folders that MuJoCo's <compiler> names; URIs are left as they are.
+    """
+    text = Text(xml)
+    for node in text.root.walk():
+        keys = FILES.get(node.tag, ())
+        names = {key: node.attributes[key] for key in keys if node.attributes.get(key)}
+        moved = {key: f"{way}/{name}" for key, name in names.items() if not (":" in name or name.startswith("/"))}
+        if moved:
+            text.set(node, moved)
+    return str(text)
 
 
 def numbers_text(values: Iterable[float]) -> str:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from dynident.errors import ConfigError, InputError, ModelError, choices
-from dynident.export import Export, exports
-from dynident.identification import Identification
+from dynident.export import Export, exports, relocated
+from dynident.identification import Identification, Sources
 from dynident.io.folder import result_folder
-from dynident.io.opener import refuse_inputs, watched
+from dynident.io.opener import real, refuse_inputs, watched
 from dynident.io.results import as_path
 from dynident.io.saved import source_files
 
-__all__ = ["export_model"]
+__all__ = ["export_model", "moved_to"]
 
 
 def export_model(found: Identification, folder: str | Path, format: str | None = None) -> tuple[Path, ...]:  # noqa: A002
@@ -36,11 +39,29 @@ def export_model(found: Identification, folder: str | Path, format: str | None =
     if not isinstance(found, Identification):
         raise InputError(f"export_model: a {type(found).__name__} is given; give the Identification.")
     folder = as_path(folder)
-    chosen = _exported(found, format)
+    chosen = moved_to(folder, _exported(found, format), found.provenance)
     with watched(*source_files(found.provenance)):
         refuse_inputs(*(folder / one.file for one in chosen))
         with result_folder(folder) as held:
             return held.replace({one.file: one.written.text for one in chosen if one.written is not None and one.ready})
+
+
+def moved_to(folder: Path, made: Iterable[Export], sources: Sources) -> tuple[Export, ...]:
+    """Return exports for a folder: in a URDF the names of meshes, relative to its own folder, lead there from this."""
+    start = None if sources.model is None else real(Path(sources.model.path).parent)
+    if start is None or start == real(folder):
+        return tuple(made)
+    try:
+        way = Path(os.path.relpath(start, real(folder))).as_posix()
+    except ValueError:  # another drive
+        way = start.as_posix()
+    return tuple(_moved(one, way) for one in made)
+
+
+def _moved(one: Export, way: str) -> Export:
+    if one.format != "urdf" or one.written is None:
+        return one
+    return replace(one, written=replace(one.written, text=relocated(one.written.text, way)))
 
 
 def _exported(found: Identification, name: str | None) -> list[Export]:

@@ -29,6 +29,7 @@ __all__ = [
     "probe_folder",
     "read_table",
     "table_kind",
+    "write_bytes",
     "write_json",
     "write_table",
     "write_text",
@@ -90,7 +91,7 @@ def append_log(path: Path, head: str) -> IO[str]:
 
 def write_text(path: str | Path, text: str) -> Path:
     """Write UTF-8 text and return the path; folders are made. Raises InputError where that is impossible."""
-    return _write(as_path(path), text.encode("utf-8", "backslashreplace"))
+    return write_bytes(as_path(path), text.encode("utf-8", "backslashreplace"))
 
 
 def write_json(path: str | Path, data: Any) -> Path:
@@ -114,7 +115,7 @@ def write_table(path: str | Path, frame: pl.DataFrame) -> Path:
         frame.write_parquet(buffer)
     else:
         frame.write_csv(buffer)
-    return _write(path, buffer.getvalue())
+    return write_bytes(path, buffer.getvalue())
 
 
 def read_table(path: str | Path) -> pl.DataFrame:
@@ -188,7 +189,8 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _write(path: Path, data: bytes) -> Path:
+def write_bytes(path: Path, data: bytes) -> Path:
+    """Write bytes and return the path; folders are made. Raises InputError where that is impossible."""
     try:
         write_whole(path, data)
     except (OSError, ValueError) as error:

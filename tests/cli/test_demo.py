@@ -1,0 +1,48 @@
+"""``dynident demo``: what it refuses, and that its draft needs no answer; `tests/meta/test_wheel.py` runs it whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dynident.cli.demo import FILE, LOGS, TILT, tilted
+from dynident.cli.init import drafted
+from dynident.demo import demo_files
+from dynident.io.project import parse_project
+from tests.cli.commands import run
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return demo_files(tmp_path / "my arm")
+
+
+def test_the_draft_needs_no_answer_and_takes_the_tilt(folder: Path) -> None:
+    draft, notes = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
+    assert [*draft.questions, *draft.blanks, *draft.notes, *notes] == []
+    assert draft.text.count(FILE) == 1
+    assert tilted(draft.text) == draft.text.replace(FILE, f"{FILE}{TILT}\n")
+    project = parse_project(tilted(draft.text) + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
+    logs, warnings = project.logs()
+    assert project.recipe.base_tilt == "estimate"
+    assert (*warnings, *project.warnings, *project.model.notes) == ()
+    assert [len(log) for log in (*logs["train"].values(), *logs["validation"].values())] == [5000, 3750]
+    assert all(log.controller is not None for log in logs["train"].values())
+
+
+def test_an_edited_configuration_is_not_replaced(folder: Path) -> None:
+    (folder / "robot.yaml").write_text("model: mine.urdf\n")
+    done = run("demo", "--out", folder)
+    assert done.exit_code == 1
+    assert "robot.yaml: exists already" in done.output
+    assert (folder / "robot.yaml").read_text() == "model: mine.urdf\n"
+    assert not (folder / "result").exists()
+
+
+def test_a_folder_with_another_arm_is_refused(folder: Path) -> None:
+    (folder / "arm.urdf").write_text("<robot name='mine'/>")
+    done = run("demo", "--out", folder)
+    assert done.exit_code == 1
+    assert "arm.urdf: exists already" in done.output
+    assert (folder / "arm.urdf").read_text() == "<robot name='mine'/>"

@@ -10,7 +10,9 @@ import click
 
 from dynident.cli.identify import write_result
 from dynident.cli.init import drafted
-from dynident.cli.terminal import DIRECTORY, console, status
+from dynident.cli.launcher import command
+from dynident.cli.options import DIRECTORY
+from dynident.cli.terminal import console, status
 
 if TYPE_CHECKING:
     from dynident.cli.screen import Screen
@@ -21,13 +23,6 @@ __all__ = ["demo", "tilted"]
 
 LOGS = ("monday.parquet", "tuesday.parquet")
 FILE, TILT = "  file: arm.urdf\n", "  base_tilt: estimate"
-NEXT = (
-    ("look at the report", "open result/report.html in a browser"),
-    ("the torque of a recording", "dynident predict result/result.json tuesday.parquet"),
-    ("how accurate any method could be", "dynident bound robot.yaml"),
-    ("a free simulation in the controller's loop", "add the lines of controller.yaml to robot.yaml, identify again"),
-    ("your own robot", "dynident init YOUR.urdf LOG LOG"),
-)
 
 
 @click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
@@ -35,7 +30,7 @@ NEXT = (
 def demo(out: Path) -> None:
     """Identify a simulated arm whose truth is known, from its robot file and two recordings, which come with dynident.
 
-    The commands that do this are printed, and work in the folder, which is left to try others.
+    The commands that do this are printed, and the folder is left to try others.
     """
     from dynident.demo import compare_with_truth, demo_files
     from dynident.io.opener import keep
@@ -48,9 +43,23 @@ def demo(out: Path) -> None:
     _check(screen, out, _init(screen, out))
     found = _identify(screen, out)
     _compare(screen, compare_with_truth(found))
-    _command(screen, "Next, in that folder")
-    for what, how in NEXT:
-        screen.say(f"  {what}: {how}")
+    _command(screen, "Next")
+    for what, how in _next(out):
+        screen.remark(f"{what}:")
+        screen.remark(f"  {how}", whole=True)
+
+
+def _next(out: Path) -> tuple[tuple[str, str], ...]:
+    """Return what can be done with the folder, and how."""
+    config, result, free = out / "robot.yaml", out / "result", out / "free"
+    more = f"Add the lines of {out / 'controller.yaml'} to {config} for a free simulation in the loop of its controller"
+    return (
+        ("Look at the report, in a browser", str((result / "report.html").resolve())),
+        ("The torque of a recording", command("predict", result / "result.json", out / LOGS[1])),
+        ("How accurate any method could be", command("bound", config)),
+        (more, command("identify", config, "--out", free)),
+        ("Your own robot", command("init", "YOUR.urdf", "MONDAY.csv", "TUESDAY.csv")),
+    )
 
 
 def _command(screen: Screen, text: str) -> None:
@@ -64,7 +73,8 @@ def _init(screen: Screen, out: Path) -> str:
     from dynident.io.results import write_text
 
     config = out / "robot.yaml"
-    _command(screen, f"$ dynident init arm.urdf {' '.join(LOGS)} -o robot.yaml")
+    files = [out / name for name in ("arm.urdf", *LOGS)]
+    _command(screen, f"$ {command('init', *files, '-o', config)}")
     with status() as say:
         text = drafted(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out, say)[0].text
     if os.path.lexists(config) and config.read_text(encoding="utf-8") not in (text, tilted(text)):
@@ -83,7 +93,7 @@ def _check(screen: Screen, out: Path, text: str) -> None:
     from dynident.report.finding_words import finding_words
 
     config = out / "robot.yaml"
-    _command(screen, "$ dynident check robot.yaml")
+    _command(screen, f"$ {command('check', config)}")
     with status() as say:
         checked = parse_project(text, config).examine(say)
     screen.say(check_summary(checked))
@@ -106,7 +116,7 @@ def _identify(screen: Screen, out: Path) -> Identification:
     from dynident.io.project import read_project
     from dynident.report.verdict import verdict_text
 
-    _command(screen, "$ dynident identify robot.yaml --out result")
+    _command(screen, f"$ {command('identify', out / 'robot.yaml', '--out', out / 'result')}")
     with result_folder(out / "result") as folder:
         with status() as say:
             found = read_project(out / "robot.yaml", say).identify(say)

@@ -207,6 +207,15 @@ def _(note: notes.GravityCompensated) -> str:
 
 
 @words.register
+def _(note: notes.NoFriction) -> str:
+    return (
+        f"the torque shows almost no friction: at most {percent(note.share, 2)} of any joint's. Was it logged after "
+        "friction compensation, measured behind the gears, or simulated without friction? The model then gives the "
+        "torque of the links: for feedforward, add the friction of the drives."
+    )
+
+
+@words.register
 def _(note: notes.SlowMotion) -> str:
     return (
         f"accelerations explain only {percent(note.share, 2)} of the torque, less than the {percent(note.residual, 2)} "

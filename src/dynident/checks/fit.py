@@ -1,4 +1,4 @@
-"""What plain fits of the training show: torque without gravity or friction, motion too slow for inertias, logs that repeat."""
+"""What plain fits of the training show: torque without gravity or friction, slow motion, logs that repeat."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def compensation_findings(few: Regression) -> Iterator[Finding]:
 
 
 def friction_findings(few: Regression) -> Iterator[Finding]:
-    """Yield that the friction of no joint matters, though the model has it: then the torque is not that of the drives."""
+    """Yield that no joint shows the friction that the model has: the torque is then not that of the drives."""
     roles = np.array([one.role for one in few.model.parameters])
     factors = few.triangular_factors.factors
     size = np.square(factors[:, :, -1]).sum(axis=1)

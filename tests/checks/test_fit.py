@@ -54,7 +54,7 @@ def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_torque_without_friction_is_said(seed: int, shown: float) -> None:
     """Friction of which the torque shows so large a share."""
-    joints, bare = tuple(one.name for one in MODEL.joints), motion(seed)
+    joints, bare = MODEL.joints, motion(seed)
     model = Model((RigidBodies(ARM), Viscous(joints), Coulomb(joints)))
     slid = np.sign(bare.dq) + bare.dq / bare.dq.std(axis=0)
     tau = bare.tau + shown * bare.tau.std(axis=0) * slid

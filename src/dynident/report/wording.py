@@ -277,7 +277,8 @@ def _(time_offset: TimeOffset) -> str:
 @words.register
 def _(tilt: BaseTilt) -> str:
     x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
-    return f"the base is tilted by {x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f}); {_better(tilt)}"
+    angles = f"{x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f})"
+    return f"the base is tilted by {angles}; {_better(tilt)}"
 
 
 @words.register

@@ -42,6 +42,7 @@ def navigation() -> list[Any]:
     return [
         {"dynident": "README.md"},
         {"Guide": [path.relative_to(ROOT).as_posix() for path in guides]},
+        {"Examples": "examples/README.md"},
         {"Project": project},
         {"API reference": list(reference())},
     ]

@@ -39,8 +39,6 @@ DOCS = (PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet")
 DYNIDENT = (PYTHON, "-P", "-m", "dynident")  # -P: a numpy.py where the user stands is not imported
 NEXT = """
 Every command of dynident runs from here:
-  {run} identify {robot} --out my-out
-  {run} init YOUR.urdf MONDAY.csv TUESDAY.csv -o robot.yaml    (your robot and recordings)
   {run} --help
 Or activate the environment, and type `dynident` instead of `{run}`:
   {activate}"""
@@ -139,7 +137,7 @@ def demo(arguments: list[str]) -> None:
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
     run(*DYNIDENT, "reproduce", *(arguments or ["--out", "demo-out"]), folder=None)
     run(*DYNIDENT, "demo", folder=None)
-    print(NEXT.format(run=f"{called()} run", robot=Path("arm-out", "robot.yaml"), activate=activation()))
+    print(NEXT.format(run=f"{called()} run", activate=activation()))
 
 
 def dynident(arguments: list[str]) -> None:

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LARGEST = 1_000_000  # bytes of one file
+COMMIT = "dynident/commit.txt"  # written while it is built, where git knows it
 NEEDED = ("py.typed", "report/templates/page.html")  # beside the modules
 # what a user does first; each runs where the one before has left its files
 COMMANDS = (
@@ -86,7 +87,7 @@ def tracked() -> set[str]:
 def sdist_faults(files: dict[str, int], known: set[str]) -> Iterator[str]:
     """Yield what is wrong with the content of the source distribution: it is what git knows."""
     yield from (f"{name} is missing" for name in sorted(known - files.keys()))
-    yield from (f"{name} is not known to git" for name in sorted(files.keys() - known - {"PKG-INFO"}))
+    yield from (f"{name} is not known to git" for name in sorted(files.keys() - known - {"PKG-INFO", f"src/{COMMIT}"}))
     yield from too_large(files)
 
 
@@ -96,7 +97,7 @@ def wheel_faults(files: dict[str, int], known: set[str], version: str) -> Iterat
     about = f"dynident-{version}.dist-info"
     wanted = package | {f"dynident/{name}" for name in NEEDED} | {f"{about}/METADATA", f"{about}/licenses/LICENSE"}
     yield from (f"{name} is missing" for name in sorted(wanted - files.keys()))
-    more = {name for name in files if PurePosixPath(name).parts[0] != about} - package
+    more = {name for name in files if PurePosixPath(name).parts[0] != about} - package - {COMMIT}
     # modules compiled from others are no files that git knows
     yield from (f"{name} does not belong there" for name in sorted(more) if not name.endswith((".so", ".pyd")))
     yield from too_large(files)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dynident.checks import log_notes
-from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
+from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.units import thin
 from dynident.log import Log, Motion
-from dynident.models import Model, RigidBodies
+from dynident.models import Coulomb, Model, RigidBodies, Viscous
 from tests.robots import ARM
 
 MODEL = Model((RigidBodies(ARM),))
@@ -46,6 +48,27 @@ def test_compensated_gravity_is_said_with_its_share(seed: int) -> None:
     assert isinstance(note, log_notes.GravityCompensated)
     assert abs(note.factor) < max(5 * note.std, 0.02)
     assert note.after < 0.8 * note.before
+
+
+@pytest.mark.parametrize("shown", [0.0, 0.002, 0.05])
+@pytest.mark.parametrize("seed", range(5))
+def test_torque_without_friction_is_said(seed: int, shown: float) -> None:
+    """Friction of which the torque shows so large a share."""
+    joints, bare = MODEL.joints, motion(seed)
+    model = Model((RigidBodies(ARM), Viscous(joints), Coulomb(joints)))
+    slid = np.sign(bare.dq) + bare.dq / bare.dq.std(axis=0)
+    tau = bare.tau + shown * bare.tau.std(axis=0) * slid
+    found = list(friction_findings(thin(model, [replace(bare, tau=tau)])))
+    if shown > 0.01:
+        assert found == []
+    else:
+        (one,) = found
+        assert isinstance(one.message, log_notes.NoFriction)
+        assert one.message.share < 1
+
+
+def test_a_model_without_friction_misses_none() -> None:
+    assert list(friction_findings(thin(MODEL, [motion(0)]))) == []
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -57,7 +57,7 @@ def test_too_small_an_address_space_is_refused(monkeypatch: pytest.MonkeyPatch) 
     assert done.output.count("\n") == 1
     for words in (["--help"], ["--version"], *([name, "--help"] for name in main.commands)):
         assert CliRunner().invoke(main, words).exit_code == 0, words
-    done = CliRunner().invoke(main, [], env={"_MAIN_COMPLETE": "bash_source"}, prog_name="main")
+    done = CliRunner().invoke(main, [], env={"_DYNIDENT_COMPLETE": "bash_source"}, prog_name="dynident")
     assert (done.exit_code, "complete" in done.output) == (0, True)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (resource.RLIM_INFINITY,) * 2)
     assert "no such file" in CliRunner().invoke(main, ["check", "a.yaml"]).output

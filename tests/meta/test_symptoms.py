@@ -68,7 +68,7 @@ def made(kind: type, **given: Any) -> Any:
 def texts(kind: type) -> tuple[str, ...]:
     """What is printed of a type, of each sort of it."""
     if issubclass(kind, MissingTerm):
-        return tuple(words(made(kind, effect=effect)) for effect in TermKind)
+        return tuple(words(made(kind, effect=effect, period=0.0)) for effect in TermKind)
     if kind is SearchLeftOut:
         return tuple(words(made(kind, search=search)) for search in Search)
     if kind is EffortAboveLimit:
@@ -95,7 +95,7 @@ def test_each_type_of_message_has_its_entry(kind: type) -> None:
 
 def test_every_effect_that_a_model_may_lack_has_its_entry() -> None:
     for effect in TermKind:
-        name = words(made(MissingTerm, effect=effect)).partition(" (")[0].removesuffix(" together with one")
+        name = words(made(MissingTerm, effect=effect, period=0.0)).partition(" (")[0].removesuffix(" together with one")
         assert f'"{name.removesuffix(",")}"' in PAGE, name
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import sysconfig
@@ -104,7 +105,8 @@ def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) 
     place = tmp_path / "a first day"
     place.mkdir()
     shown = run(installed / "dynident", "demo", folder=place)
-    commands = [line.split()[2] for line in shown.splitlines() if line.startswith("$ dynident")]
+    program = shlex.quote(str(installed / "dynident"))  # which is not on PATH
+    commands = [line.split()[2] for line in shown.splitlines() if line.startswith(f"$ {program} ")]
     assert commands == ["init", "check", "identify"]
     assert "1 warning" in shown
     assert "The base is tilted by 1.2" in shown

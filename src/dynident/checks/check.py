@@ -10,7 +10,7 @@ from dynident.checks.alternatives import NEIGHBOURS
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
 from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
-from dynident.checks.fit import compensation_findings, repeat_findings, slow_findings
+from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
@@ -220,7 +220,7 @@ def _moving(
     agreements = agreement(model, motions)
     findings += _of_motion(model, motions, excitations, agreements)
     few = thin(model, motions, min_speed)
-    for look in (radian_findings, compensation_findings, slow_findings):
+    for look in (radian_findings, compensation_findings, friction_findings, slow_findings):
         findings += look(few)
     findings += rank_findings(seen)
     progress("looking for what explains the residual")

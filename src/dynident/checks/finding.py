@@ -30,6 +30,7 @@ class Topic(StrEnum):
     FOREIGN = "foreign"
     FROZEN = "frozen position"
     FROZEN_TORQUE = "frozen torque"
+    FRICTION = "friction"
     GAIN = "gain"
     GAP = "gap"
     GRAVITY = "gravity"

@@ -1,4 +1,4 @@
-"""What plain fits of the training show: torque without gravity, motion too slow for inertias, logs that repeat."""
+"""What plain fits of the training show: torque without gravity or friction, slow motion, logs that repeat."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from dynident.checks import log_notes as notes
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.units import joint_errors, least_error
 from dynident.errors import Severity
+from dynident.estimators.least_squares import solve
 from dynident.log import Log
 from dynident.models import HasGravity
 from dynident.regression import Regression
 from dynident.validation import REPEATED, repeat_of
 
-__all__ = ["compensation_findings", "repeat_findings", "slow_findings"]
+__all__ = ["compensation_findings", "friction_findings", "repeat_findings", "slow_findings"]
 
 BETTER = 0.8  # of the error with gravity: without it, a fit must be better by that much
 NEAR = 0.3  # share of gravity from which on it is not compensated
@@ -25,6 +26,8 @@ SAME = 1e-4  # %, difference of logs that hold the same samples
 WEAK = 1 / 3  # of the residual: less of the torque from accelerations does not show inertias
 POOR = 30.0  # %: what a fit leaves of a torque that another fault explains
 STRONG = 3.0  # times the residual: more shows them well
+FRICTION = ("viscous", "coulomb")
+SLIDING = 1.0  # %, of a joint's torque: drives and gears have several times this friction
 
 
 def compensation_findings(few: Regression) -> Iterator[Finding]:
@@ -52,6 +55,20 @@ def compensation_findings(few: Regression) -> Iterator[Finding]:
     std = float(np.sqrt(2 * least / (count * curvature)))
     note = notes.GravityCompensated(factor, std, before, after)
     yield Finding(Severity.WARNING, None, note, Topic.COMPENSATED)
+
+
+def friction_findings(few: Regression) -> Iterator[Finding]:
+    """Yield that no joint shows the friction that the model has: the torque is then not that of the drives."""
+    roles = np.array([one.role for one in few.model.parameters])
+    factors = few.triangular_factors.factors
+    size = np.square(factors[:, :, -1]).sum(axis=1)
+    if not all((roles == role).any() for role in FRICTION) or not size.all() or (joint_errors(few) > POOR).any():
+        return
+    theta = solve(few.triangular_factors.stacked(1 / np.sqrt(size))).value
+    torque = factors[:, :, :-1] @ np.where(np.isin(roles, FRICTION), theta, 0.0)
+    share = 100.0 * np.sqrt(np.square(torque).sum(axis=1) / size)
+    if (share < SLIDING).all():
+        yield Finding(Severity.WARNING, None, notes.NoFriction(float(share.max())), Topic.FRICTION)
 
 
 def slow_findings(few: Regression) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ __all__ = [
     "InterpolatedPositions",
     "ManyPositionSpikes",
     "ManyTorqueOutliers",
+    "NoFriction",
     "PerhapsMillimetres",
     "PerhapsRadians",
     "PositionJump",
@@ -198,6 +199,13 @@ class GravityCompensated(Note):
     std: float
     before: float
     after: float
+
+
+@dataclass(frozen=True)
+class NoFriction(Note):
+    """Friction is at most ``share`` (%) of the torque of any joint."""
+
+    share: float
 
 
 @dataclass(frozen=True)

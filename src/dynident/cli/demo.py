@@ -70,6 +70,7 @@ def _command(screen: Screen, text: str) -> None:
 def _init(screen: Screen, out: Path) -> str:
     """Draft robot.yaml and return its text; InputError where another one, perhaps edited, is there."""
     from dynident.errors import InputError
+    from dynident.io.opener import content
     from dynident.io.results import write_text
 
     config = out / "robot.yaml"
@@ -77,7 +78,8 @@ def _init(screen: Screen, out: Path) -> str:
     _command(screen, f"$ {command('init', *files, '-o', config)}")
     with status() as say:
         text = drafted(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out, say)[0].text
-    if os.path.lexists(config) and config.read_text(encoding="utf-8") not in (text, tilted(text)):
+    known = [one.encode() for one in (text, tilted(text))]
+    if os.path.lexists(config) and content(config, remember=False) not in known:
         raise InputError(f"{config}: exists already, and is not the one that is drafted; give another folder by --out.")
     write_text(config, text)
     screen.say("robot.yaml names the column and unit of each joint's position and torque.")

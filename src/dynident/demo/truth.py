@@ -32,7 +32,7 @@ def demo_truth() -> DemoTruth:
     """Return what is true of the demo arm.
 
     >>> truth = demo_truth()
-    >>> dict(zip(truth.model.names, truth.value))["Fv_elbow"]
+    >>> truth.value[truth.model.names.index("Fv_elbow")].item()
     6.0
     """
     return DemoTruth(true_model(), true_values(), TIME_OFFSET, TILT)

@@ -32,6 +32,7 @@ FEWEST = 200  # least number of samples to estimate a time offset
 TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032, 0.05)  # s, of either sign; the search refines the best, but for the last
 MOST = 0.032  # s: what is later has another cause than filters and buses
 FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
+NEAR = 3  # trials that come first where no offset is expected
 GAIN = 0.005  # share of the error that a time offset must remove to be accepted
 SURE = 3.0  # standard errors that it must differ from zero by
 
@@ -131,7 +132,7 @@ def find_time_offset(
         return none
     at = _shifted(motions, rows, best)
     theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
-    invented = [_least(partial(error, motions=one))[0] for one in repeat(theta)]
+    invented = [_least(partial(error, motions=one), TRIALS[:NEAR])[0] for one in repeat(theta)]
     if not np.isfinite(invented).all():  # smoothing alone shows one beyond the range: nothing is known of this one
         return none
     if invented:  # either sign is as likely where it is noise that is less between samples
@@ -141,18 +142,30 @@ def find_time_offset(
     return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
 
 
-def _least(error: Callable[[float], float]) -> tuple[float, float, float]:
-    """Return the offset with the least error, nan beyond the range, its error, and that without offset."""
+def _least(error: Callable[[float], float], trials: Sequence[float] = TRIALS) -> tuple[float, float, float]:
+    """Return the offset with the least error, nan beyond the range, its error, and that without offset.
+
+    It lies beside the best of the trials; where that is the last, all are tried.
+    """
     from scipy.optimize import minimize_scalar
 
-    grid = sorted({sign * trial for trial in TRIALS for sign in (-1.0, 1.0)})
-    errors = [error(time_offset) for time_offset in grid]
-    k, before = int(np.argmin(errors)), errors[grid.index(0.0)]
-    if k in (0, len(grid) - 1):
-        return np.nan, before, before
-    found = minimize_scalar(error, bounds=(grid[k - 1], grid[k + 1]), method="bounded", options={"xatol": FINE})
-    after, best = min((float(found.fun), float(found.x)), (errors[k], grid[k]))
-    return (best, after, before) if abs(best) <= MOST else (np.nan, before, before)
+    known = {sign * trial: error(sign * trial) for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))}
+    best, before = min(known, key=lambda trial: known[trial]), known[0.0]
+    if abs(best) == trials[-1]:
+        return (np.nan, before, before) if trials is TRIALS else _least(error)
+
+    def squared(x: float) -> float:  # nearly a parabola, of which a few values are enough
+        trial = start.get(x, x - 1.0)
+        known[trial] = known[trial] if trial in known else error(trial)
+        return known[trial] ** 2
+
+    ordered = sorted(known)
+    low, high = (ordered[ordered.index(best) + side] for side in (-1, 1))
+    if known[best] < min(known[low], known[high]):
+        start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
+        minimize_scalar(squared, tuple(start), method="brent", options={"xtol": FINE})
+        best = min(known, key=lambda trial: known[trial])
+    return (best, known[best], before) if abs(best) <= MOST else (np.nan, before, before)
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:

@@ -184,7 +184,7 @@ def _motion_row(moved: Excitation, torque: Agreement) -> tuple[str, ...]:
         moved.rms_acceleration,
     )
     cells = [number(value, 3) for value in sizes]
-    follows = "-" if np.isnan(torque.correlation) else f"{torque.correlation:.2f}"
+    follows = "-" if np.isnan(torque.correlation) else f"{torque.correlation:z.2f}"
     slow = number(100 * moved.slow, 2)
     return (moved.joint, *cells, str(moved.reversals), slow, number(moved.torque, 3), follows)
 

@@ -196,7 +196,7 @@ def _(note: notes.OtherGravity) -> str:
 def _(note: notes.ReversedSign) -> str:
     why = "friction and inertia of the joint are estimated as negative"
     if note.correlation is not None:
-        why = f"it opposes the torque of the robot file's inertias (correlation {note.correlation:.2f})"
+        why = f"it opposes the torque of the robot file's inertias (correlation {note.correlation:z.2f})"
     return (
         f"is the sign of the torque reversed? In this motion {why}. Check the signs of `gain` and "
         "`transmission`, and that position and torque have the same positive direction."
@@ -215,7 +215,7 @@ def _(note: notes.OddScale) -> str:
 def _(note: notes.UnrelatedTorque) -> str:
     return (
         "does this torque belong to this joint? It hardly correlates with the torque of the robot file's inertias, "
-        f"which is {note.ratio:.2g} times as large (correlation {note.correlation:.2f}). Check the column."
+        f"which is {note.ratio:.2g} times as large (correlation {note.correlation:z.2f}). Check the column."
     )
 
 

@@ -199,10 +199,19 @@ def _(note: notes.PerhapsRadians) -> str:
 @words.register
 def _(note: notes.GravityCompensated) -> str:
     return (
-        f"the torque shows {note.factor:.2f} +- {note.std:.2g} times the gravity of the arm: without gravity the plain "
+        f"the torque shows {note.factor:z.2f} +- {note.std:.2g} times the gravity of the arm: without it the plain "
         f"fit leaves {percent(note.after)} instead of {percent(note.before)}. Was it logged after gravity "
         "compensation, or is the arm mounted so that gravity does not act? Log the whole torque, add the compensation "
         "to it by `sum`, or set `gravity: [0, 0, 0]` for a model without gravity."
+    )
+
+
+@words.register
+def _(note: notes.NoFriction) -> str:
+    return (
+        f"the torque shows almost no friction: at most {percent(note.share, 2)} of any joint's. Was it logged after "
+        "friction compensation, measured behind the gears, or simulated without friction? The model then gives the "
+        "torque of the links: for feedforward, add the friction of the drives."
     )
 
 

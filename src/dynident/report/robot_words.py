@@ -174,7 +174,7 @@ def _(note: MissingTerm) -> str:
 @words.register
 def _(note: robot_notes.LeftAtReversals) -> str:
     return (
-        f"{note.left:.2g} % of its torque is left near its reversals (50 ms), beyond what is left elsewhere: "
+        f"{percent(note.left, 2)} of its torque is left near its reversals (50 ms), beyond what is left elsewhere: "
         f"{100 * note.share:.0f} % of the joint's squared residual. Has the gear backlash, or is the position that of "
         "a motor behind an elastic joint? Friction that builds up gradually looks alike. `min_speed` leaves slow "
         "samples out."
@@ -184,8 +184,8 @@ def _(note: robot_notes.LeftAtReversals) -> str:
 @words.register
 def _(note: robot_notes.Unexplained) -> str:
     return (
-        f"{note.left:.2g} % of all torque is left that is not white noise, the most at this joint "
-        f"({note.joint_left:.2g} % of its own), and no cause that was tried explains it. The model lacks "
+        f"{percent(note.left, 2)} of all torque is left that is not white noise, the most at this joint "
+        f"({percent(note.joint_left, 2)} of its own), and no cause that was tried explains it. The model lacks "
         "something, unless the noise of the sensors is slow: look at the residual in the report."
     )
 

@@ -186,7 +186,7 @@ def _(note: notes.Failed) -> str:
 @words.register
 def _(note: notes.NotWhite) -> str:
     return (
-        f"the torque residuals are not white (correlation between neighbouring samples {note.correlation:.2f}): they "
+        f"the torque residuals are not white (correlation between neighbouring samples {note.correlation:z.2f}): they "
         "are "
         "more than noise, so compare with least squares on held-out motion"
     )
@@ -277,9 +277,8 @@ def _(time_offset: TimeOffset) -> str:
 @words.register
 def _(tilt: BaseTilt) -> str:
     x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
-    return (
-        f"the base is tilted by {x:.2f} deg about x and {y:.2f} deg about y (+- {dx:.2f} and {dy:.2f}); {_better(tilt)}"
-    )
+    angles = f"{x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f})"
+    return f"the base is tilted by {angles}; {_better(tilt)}"
 
 
 @words.register

@@ -222,6 +222,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
         "double_pendulum": ("good for control", "no free simulation was run"),
     }
     word, reason = expected[example]
+    assert f" %; {word}" in (ROOT / "examples" / f"{example}.yaml").read_text()  # as its first lines say
     assert verdict["word"] == word
     assert any(reason in one for one in verdict["reasons"])
 

@@ -19,6 +19,11 @@ from pygments.formatters import HtmlFormatter
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*")
+GUIDES = {
+    "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "supported"),
+    "Methods": ("methods", "maximum_likelihood", "article", "notation"),
+    "Reference": ("configuration", "cli", "extending"),
+}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -35,16 +40,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def navigation() -> list[Any]:
-    """Return README, the guides in the order in which it and ARCHITECTURE.md name them, the project and the modules."""
-    text = "".join((ROOT / name).read_text(encoding="utf-8") for name in ("ARCHITECTURE.md", "README.md"))
-    guides = sorted((ROOT / "docs").glob("*.md"), key=lambda path: text.rfind(f"(docs/{path.name}"))
+    """Return the pages as a newcomer needs them; a strict build stops where one of docs/ is missing here."""
+    guides = {title: [f"docs/{name}.md" for name in names] for title, names in GUIDES.items()}
+    examples = [path.relative_to(ROOT).as_posix() for path in sorted(ROOT.glob("examples/*.md"))]
     project = [path.name for path in sorted(ROOT.glob("*.md")) if path.name != "README.md"]
     return [
-        {"dynident": "README.md"},
-        {"Guide": [path.relative_to(ROOT).as_posix() for path in guides]},
-        {"Examples": "examples/README.md"},
+        {"Home": "README.md"},
+        {"Tutorial": "docs/tutorial.md"},
+        {"Your robot": guides["Your robot"]},
+        *({"Examples": path} for path in examples),
+        {"Methods": guides["Methods"]},
+        {"Reference": [*guides["Reference"], {"API": list(reference())}]},
         {"Project": project},
-        {"API reference": list(reference())},
     ]
 
 

@@ -46,3 +46,9 @@ def test_a_folder_with_another_arm_is_refused(folder: Path) -> None:
     assert done.exit_code == 1
     assert "arm.urdf: exists already" in done.output
     assert (folder / "arm.urdf").read_text() == "<robot name='mine'/>"
+
+
+def test_the_files_alone_can_be_had(tmp_path: Path) -> None:
+    done = run("demo", "--files", "--out", tmp_path / "my arm")
+    assert done.exit_code == 0
+    assert {*LOGS, "arm.urdf", "controller.yaml", "meshes"} == {one.name for one in (tmp_path / "my arm").iterdir()}

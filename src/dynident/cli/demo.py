@@ -27,7 +27,8 @@ FILE, TILT = "  file: arm.urdf\n", "  base_tilt: estimate"
 
 @click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
 @click.option("--out", type=DIRECTORY, default="arm-out", show_default=True, help="Folder for the arm's files.")
-def demo(out: Path) -> None:
+@click.option("--files", is_flag=True, help="Only write the arm's files, to go the way of the tutorial.")
+def demo(out: Path, files: bool) -> None:
     """Identify a simulated arm whose truth is known, from its robot file and two recordings, which come with dynident.
 
     The commands that do this are printed, and the folder is left to try others.
@@ -40,6 +41,8 @@ def demo(out: Path) -> None:
     for name in ("arm.urdf", *LOGS):
         keep(out / name)
     screen.say(f"In {out.resolve()}: a robot file, arm.urdf, and two recordings of that arm, which are simulated.")
+    if files:
+        return
     _check(screen, out, _init(screen, out))
     found = _identify(screen, out)
     _compare(screen, compare_with_truth(found))

@@ -32,10 +32,15 @@ UNCHOSEN = {"smoother": {"kind": "spline"}}  # what does not depend on the smoot
 UNSIMULATED = "simulation: null"  # likewise, for what is not simulated
 
 
+def located(text: str) -> str:
+    """A configuration whose paths are those of the recordings."""
+    return text.replace(": data/", f": {DATA}/")
+
+
 def configured(folder: Path, example: str, changes: str) -> Path:
     settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text()) | yaml.safe_load(changes)
     path = folder / f"{example}.yaml"
-    path.write_text(yaml.safe_dump(settings).replace("../../shared/data", str(DATA)))
+    path.write_text(located(yaml.safe_dump(settings)))
     return path
 
 
@@ -217,6 +222,7 @@ def test_verdicts_are_no_better_than_their_reasons(folder: Path, example: str) -
         "double_pendulum": ("good for control", "no free simulation was run"),
     }
     word, reason = expected[example]
+    assert f" %; {word}" in (ROOT / "examples" / f"{example}.yaml").read_text()  # as its first lines say
     assert verdict["word"] == word
     assert any(reason in one for one in verdict["reasons"])
 
@@ -238,7 +244,7 @@ def test_emps_as_a_robot_file_is_its_lagrangian_model(folder: Path) -> None:
 
 def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, set[tuple[str, str | None]]]:
     """What ``dynident check`` says of an example, some words of it replaced: topics and places by severity."""
-    text = (ROOT / "examples" / f"{example}.yaml").read_text().replace("../../shared/data", str(DATA))
+    text = located((ROOT / "examples" / f"{example}.yaml").read_text())
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)

@@ -1,29 +1,135 @@
-"""The examples in Python run as they are, without a warning, and print a few lines."""
+"""The examples run in a clone and print what they show; configurations of public recordings say where these are."""
 
 from __future__ import annotations
 
+import ast
+import re
 import runpy
+import shutil
 from pathlib import Path
+from typing import Any
 
+import nbclient
+import nbformat
 import pytest
+import yaml
+
+from tests.cli.commands import run
+from tests.meta.test_docs import NUMBER
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+EXAMPLES = ROOT / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+CONFIGURATIONS = sorted(EXAMPLES.glob("*.yaml"))
+PUBLIC = [path for path in CONFIGURATIONS if path.stem != "arm"]
+USES = ("do not use", "good for control", "good for simulation")
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_examples_run_and_print(
+def named(path: Path) -> str:
+    return path.name
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=named)
+def test_a_script_prints_what_its_docstring_shows(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    text = path.read_text(encoding="utf-8")
+    _, command, shown = (ast.get_docstring(ast.parse(text)) or "").partition(
+        f"\n\n$ .venv/bin/python examples/{path.name}\n"
+    )
+    assert command
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(path), run_name="__main__")  # pytest makes errors of warnings
-    assert 2 <= len(capsys.readouterr().out.splitlines()) < 60
-    assert not list(tmp_path.iterdir())
+    printed = capsys.readouterr().out.strip()
+    assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
+    numbers = [[float(word) for word in NUMBER.findall(one)] for one in (printed, shown)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=0.02)
+    assert len(text.splitlines()) < 40
+    assert all(one.name.endswith("-out") for one in tmp_path.iterdir())  # which git ignores
 
 
-def test_there_are_five_and_a_walk_through_them() -> None:
-    assert {path.stem for path in EXAMPLES} >= {
-        "accuracy", "article_arm", "spline", "stribeck", "urdf_arm", "walkthrough",
-    }  # fmt: skip
-    text = (ROOT / "examples" / "walkthrough.py").read_text(encoding="utf-8")
-    assert text.count("# %%") > 10
+def test_every_example_is_listed() -> None:
+    """Five scripts and a notebook, and the configurations."""
+    listed = re.findall(r"^\| \[(.+?)\]\(\1\)", (EXAMPLES / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    files = {path.name for path in EXAMPLES.iterdir() if path.is_file()} - {"README.md"}
+    assert len(SCRIPTS) == 5
+    assert sorted(listed) == sorted(files)
+
+
+def test_the_notebook_runs_and_its_configuration_does_as_its_first_lines_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a copy of the clone, without a warning: one test, as it takes long."""
+    folder = tmp_path / "examples"
+    folder.mkdir()
+    shutil.copy(EXAMPLES / "arm.yaml", folder)
+    (tmp_path / "src").symlink_to(ROOT / "src")
+    for name in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(tmp_path / "jupyter"))
+    outputs = executed(folder)
+    kinds = [kind for one in outputs for kind in one.get("data", ())]
+    assert kinds.count("application/vnd.plotly.v1+json") == 5
+    assert kinds.count("text/html") == 2
+    shown = [one.get("text") or one.data.get("text/plain", "") for one in outputs]
+    assert float(re.findall(r"is ([\d.]+) % from the true one", shown[-1])[0]) < 0.5
+    said = head(EXAMPLES / "arm.yaml")
+    first, _, held_out, *_ = next(text for text in shown if text.startswith("<Identification")).splitlines()
+    error, use = re.findall(r"held-out torque error ([\d.]+) %; (.+)", said["Result"])[0]
+    assert use in USES
+    assert first.endswith(use)
+    assert float(held_out.split()[-2]) == pytest.approx(float(error), rel=0.02)
+    assert said["Type"].startswith("python3 dev.py run identify examples/arm.yaml --out ")
+
+
+def executed(folder: Path) -> list[Any]:
+    """What the cells of the notebook show, run in a folder; a warning in one of them is an error."""
+    notebook = nbformat.read(EXAMPLES / "walkthrough.ipynb", nbformat.current_nbformat)
+    strict, mild = (f"import warnings; warnings.simplefilter('{action}')" for action in ("error", "default"))
+    own = notebook.cells
+    notebook.cells = [nbformat.v4.new_code_cell(strict), *own, nbformat.v4.new_code_cell(mild)]  # the kernel warns, too
+    nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(folder)}}).execute()
+    outputs = [one for cell in own if cell.cell_type == "code" for one in cell.outputs]
+    assert not [one for one in outputs if one.get("name") == "stderr"]
+    return outputs
+
+
+def test_the_notebook_is_kept_without_outputs() -> None:
+    read = nbformat.read(EXAMPLES / "walkthrough.ipynb", nbformat.current_nbformat)
+    nbformat.validate(read)
+    assert all(not cell.outputs and cell.execution_count is None for cell in read.cells if cell.cell_type == "code")
+
+
+def head(path: Path) -> dict[str, str]:
+    """The first lines of a configuration: the robot, and what follows each word with a colon."""
+    lines = re.match(r"(?:#.*\n)+", path.read_text(encoding="utf-8"))
+    assert lines
+    text = re.sub(r"(?m)^# ?", "", lines[0])
+    robot, *parts = re.split(r"(?m)^(Data|Type|Result): ", text)
+    return {"Robot": robot} | dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+@pytest.mark.parametrize("path", PUBLIC, ids=named)
+def test_a_configuration_says_whence_its_recordings_come_and_what_comes_out(path: Path) -> None:
+    """Each file that it reads is named, and the folder to put it into; its errors are those measured."""
+    said, config = head(path), yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert re.search(r"GitHub repository\s+[\w-]+/\w+|nonlinearbenchmark\.org", said["Data"])
+    files = re.findall(r"data/[\w./-]+", yaml.safe_dump(config))
+    assert files
+    for file in files:
+        assert f"examples/{Path(file).parent.as_posix()}" in said["Data"]
+        assert Path(file).name in said["Data"]
+    assert re.fullmatch(rf"python3 dev\.py run identify examples/{path.name} --out [\w-]+-out\n", said["Type"])
+    errors = re.findall(r"[\d.]+(?= %)", said["Result"].partition(";")[0])
+    lines = [line for line in (ROOT / "docs" / "choosing.md").read_text(encoding="utf-8").splitlines() if "|" in line]
+    own = f"(../examples/{path.name})" if path.stem != "emps" else "| spline, S = n | 95.04"
+    (measured,) = (line for line in lines if own in line)
+    assert errors
+    assert set(errors) <= {cell.strip() for cell in measured.split("|")}
+    assert said["Result"].partition("; ")[2].startswith(USES)
+
+
+def test_recordings_that_are_not_there_are_looked_for_beside_the_configuration(tmp_path: Path) -> None:
+    shutil.copy(EXAMPLES / "lwr4.yaml", tmp_path)
+    done = run("identify", tmp_path / "lwr4.yaml", "--out", tmp_path / "lwr4-out")
+    assert done.exit_code == 1
+    assert str(tmp_path / "data" / "lwr4") in done.output.replace("\n", "")

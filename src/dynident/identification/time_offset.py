@@ -164,7 +164,7 @@ def _least(error: Callable[[float], float], trials: Sequence[float] = TRIALS) ->
     if known[best] < min(known[low], known[high]):
         start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
         minimize_scalar(squared, tuple(start), method="brent", options={"xtol": FINE})
-        best = min(known, key=lambda trial: known[trial])
+        best = float(min(known, key=lambda trial: known[trial]))
     return (best, known[best], before) if abs(best) <= MOST else (np.nan, before, before)
 
 

@@ -136,6 +136,8 @@ def demo(arguments: list[str]) -> None:
     """Run the article's study and the robot in the box where the user stands; say what to type next."""
     os.environ["DYNIDENT_COMMAND"] = f"{called()} run"
     run(*DYNIDENT, "reproduce", *(arguments or ["--out", "demo-out"]), folder=None)
+    if {"-h", "--help"} & set(arguments):
+        return
     run(*DYNIDENT, "demo", folder=None)
     print(NEXT.format(run=f"{called()} run", activate=activation()))
 

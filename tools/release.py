@@ -201,7 +201,7 @@ def used(programs: Path, folder: Path, release: str) -> Row:
             said = output(programs / "dynident", *words, folder=folder, home=folder)
             right = release in said if words == ("--version",) else any((folder / words[-1]).rglob("report.html"))
         if not right:
-            raise CommandError(f"{' '.join(words)} does not what it should:\n{said}")
+            raise CommandError(f"{' '.join(words)} does not do what it should:\n{said}")
         row[words[0]] = f"{time.monotonic() - begun:.0f} s"
     return row | {"result": "ok"}
 

@@ -71,6 +71,14 @@ def test_a_model_without_friction_misses_none() -> None:
     assert list(friction_findings(thin(MODEL, [motion(0)]))) == []
 
 
+def test_an_arm_at_rest_shows_no_friction_and_that_says_nothing() -> None:
+    joints, one = MODEL.joints, motion(0)
+    model = Model((RigidBodies(ARM), Viscous(joints), Coulomb(joints)))
+    theta, still = np.array([one.value for one in MODEL.parameters], dtype=float), np.zeros_like(one.q)
+    tau = MODEL.torque(one.q, still, still, theta)
+    assert list(friction_findings(thin(model, [replace(one, dq=still, ddq=still, tau=tau)]))) == []
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_slow_motion_is_said(seed: int) -> None:
     (found,) = slow_findings(thin(MODEL, [motion(seed, speed=0.02)]))

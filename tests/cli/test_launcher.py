@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -17,11 +19,14 @@ def test_what_was_typed_comes_first(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     monkeypatch.setattr(sys, "argv", ["/usr/lib/python3/pytest/__main__.py"])
     assert launcher() == "dynident"
     monkeypatch.setattr(sys, "argv", ["/somewhere/dynident/__main__.py"])
-    assert launcher().endswith("python -m dynident") or "python" in launcher()
+    program, *words = shlex.split(launcher())
+    assert Path(shutil.which(program) or program).samefile(sys.executable)
+    assert words == ["-m", "dynident"]
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "my tools" / "dynident")])
     assert shlex.split(launcher()) == [str(tmp_path / "my tools" / "dynident")]
     monkeypatch.setenv(COMMAND, "python3 dev.py run")
     assert command("check", "my arm.yaml") == "python3 dev.py run check 'my arm.yaml'"
+    assert command("check", Path("-q.yaml"), "-q") == f"python3 dev.py run check .{os.sep}-q.yaml -q"
 
 
 def test_a_program_on_the_path_goes_by_its_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -8,11 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from dynident.cli import main
 from dynident.cli.escapes import one_line, visible
 from dynident.cli.terminal import status
 from dynident.errors import Step
 from tests.cli.commands import configure, run, write_log
+from tests.robots import ARM
 
 
 def test_what_acts_is_shown_as_escapes() -> None:
@@ -77,3 +80,15 @@ def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixtu
     with status() as say:
         say(Step("choosing", 1, 4))
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "utf-8"])
+def test_tables_are_printed_in_any_encoding(tmp_path: Path, encoding: str) -> None:
+    """That of a file to which Windows redirects what is printed has no lines to draw."""
+    robot = tmp_path / "arm.urdf"
+    robot.write_text(ARM.replace('"shoulder"', '"łokieć"'), encoding="utf-8")
+    done = CliRunner(charset=encoding).invoke(main, ["check", str(robot)])
+    assert done.exit_code == 0, done.output
+    name, line = ("łokieć", "───") if encoding == "utf-8" else (r"\u0142okie\u0107", "---")
+    assert name in done.stdout
+    assert line in done.stdout

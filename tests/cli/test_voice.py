@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from dynident.cli.voice import LOG_HEAD
 from tests.cli.commands import configure, run, write_log
+from tests.robots import ARM
 
 STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d  ")
 SMOOTH = ("--time", "time", "--column", "pos")
@@ -90,3 +93,21 @@ def test_names_in_a_log_are_escaped(tmp_path: Path) -> None:
     run("smooth", tmp_path / "a\x1b[31mb.csv", "--time", "none", "--log-file", log)
     assert "\x1b" not in log.read_text()
     assert r"a\x1b[31mb.csv" in log.read_text()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")
+@pytest.mark.parametrize("room", [0, 300])
+def test_a_log_that_cannot_grow_is_said_and_the_rest_goes_on(tmp_path: Path, room: int) -> None:
+    import resource
+
+    (tmp_path / "arm.urdf").write_text(ARM)
+    limit = resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY)
+    done = subprocess.run(
+        [sys.executable, "-m", "dynident", "check", "arm.urdf", "--log-file", "run.log"],
+        cwd=tmp_path, capture_output=True, text=True, preexec_fn=lambda: resource.setrlimit(*limit),
+    )  # fmt: skip
+    (said,) = done.stderr.splitlines()
+    assert "run.log: " in said
+    assert "cannot be written: File too large" in said
+    assert done.returncode == (0 if room else 1)
+    assert ("Joints" in done.stdout) == bool(room)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -38,3 +39,25 @@ def test_files_of_the_user_stay(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"tuesday\.parquet: exists already"):
         demo_files(tmp_path)
     assert contents(tmp_path) == {"tuesday.parquet": b"my own"}
+
+
+def test_nothing_is_written_where_not_all_can_be(tmp_path: Path) -> None:
+    (tmp_path / "meshes").write_text("a file")
+    with pytest.raises(InputError, match="meshes: nothing can be written here"):
+        demo_files(tmp_path)
+    assert contents(tmp_path) == {"meshes": b"a file"}
+
+
+def test_a_link_that_leads_nowhere_is_left(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").symlink_to(tmp_path / "elsewhere" / "mine.urdf")
+    with pytest.raises(InputError, match=r"arm\.urdf: exists already"):
+        demo_files(tmp_path)
+    assert (tmp_path / "arm.urdf").is_symlink()
+
+
+def test_what_cannot_be_read_is_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    demo_files(tmp_path)
+    for error in (PermissionError(13, "Permission denied"), OSError(5, "Input/output error")):
+        monkeypatch.setattr(Path, "is_file", Mock(side_effect=error))
+        with pytest.raises(InputError, match="exists already"):
+            demo_files(tmp_path)

@@ -10,6 +10,7 @@ import pytest
 
 from dynident.estimators import LeastSquares
 from dynident.identification import Pairing, Recipe, find_time_offset, identify, pair
+from dynident.identification.time_offset import NEAR, TRIALS, _least
 from dynident.log import Motion
 from dynident.models import Model, record, simulate
 from dynident.models.gallery import slider, two_link_arm
@@ -45,6 +46,39 @@ def test_the_time_offset_is_the_one_put_in_and_its_errors_are_those_by_hand(late
     assert found.seconds == pytest.approx(late, abs=1e-4)
     assert found.before == pytest.approx(left(motion), rel=0.02)
     assert found.after == pytest.approx(left(sliding(0.0, 0.2)), rel=0.02)
+
+
+@pytest.mark.parametrize("trials", [TRIALS, TRIALS[:NEAR]])
+@pytest.mark.parametrize("least", [-0.0319, -0.004, 0.0, 0.0002, 0.001, 0.0012, 0.02])
+def test_the_least_error_is_found_to_the_precision_of_the_search(least: float, trials: tuple[float, ...]) -> None:
+    best, after, before = _least(lambda x: float(np.hypot(1.0, 1e3 * (x - least))), trials)
+    assert type(best) is float
+    assert best == pytest.approx(least, abs=5e-5)
+    assert after == pytest.approx(1.0, abs=2e-3)
+    assert before == np.hypot(1.0, 1e3 * least)
+
+
+@pytest.mark.parametrize("trials", [TRIALS, TRIALS[:NEAR]])
+@pytest.mark.parametrize("least", [-0.1, 0.04, 0.05])
+def test_the_least_error_beyond_the_range_is_none(least: float, trials: tuple[float, ...]) -> None:
+    best, after, before = _least(lambda x: 1.0 + (x - least) ** 2, trials)
+    assert np.isnan(best)
+    assert after == before == 1.0 + least**2
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0, np.nan])
+def test_an_error_without_a_least_one_is_that_without_offset(value: float) -> None:
+    best, after, before = _least(lambda _: value)
+    assert best == 0.0
+    assert (after, before) == pytest.approx((value, value), nan_ok=True)
+
+
+@pytest.mark.parametrize("unknown", [-0.001, 0.0, 0.001, 0.003])
+def test_an_error_that_is_not_known_is_not_the_least(unknown: float) -> None:
+    """Beside it, the best of the trials is not refined; without it at zero there is nothing to compare with."""
+    best, after, before = _least(lambda x: np.nan if x == unknown else 1.0 + (x - 0.0012) ** 2)
+    assert best == {-0.001: pytest.approx(0.0012, abs=2e-5), 0.0: 0.0, 0.001: 0.0, 0.003: 0.001}[unknown]
+    assert np.isnan(after) == np.isnan(before) == (unknown == 0.0)
 
 
 def test_an_offset_that_removes_next_to_nothing_of_the_error_is_none() -> None:

@@ -107,6 +107,10 @@ def test_what_comes_next_can_be_typed(
     monkeypatch.delenv("DYNIDENT_COMMAND", raising=False)
     script = "dev.py" if place == "my dynident" else "../my dynident/dev.py"
     names = dev(project, monkeypatch, "python3", script, run=lambda *words, **_: commands.append(words[4:]))
+    names["main"](["demo", "--help"])
+    assert commands == [("reproduce", "--help")]
+    assert "activate" not in capsys.readouterr().out
+    commands.clear()
     names["main"](["demo"])
     assert commands == [("reproduce", "--out", "demo-out"), ("demo",)]
     called = shlex.join(["python3", script, "run"])

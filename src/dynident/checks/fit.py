@@ -62,7 +62,8 @@ def friction_findings(few: Regression) -> Iterator[Finding]:
     roles = np.array([one.role for one in few.model.parameters])
     factors = few.triangular_factors.factors
     size = np.square(factors[:, :, -1]).sum(axis=1)
-    if not all((roles == role).any() for role in FRICTION) or not size.all() or (joint_errors(few) > POOR).any():
+    moved = all(factors[:, :, np.flatnonzero(roles == role)].any() for role in FRICTION)
+    if not moved or not size.all() or (joint_errors(few) > POOR).any():
         return
     theta = solve(few.triangular_factors.stacked(1 / np.sqrt(size))).value
     torque = factors[:, :, :-1] @ np.where(np.isin(roles, FRICTION), theta, 0.0)

@@ -55,6 +55,8 @@ class Commands(click.Group):
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:  # closed by who started us
                 setattr(sys, name, io.StringIO())
+            if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # not every encoding has every name
+                stream.reconfigure(errors="backslashreplace")
         try:
             code: object = super().main(args, **(_named() | how), standalone_mode=False)
         except click.ClickException as error:

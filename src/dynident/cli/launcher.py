@@ -25,12 +25,14 @@ def launcher() -> str:
 
 
 def command(*words: object) -> str:
-    """Return a command to paste: the launcher and words, those with spaces or the like in quotes.
+    """Return a command to paste: the launcher and words, those with spaces or the like in quotes; a ``Path`` is never
+    taken for an option.
 
     >>> command("check", "my robot.yaml").removeprefix(launcher())
     " check 'my robot.yaml'"
     """
-    return f"{launcher()} {_joined(list(map(str, words)))}"
+    texts = [f".{os.sep}{one}" if isinstance(one, Path) and str(one).startswith("-") else str(one) for one in words]
+    return f"{launcher()} {_joined(texts)}"
 
 
 def _program(path: str) -> str:

@@ -19,6 +19,8 @@ from dynident.report.terminal import terminal
 
 __all__ = ["Screen"]
 
+PLAIN = str.maketrans({"─": "-", "…": "~"})  # what tables draw, where the output's encoding may not have it
+
 
 class Screen(Console):
     """A console that shows every text as it is."""
@@ -51,5 +53,6 @@ class Screen(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Render, with escapes in the text of every segment: whatever is printed, nothing of it acts."""
+        drawn = {} if self.encoding.startswith("utf") else PLAIN
         for one in super().render(renderable, options):
-            yield one if one.control else Segment(visible(one.text), one.style)
+            yield one if one.control else Segment(visible(one.text).translate(drawn), one.style)

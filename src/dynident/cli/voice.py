@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -19,7 +19,7 @@ from typing import IO
 import click
 
 from dynident import __version__
-from dynident.cli.escapes import visible
+from dynident.cli.escapes import one_line, visible
 from dynident.errors import Step
 
 __all__ = ["LOG_HEAD", "Voice", "complain", "speaking", "voice"]
@@ -44,10 +44,16 @@ class Voice:
         return time.monotonic() - self.began
 
     def keep(self, text: str) -> None:
-        """Write a text to the log, each line with the time."""
-        if self.log is not None:
-            now = datetime.now().astimezone().isoformat(sep=" ", timespec="milliseconds")
+        """Write a text to the log, each line with the time; where that fails, as on a full disk, say so and go on."""
+        if self.log is None:
+            return
+        now = datetime.now().astimezone().isoformat(sep=" ", timespec="milliseconds")
+        try:
             self.log.writelines(f"{now}  {line.rstrip()}\n" for line in visible(text).splitlines() or [""])
+        except OSError as error:
+            self._shut()
+            name = one_line(str(self.path))
+            click.echo(f"Warning: {name}: the log ends here, it cannot be written: {error.strerror}.", err=True)
 
     def step(self, step: Step) -> str:
         """Write a step that is new to the log; return the line to print of it, if any."""
@@ -71,8 +77,13 @@ class Voice:
         """End the log with the exit code."""
         if self.log is not None:
             self.keep(f"ended with exit code {code} after {self.elapsed:.1f} s")
-            self.log.close()
-            self.log = None
+            self._shut()
+
+    def _shut(self) -> None:
+        log, self.log = self.log, None
+        if log is not None:
+            with suppress(OSError):  # of what could not be written, which has been said
+                log.close()
 
 
 _VOICE: ContextVar[Voice | None] = ContextVar("voice", default=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -9,7 +10,7 @@ from io import BytesIO
 from pathlib import Path
 
 from dynident.errors import InputError
-from dynident.io.results import as_path, write_bytes
+from dynident.io.results import as_path, probe_folder, write_bytes
 
 __all__ = ["demo_files", "made_files"]
 
@@ -28,12 +29,14 @@ def demo_files(folder: str | Path) -> Path:
     """
     folder = as_path(folder)
     wanted = {folder / name: file.read_bytes() for name, file in _shipped()}
-    for path, data in wanted.items():
-        if path.exists() and not (path.is_file() and path.read_bytes() == data):
+    there = {path for path in wanted if os.path.lexists(path)}
+    for path in sorted(there):
+        if not _holds(path, wanted[path]):
             raise InputError(f"{path}: exists already, and is not the demo arm's; choose another folder.")
-    for path, data in wanted.items():
-        if not path.exists():
-            write_bytes(path, data)
+    for place in dict.fromkeys(path.parent for path in wanted if path not in there):
+        probe_folder(place)
+    for path in wanted.keys() - there:
+        write_bytes(path, wanted[path])
     return folder
 
 
@@ -52,6 +55,13 @@ def made_files() -> Mapping[str, bytes]:
         table.write_parquet(buffer, compression="zstd", compression_level=19, statistics=False)
         made[f"{day.name}.parquet"] = buffer.getvalue()
     return made
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    try:
+        return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
+    except OSError:  # not ours to read
+        return False
 
 
 def _shipped() -> Iterator[tuple[str, Traversable]]:

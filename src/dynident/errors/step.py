@@ -18,7 +18,6 @@ class Step(str):
 
     def __new__(cls, words: str, done: int = 0, total: int | None = None) -> Step:
         """Make the text of all three."""
-        """Make the text of all three."""
         count = "" if total is None and not done else f" ({done})" if total is None else f" ({done} of {total})"
         step = super().__new__(cls, words + count)
         step.words, step.done, step.total = words, done, total

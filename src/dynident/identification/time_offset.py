@@ -155,13 +155,13 @@ def _least(error: Callable[[float], float], trials: Sequence[float] = TRIALS) ->
         return (np.nan, before, before) if trials is TRIALS else _least(error)
 
     def squared(x: float) -> float:  # nearly a parabola, of which a few values are enough
-        trial = start.get(x, x - 1.0)
+        trial = start.get(x, float(x) - 1.0)
         known[trial] = known[trial] if trial in known else error(trial)
         return known[trial] ** 2
 
     ordered = sorted(known)
     low, high = (ordered[ordered.index(best) + side] for side in (-1, 1))
-    if known[best] < min(known[low], known[high]):
+    if known[low] > known[best] < known[high]:
         start = {1.0 + trial: trial for trial in (low, best, high)}  # the precision is relative to the unknown
         minimize_scalar(squared, tuple(start), method="brent", options={"xtol": FINE})
         best = float(min(known, key=lambda trial: known[trial]))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from dynident.checks import Finding, notes, run_checks, with_findings
+from dynident.checks import Finding, Topic, notes, run_checks, with_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.errors import Severity
 from dynident.identification import Recipe, identify
@@ -18,6 +18,7 @@ from dynident.models import HasRobotFile, Model, RigidBodies
 from dynident.models.gallery import slider
 from dynident.report.finding_words import finding_words
 from dynident.smoothers import Butterworth, Difference, Spline
+from tests.checks import moving_arm
 from tests.robots import ARM_MJCF
 
 T = np.arange(3000) * 0.002
@@ -191,3 +192,15 @@ def test_what_many_joints_leave_out_is_said(limit: str, search: str, fitted: boo
     assert one.message == SearchLeftOut(Search[search], 1, len(slider().parameters))
     assert (found.rank is not None) is fitted
     assert "1 joint" in finding_words(one)
+
+
+@pytest.mark.parametrize("dead", [0, 1, 2])
+def test_a_dead_torque_explains_itself_and_spoils_nothing_of_the_others(dead: int) -> None:
+    moved = moving_arm.motion()
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(moved.q.shape)
+    whole = Log(moved.t, moved.q + noise, moved.tau, moved.joints)
+    silent = replace(whole, tau=whole.tau * (np.arange(3) != dead))
+    sound, found = (run_checks(moving_arm.arm(), {"train": {"one": one}}) for one in (whole, silent))
+    assert {(one.topic, one.joint) for one in set(found.findings) - set(sound.findings)} == {
+        (Topic.DEAD, moved.joints[dead])
+    }

@@ -45,6 +45,12 @@ def test_a_fault_is_one_line_that_says_what_to_report(monkeypatch: pytest.Monkey
         assert words in done.output, done.output
 
 
+def test_without_a_command_the_help_is_shown() -> None:
+    alone, asked = CliRunner().invoke(main, []), CliRunner().invoke(main, ["--help"])
+    assert (alone.exit_code, asked.exit_code) == (2, 0)
+    assert alone.output == asked.output
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the address space")
 def test_too_small_an_address_space_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenBLAS would try without end to get its buffers; help needs none of it."""

@@ -98,13 +98,14 @@ def test_names_in_a_log_are_escaped(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")
 @pytest.mark.parametrize("room", [0, 300])
 def test_a_log_that_cannot_grow_is_said_and_the_rest_goes_on(tmp_path: Path, room: int) -> None:
-    import resource
-
     (tmp_path / "arm.urdf").write_text(ARM)
-    limit = resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY)
+    limited = (
+        f"import resource, runpy; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, resource.RLIM_INFINITY)); "
+        "runpy.run_module('dynident', run_name='__main__')"
+    )
     done = subprocess.run(
-        [sys.executable, "-m", "dynident", "check", "arm.urdf", "--log-file", "run.log"],
-        cwd=tmp_path, capture_output=True, text=True, preexec_fn=lambda: resource.setrlimit(*limit),
+        [sys.executable, "-c", limited, "check", "arm.urdf", "--log-file", "run.log"],
+        cwd=tmp_path, capture_output=True, text=True,
     )  # fmt: skip
     (said,) = done.stderr.splitlines()
     assert "run.log: " in said

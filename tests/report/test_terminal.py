@@ -63,6 +63,20 @@ def test_every_number_is_shown_in_any_width(width, count):
             assert cell in shown.split()
 
 
+@pytest.mark.parametrize("width", range(20, 60))
+def test_no_number_beside_two_columns_of_names_is_cut(width):
+    columns = (WORDS, Column("type", numeric=False), *numbers(2))
+    rows = tuple((name, "continuous", "1.235e+08", "-0.001235") for name in JOINTS)
+    shown = printed(PageTable(columns, rows), width)
+    assert max(map(cell_len, shown.splitlines())) <= width
+    assert shown.split().count("1.235e+08") == shown.split().count("-0.001235") == len(JOINTS)
+
+
+def test_where_not_even_a_number_fits_it_is_folded():
+    shown = printed(PageTable((WORDS, *numbers(1)), (("elbow", "1.235e+08"),)), 8)
+    assert "1.235e+08" in shown.replace("\n", "")
+
+
 def test_long_names_stay_distinct():
     rows = tuple((name, "log.csv 0-10 s", "1.25", "N m") for name in JOINTS)
     columns = (WORDS, Column("log", numeric=False), *numbers(1), Column("unit", numeric=False))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from dynident.checks import notes
 from dynident.checks.alternatives import NEIGHBOURS
 from dynident.checks.channels import ChannelFacts, channels, check_log_fully
@@ -284,6 +286,7 @@ def _faults(
     if _size(model) > SEARCHED:
         return [*findings, _left_out(Search.CAUSES, model)]
     pairs = [_left_out(Search.PAIRS, model)] if len(model.joints) > NEIGHBOURS else []
+    motions = _audible(motions)
     tilt = _tilt(model, motions, recipe, min_speed)
     if recipe.base_tilt is not None:
         x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
@@ -294,6 +297,16 @@ def _faults(
     silent = {one.joint for one in findings if one.topic in SILENT}
     found = [one for one in found if one.topic is not Topic.UNEXPLAINED or one.joint not in silent]
     return [*findings, *found, *pairs]
+
+
+def _audible(motions: tuple[Motion, ...]) -> tuple[Motion, ...]:
+    """Return the motions without the torques that are zero throughout, which would spoil what others show."""
+    alive = np.any([one.tau.any(axis=0) for one in motions], axis=0)
+    if alive.all() or not alive.any():
+        return motions
+    return tuple(
+        replace(one, keep=alive & (np.ones(one.q.shape, bool) if one.keep is None else one.keep)) for one in motions
+    )
 
 
 def _size(model: Model) -> int:

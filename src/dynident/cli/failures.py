@@ -77,6 +77,13 @@ class Commands(click.Group):
             cmd.callback = _in_room(cmd.callback)
         super().add_command(cmd, name)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse what stands before the command; without any word, print the help."""
+        if not args and not ctx.resilient_parsing:
+            click.echo(ctx.get_help(), err=True)
+            ctx.exit(2)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes an exception that ``main`` shows."""
         with interruptible(), watched():

@@ -29,14 +29,14 @@ def demo_files(folder: str | Path) -> Path:
     """
     folder = as_path(folder)
     wanted = {folder / name: file.read_bytes() for name, file in _shipped()}
-    there = {path for path in wanted if os.path.lexists(path)}
-    for path in sorted(there):
+    absent = {path: data for path, data in wanted.items() if not os.path.lexists(path)}
+    for path in wanted.keys() - absent.keys():
         if not _holds(path, wanted[path]):
             raise InputError(f"{path}: exists already, and is not the demo arm's; choose another folder.")
-    for place in dict.fromkeys(path.parent for path in wanted if path not in there):
+    for place in dict.fromkeys(path.parent for path in absent):
         probe_folder(place)
-    for path in wanted.keys() - there:
-        write_bytes(path, wanted[path])
+    for path, data in absent.items():
+        write_bytes(path, data)
     return folder
 
 

@@ -57,8 +57,11 @@ def _split(table: PageTable, width: int, gap: int, name: int) -> list[list[int]]
     names = [k for k, column in enumerate(table.columns[:2]) if not column.numeric and not column.prose]
     names = names if names == list(range(len(names))) else names[:1]
     taken = sum(_least(table, k, name) + gap for k in names)
-    parts, room = [list(names)], width - taken
     others = [k for k in range(len(table.columns)) if k not in names]
+    if len(names) > 1 and taken + max((_least(table, k) for k in others), default=0) > width:
+        names, others = names[:1], [*names[1:], *others]
+        taken = _least(table, names[0], name) + gap
+    parts, room = [list(names)], width - taken
     for _, run in groupby(others, key=lambda k: table.columns[k].group or k):
         columns = list(run)
         whole = sum(_least(table, k) + gap for k in columns) - gap
@@ -81,7 +84,7 @@ def _least(table: PageTable, k: int, name: int = NAMES[0]) -> int:
 
 def _widths(table: PageTable, part: Sequence[int], width: int, gap: int) -> dict[int, int]:
     """Return the widths of a part's columns: the least ones, then names, sentences and titles get what is left."""
-    found = {k: _least(table, k) for k in part}
+    found = {k: _least(table, k, min(NAMES[0], width // SHARE)) for k in part}
     cells = {k: max((cell_len(row[k]) for row in table.rows), default=0) for k in part}
     prose = [k for k in part if table.columns[k].prose]
     left = width - sum(found.values()) - gap * (len(part) - 1)
@@ -155,7 +158,7 @@ def _lines(
 ) -> Iterator[Text]:
     """Yield the lines of a row of cells, each of which has one or several."""
     for depth in range(max(map(len, row), default=0)):
-        line = Text(no_wrap=True)
+        line = Text(overflow="fold")  # in too narrow a terminal, of which nothing is cut either
         for cell, column, k in zip(row, columns, part, strict=True):
             text = cell[depth] if depth < len(cell) else ""
             line.append(_padded(text, widths[k], column.numeric), style or ("dim" if column.muted else ""))

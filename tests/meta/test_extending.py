@@ -187,7 +187,7 @@ def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:
     find_time_offset(model, [known_motion(model)], Own())
     assert len(calls) > 5
     assert quick(LeastSquares(1e-9)) == LeastSquares(1e-9)
-    assert quick(PhysicallyConsistent(margin=1e-4)) == PhysicallyConsistent(margin=1e-4, costs=False)
+    assert quick(PhysicallyConsistent(margin=1e-4)) == PhysicallyConsistent(margin=1e-4, costs=False, prior="any")
     assert isinstance(quick(MaximumLikelihood()), LeastSquares)
 
 

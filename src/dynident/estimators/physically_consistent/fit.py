@@ -40,6 +40,7 @@ __all__ = ["PhysicallyConsistent"]
 
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
+NamedPrior = Literal["nominal", "none", "any"]
 HEAVIEST, LARGEST = 1e6, 1e9  # kg; in size, of any limit
 CLOSED = 1e-6  # duality gap above which the prior was not reached
 FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
@@ -54,11 +55,12 @@ class PhysicallyConsistent:
     and rotor inertia. ``total_mass`` is a value or (lower, upper) in kg, ``bounds`` are (lower, upper) by parameter
     name, ``centre_of_mass`` gives per body the corners of a box in m in the joint frame; None leaves a side open.
 
-    ``prior`` is "nominal" (the model's values), "none", or values by parameter name. It determines only what the data
-    do not, by the rank (``rank_of``) of the noise-weighted regressor; ``threshold`` is its tolerance (None: the
-    precision of the model). The ``distance`` from it is "entropic" (log-det divergence of pseudo-inertias, invariant to
-    frames and units; Euclidean for all other parameters) or "euclidean" (in units of each parameter's usual size).
-    Undetermined parameters without a prior are made as small as the constraints allow.
+    ``prior`` is "nominal" (the model's values), "none", "any" (values that the constraints allow, which are found
+    fastest), or values by parameter name. It determines only what the data do not, by the rank (``rank_of``) of the
+    noise-weighted regressor; ``threshold`` is its tolerance (None: the precision of the model). The ``distance`` from
+    it is "entropic" (log-det divergence of pseudo-inertias, invariant to frames and units; Euclidean for all other
+    parameters) or "euclidean" (in units of each parameter's usual size). Undetermined parameters without a prior are
+    made as small as the constraints allow.
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
     values, else 1 kg and 0.1 m); the second program may use half of it. ``weights`` and ``iterations`` are those of
@@ -91,7 +93,7 @@ class PhysicallyConsistent:
     total_mass: Annotated[float, Gt(0), Le(HEAVIEST)] | Bounds | None = None
     bounds: Mapping[str, Bounds] | tuple[tuple[str, Bounds], ...] = ()
     centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
-    prior: Literal["nominal", "none"] | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
+    prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
     threshold: Annotated[float, Gt(0), Le(COARSEST)] | None = None
     margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
@@ -113,8 +115,8 @@ class PhysicallyConsistent:
     def _check_settings(self) -> None:
         if self.distance not in get_args(Distance):
             raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
-        if isinstance(self.prior, str) and self.prior not in ("nominal", "none"):
-            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, ('nominal', 'none'))}")
+        if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
+            raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, get_args(NamedPrior))}")
         for name, most in (("threshold", COARSEST), ("margin", 1.0)):
             value = getattr(self, name)
             if value is not None and not 0 < value <= most:
@@ -145,7 +147,10 @@ class PhysicallyConsistent:
         aim = np.where(np.isnan(prior), 0.0, prior)
         start = nearest(known, known.base, aim)
         theta, excess = staged_fit(known, constraints, start)
-        value, gap = move_to_prior(known, constraints, theta, aim, self._entropic(known, constraints, prior))
+        entropic = self._entropic(known, constraints, prior)
+        value, gap = theta, 0.0
+        if self.prior != "any":
+            value, gap = move_to_prior(known, constraints, theta, aim, entropic)
         value = _clipped_to_limits(value, constraints)
         provenance = _provenance(value, known, constraints, ~np.isnan(prior))
         costs = _costs(known, constraints, start, excess) if self.costs else {}
@@ -166,8 +171,8 @@ class PhysicallyConsistent:
         )
 
     def quick(self) -> PhysicallyConsistent:
-        """Return the same fit without the cost of each constraint."""
-        return replace(self, costs=False)
+        """Return a fit of the same torque, without the cost of each constraint and with any prior."""
+        return replace(self, costs=False, prior="any")
 
     def _intervals(self) -> dict[str, Bounds]:
         mass = self.total_mass
@@ -191,11 +196,10 @@ class PhysicallyConsistent:
 
     def _prior(self, model: Model) -> Array:
         """Return the prior (p), nan where there is none."""
-        if self.prior == "none":
-            return np.full(len(model.names), np.nan)
-        if isinstance(self.prior, str):
+        if self.prior == "nominal":
             return np.array([np.nan if x.value is None else x.value for x in model.parameters])
-        given = {_index(name, model, "prior"): value for name, value in dict(self.prior).items()}
+        values = {} if isinstance(self.prior, str) else dict(self.prior)
+        given = {_index(name, model, "prior"): value for name, value in values.items()}
         return np.array([given.get(k, np.nan) for k in range(len(model.names))])
 
     def _entropic(self, known: Information, constraints: Constraints, prior: Array) -> list[BodyConstraint]:

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from dynident.errors import Step
 from dynident.estimators import LeastSquares
 from dynident.identification import Pairing, Recipe, find_time_offset, identify, pair
 from dynident.identification.time_offset import NEAR, TRIALS, _least
@@ -282,3 +283,11 @@ def test_nothing_is_repeated_where_no_offset_is_seen() -> None:
 
     for motion in (sliding(0.0, 0.2), sliding(0.004, 6.0, 8000), sliding(0.1, 0.2)):
         assert find_time_offset(slider(), [motion], LeastSquares(), repeat=repeat).seconds == 0.0
+
+
+def test_each_trial_tells_how_much_is_done() -> None:
+    said: list[str] = []
+    find_time_offset(slider(), [sliding(0.004, 0.2)], LeastSquares(), progress=said.append)
+    steps = [one for one in said if isinstance(one, Step)]
+    assert [one.done for one in steps] == list(range(1, len(said) + 1))
+    assert all(one.total is not None and one.total >= one.done for one in steps)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note, Severity, called
+from dynident.errors import Note, Severity, Step, called
 from dynident.estimators import Estimate, Estimator, Problem, quick
 from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
@@ -32,6 +33,7 @@ FEWEST = 200  # least number of samples to estimate a time offset
 TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032, 0.05)  # s, of either sign; the search refines the best, but for the last
 MOST = 0.032  # s: what is later has another cause than filters and buses
 FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
+USUAL = 50  # fits that the search takes where it finds an offset
 NEAR = 3  # trials that come first where no offset is expected
 GAIN = 0.005  # share of the error that a time offset must remove to be accepted
 SURE = 3.0  # standard errors that it must differ from zero by
@@ -87,14 +89,14 @@ def pair(
         late = [TimeShifted(unshifted(one), time_offset) for one in smoothers] if time_offset else smoothers
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
-    progress("estimating the time offset")
+    progress(Step("estimating the time offset"))
     some = excerpts(logs)
     motions = [motion_of(best, log) for log in some]
 
     def again(theta: Array) -> Sequence[Sequence[Motion]]:
         return repeated(model, some, motions, best, theta)
 
-    found = find_time_offset(model, motions, estimator, min_speed, repeat=again)
+    found = find_time_offset(model, motions, estimator, min_speed, repeat=again, progress=progress)
     best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
     return Pairing(best, choice, found)
 
@@ -105,6 +107,7 @@ def find_time_offset(
     estimator: Estimator,
     min_speed: tuple[float, ...] | None = None,
     repeat: Callable[[Array], Sequence[Sequence[Motion]]] = lambda _: (),
+    progress: Callable[[str], None] = lambda _: None,
 ) -> TimeOffset:
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
@@ -112,15 +115,18 @@ def find_time_offset(
     is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
     without an offset and their torque for the parameters found, and what is found in these is subtracted; where that or
-    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit. Raises the errors of
+    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit; ``progress`` is called
+    with each trial. Raises the errors of
     ``Regression`` and the estimator.
     """
     rows = subsample(motions, trial_samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return TimeOffset(0.0, np.nan, np.nan)
-    fast = quick(estimator)
+    fast, trials = quick(estimator), count(1)
 
     def error(time_offset: float, motions: Sequence[Motion] = motions) -> float:
+        done = next(trials)
+        progress(Step("estimating the time offset", done, max(done, USUAL)))
         return _error(Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed), fast)
 
     best, after, before = _least(error)

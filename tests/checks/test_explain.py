@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.finding import Topic
 from dynident.checks.robot_notes import TiltedBase
-from dynident.errors import Severity, Use
+from dynident.errors import Severity, Step, Use
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, find_base_tilt, mounted
 from dynident.regression import ParallelFilter
@@ -76,3 +76,12 @@ def test_where_no_sample_counts_nothing_is_looked_for() -> None:
     tilt = BaseTilt(0.01, 0.01, (0.001, 0.001), 3.0, 2.0)
     slow = ParallelFilter(cutoff=0.3)
     assert list(robot_findings(arm(), [motion(1)], {"b": motion(2)}, slow, None, tilt)) == []
+
+
+def test_each_cause_that_is_sought_tells_how_many_there_may_be() -> None:
+    said: list[str] = []
+    list(robot_findings(MODEL, [motion(1)], {}, progress=said.append))
+    steps = [one for one in said if isinstance(one, Step)]
+    assert len(steps) == len(said) >= 2
+    assert [one.done for one in steps[1:]] == list(range(len(steps) - 1))
+    assert all(one.total is not None and one.total > one.done for one in steps[1:])

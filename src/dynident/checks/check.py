@@ -225,9 +225,8 @@ def _moving(
     for look in (radian_findings, compensation_findings, friction_findings, slow_findings):
         findings += look(few)
     findings += rank_findings(seen)
-    progress("looking for what explains the residual")
     held_out = {motion.source: motion for motion in recorded[len(logs) :]}
-    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings)
+    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings, progress)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -279,6 +278,7 @@ def _faults(
     recipe: Recipe,
     min_speed: tuple[float, ...] | None,
     findings: Sequence[Finding],
+    progress: Callable[[str], None],
 ) -> list[Finding]:
     """Return the findings with those on the robot and its model; where gravity is wrong, these could not be told."""
     if any(one.topic is Topic.GRAVITY and isinstance(one.message, notes.OtherGravity) for one in findings):
@@ -291,7 +291,7 @@ def _faults(
     if recipe.base_tilt is not None:
         x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
         model, tilt = mounted(model, x, y), None
-    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt))
+    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt, progress))
     if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
     silent = {one.joint for one in findings if one.topic in SILENT}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 
@@ -21,7 +21,7 @@ from dynident.checks.payload import payload_findings
 from dynident.checks.robot_notes import MissingTerm, TermKind, TiltedBase, Unexplained
 from dynident.checks.suspect import Found, Suspect, promising, refined
 from dynident.checks.unexplained import reversal_findings, unexplained
-from dynident.errors import Severity
+from dynident.errors import Severity, Step
 from dynident.identification import BaseTilt, mounted
 from dynident.log import Motion
 from dynident.models import Model
@@ -30,6 +30,7 @@ from dynident.regression import ParallelFilter
 __all__ = ["explained", "robot_findings"]
 
 TRIAL = 150  # samples with which other columns, signs and axes are tried
+LOOKING = "looking for what explains the residual"
 MOST = 6  # causes that are looked for one after the other
 TRIED = 4  # suspects whose value is sought, of those that one step explains best
 NEAR = 0.6  # times the largest share by one step: suspects below are not tried
@@ -44,17 +45,20 @@ def robot_findings(
     parallel_filter: ParallelFilter | None = None,
     min_speed: tuple[float, ...] | None = None,
     tilt: BaseTilt | None = None,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Finding]:
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
-    A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best.
+    A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best;
+    ``progress`` is called before each cause is sought.
     """
+    progress(Step(LOOKING))
     large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
     yield from large
     if large:
         return
     case = case_of(model, motions, parallel_filter, min_speed)
-    found = list(explained(case, tilt))
+    found = list(explained(case, tilt, progress))
     left = [one for one in found if isinstance(one.message, Unexplained)]
     yield from (one for one in found if one not in left)
     late = _joints_with(found, TermKind.DELAY)
@@ -73,7 +77,9 @@ def _joints_with(found: Sequence[Finding], *effects: TermKind) -> set[str | None
     return {one.joint for one in found if isinstance(one.message, MissingTerm) and one.message.effect in effects}
 
 
-def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
+def explained(
+    case: Case, tilt: BaseTilt | None = None, progress: Callable[[str], None] = lambda _: None
+) -> Iterator[Finding]:
     """Yield what would explain much of the training residual, one cause after the other.
 
     A cause is a gain, a zero, a length or an axis that is wrong, or an effect that the model lacks. Each is tested with
@@ -83,6 +89,7 @@ def explained(case: Case, tilt: BaseTilt | None = None) -> Iterator[Finding]:
     suspects = [*geometry_suspects(case.model), *gain_suspects(case.model), clock_suspect()]
     said: set[tuple[TermKind, int]] = set()
     for k in range(MOST + 1):
+        progress(Step(LOOKING, k, MOST + 1))
         fit = misfit(case)
         if not fit.size:  # nothing is left, or counts
             return

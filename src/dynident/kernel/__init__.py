@@ -14,12 +14,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from dynident.kernel.build import FILE, LEVELS, architecture, digest
+from dynident.errors import ConfigError
+from dynident.kernel.build import FILE, LEVELS, RECORD, architecture, digest, record
 
 __all__ = ["Kernel", "function", "kernel"]
 
 VARIABLE = "DYNIDENT_KERNEL"
-LIBRARY = Path(__file__).with_name(FILE)
+LIBRARY = Path(__file__).with_name(FILE)  # from nowhere else: a library is code
 
 
 @dataclass(frozen=True)
@@ -34,19 +35,22 @@ class Kernel:
         return f"{self.level} ({self.about})" if self.level else f"NumPy and LAPACK ({self.about})"
 
 
-@cache
 def kernel() -> Kernel:
     """Return which way is used, by what is installed and the environment variable ``DYNIDENT_KERNEL``.
 
-    The variable is ``off``, or the name of a level (such as ``avx2``) that is not above the best of this CPU.
+    The variable is ``off``, or the name of a level (such as ``avx2``) that is not above the best of this CPU. Raises
+    ConfigError where it is anything else.
     """
-    return _loaded()[1]
+    return _chosen()[1]
 
 
 @cache
 def function(name: str, *types: Any, result: Any = None) -> Callable[..., Any] | None:
-    """Return a function of the library with ctypes of its arguments; None where NumPy is to be used."""
-    library, found = _loaded()
+    """Return a function of the library with ctypes of its arguments; None where NumPy is to be used.
+
+    Raises ConfigError, as ``kernel``.
+    """
+    library, found = _chosen()
     if library is None:
         return None
     made = getattr(library, f"dynident_{name}_{found.level}")
@@ -55,19 +59,38 @@ def function(name: str, *types: Any, result: Any = None) -> Callable[..., Any] |
 
 
 @cache
-def _loaded() -> tuple[ctypes.CDLL | None, Kernel]:
+def _chosen() -> tuple[ctypes.CDLL | None, Kernel]:
     asked = os.environ.get(VARIABLE, "").strip().lower()
     if asked == "off":
         return None, Kernel(None, f"{VARIABLE}=off")
+    library, about = _loaded()
+    if library is None and not asked:
+        return None, Kernel(None, about)
+    levels = [] if library is None else _levels(library)
+    if asked and asked not in levels:
+        why = f"this CPU has {', '.join(levels)}" if levels else f"the kernel is {about}"
+        raise ConfigError(f"the environment variable {VARIABLE} is {asked!r}, but {why}; unset it, or give off.")
+    return library, Kernel(asked or levels[-1], about)
+
+
+def _levels(library: ctypes.CDLL) -> list[str]:
+    """Return the levels that this CPU has, the best last."""
+    return [name for name, _, _ in LEVELS[architecture()]][: library.dynident_best() + 1]
+
+
+def _loaded() -> tuple[ctypes.CDLL | None, str]:
+    """Return the library and its compiler, or None and why; a file that is cut off would end the process."""
+    try:
+        content, known = LIBRARY.read_bytes(), LIBRARY.with_name(RECORD).read_text("ascii", "replace")
+    except OSError:
+        return None, "not compiled at installation"
+    if not known.startswith(digest()):
+        return None, "out of date: its sources have changed since it was compiled"
+    if known != record(content):
+        return None, "damaged: it is not the file that was compiled"
     try:
         library = ctypes.CDLL(str(LIBRARY))
-        made_of, compiler = library.dynident_sources, library.dynident_compiler
+        library.dynident_compiler.restype = ctypes.c_char_p
+        return library, library.dynident_compiler().decode()
     except (OSError, AttributeError) as error:
-        why = f"cannot be loaded: {error}" if LIBRARY.exists() else "not compiled at installation"
-        return None, Kernel(None, why)
-    made_of.restype = compiler.restype = ctypes.c_char_p
-    if made_of() != digest().encode():
-        return None, Kernel(None, "out of date: its sources have changed")
-    levels = [name for name, _, _ in LEVELS[architecture()]][: library.dynident_best() + 1]
-    level = asked if asked in levels else levels[-1]
-    return library, Kernel(level, compiler().decode())
+        return None, f"not to be loaded: {error}"

@@ -1,27 +1,29 @@
 """Compiles the kernel with whatever C compiler there is; only the standard library is needed.
 
-Used where dynident is installed from sources (``hatch_build.py``) and for the wheels of other systems
-(``tools/wheels.py``), both of which load this file by its path, without dynident.
+Used where dynident is installed from sources (``hatch_build.py``, ``dev.py``) and for the wheels of other systems
+(``tools/wheels.py``), all of which load this file by its path, without dynident.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
 import platform
-import shlex
-import shutil
-import subprocess
 import sys
-import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["FILE", "LEVELS", "BuildError", "architecture", "compilers", "digest", "make"]
+if TYPE_CHECKING:  # what only a compilation needs is imported there: the loader imports this file, too
+    from subprocess import Popen
+
+__all__ = ["FILE", "LEVELS", "RECORD", "BuildError", "architecture", "compilers", "digest", "make", "record", "zig"]
 
 FOLDER = Path(__file__).parent
 FILE = "kernel.bin"  # the same name everywhere: ctypes needs no suffix
+RECORD = "kernel.bin.sum"  # beside it: of which sources it is, and its own checksum
 # of each architecture the levels from the least to the best: name, doubles in a vector, flags
 LEVELS = {
     "x86_64": (("sse2", 2, ()), ("avx2", 4, ("-mavx2", "-mfma")), ("avx512", 8, ("-mavx512f", "-mavx512dq", "-mfma"))),
@@ -29,7 +31,7 @@ LEVELS = {
     "": (("scalar", 2, ()),),
 }
 FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wno-psabi")
-SECONDS = 300.0  # a compiler that takes longer hangs
+SECONDS = 60.0  # an installation does not wait longer for a compiler
 
 
 class BuildError(Exception):
@@ -49,61 +51,137 @@ def digest() -> str:
     return hashlib.sha256(b"".join(path.read_bytes().replace(b"\r\n", b"\n") for path in files)).hexdigest()[:16]
 
 
+def record(library: bytes) -> str:
+    """Return what stands in RECORD beside a library of these sources."""
+    return f"{digest()} {hashlib.sha256(library).hexdigest()}\n"
+
+
+def zig() -> str | None:
+    """Return the program of the package ziglang, also where pip builds apart from the environment it installs into."""
+    import sysconfig
+
+    name = "zig.exe" if os.name == "nt" else "zig"
+    places = [*filter(None, sys.path), sysconfig.get_path("platlib")]
+    return next((str(path) for place in places if (path := Path(place, "ziglang", name)).is_file()), None)
+
+
 def compilers() -> list[list[str]]:
-    """Return the compilers of this machine, the best first: $CC, cc, clang, gcc, or that of the package ziglang."""
-    found = [shlex.split(os.environ["CC"])] if os.environ.get("CC") else []
+    """Return the compilers of this machine, the best first: $CC, cc, clang, gcc, or that of the package ziglang.
+
+    Raises BuildError where $CC is no command.
+    """
+    import shlex
+    import shutil
+
+    try:
+        named = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
+    except ValueError as error:
+        raise BuildError(f"CC is {os.environ['CC']!r}: {error}") from error
+    found = [named] if named else []
     found += [[path] for name in ("cc", "clang", "gcc") if (path := shutil.which(name))]
-    if importlib.util.find_spec("ziglang"):
-        found.append([sys.executable, "-m", "ziglang", "cc"])
+    if path := zig():
+        found.append([path, "cc", "-mcpu=baseline"])  # without it for this CPU only
     return found
 
 
-def make(target: Path, compiler: Sequence[str] | None = None, machine: str | None = None) -> None:
-    """Compile the library into ``target``; BuildError where that is not possible, and then nothing is written.
+def make(
+    target: Path, compiler: Sequence[str] | None = None, machine: str | None = None, seconds: float = SECONDS
+) -> None:
+    """Compile the library into ``target``, with its RECORD beside it; BuildError where that is not possible.
 
-    ``compiler`` is a command, by default the first that works; ``machine`` the architecture it compiles for.
+    ``compiler`` is a command, by default the first that works; ``machine`` the architecture it compiles for; a compiler
+    that takes longer than ``seconds`` is ended. OSError where the folder cannot be written to.
     """
-    tried = [list(compiler)] if compiler else compilers()
+    import shlex
+
     errors = []
-    for command in tried:
+    for command in [list(compiler)] if compiler else compilers():
         try:
-            return _made(target, command, architecture(machine))
-        except (OSError, subprocess.SubprocessError, BuildError) as error:
+            library = _compiled(command, architecture(machine), time.monotonic() + seconds)
+        except (OSError, BuildError) as error:
             errors.append(f"{shlex.join(command)}: {error}")
+        else:
+            _put(target, library)
+            _put(target.with_name(RECORD), record(library).encode())
+            return
     raise BuildError("; ".join(errors) or "there is no C compiler (cc, clang, gcc, or the package ziglang)")
 
 
-def _made(target: Path, command: list[str], machine: str) -> None:
-    """Compile each source for each level at the same time, then link them."""
-    with tempfile.TemporaryDirectory() as place:
-        jobs = [(Path(place, "cpu.o"), "cpu.c", [f'-DSOURCES="{digest()}"', "-DLANES=2", "-DLEVEL=any"])]
+def _compiled(command: list[str], machine: str, until: float) -> bytes:
+    """Compile each source for each level at the same time, then link them; return the library."""
+    import tempfile
+
+    windows = os.name == "nt" and not any("target" in word for word in command)
+    code = () if windows else ("-fPIC",)
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        jobs = {"cpu.o": ["-DLANES=2", "-DLEVEL=any", str(FOLDER / "cpu.c")]}
         for level, width, flags in LEVELS[machine]:
-            for source in sorted(path.name for path in FOLDER.glob("*.c") if path.name != "cpu.c"):
-                defined = [f"-DLANES={width}", f"-DLEVEL={level}", *flags]
-                jobs.append((Path(place, f"{source}.{level}.o"), source, defined))
-        code = () if os.name == "nt" and not any("target" in word for word in command) else ("-fPIC",)
-        running = [
-            subprocess.Popen(  # noqa: S603
-                [*command, *FLAGS, *code, *defined, "-c", str(FOLDER / source), "-o", str(out)],
-                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
+            for path in sorted(FOLDER.glob("*.c")):
+                if path.name != "cpu.c":
+                    defined = [f"-DLANES={width}", f"-DLEVEL={level}", *flags]
+                    jobs[f"{path.stem}_{level}.o"] = [*defined, str(path)]
+        _run(([*command, *FLAGS, *code, *words, "-c", "-o", name] for name, words in jobs.items()), place, until)
+        _run([[*command, "-shared", "-s", "-o", FILE, *jobs, *(() if windows else ("-lm",))]], place, until)
+        return Path(place, FILE).read_bytes()
+
+
+def _run(commands: Iterable[list[str]], folder: str, until: float) -> None:
+    """Run commands at the same time; BuildError where one fails or takes too long, and then none goes on."""
+    from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
+
+    running: list[Popen[str]] = []
+    try:
+        for command in commands:
+            running.append(
+                Popen(  # noqa: S603
+                    command, cwd=folder, stdin=DEVNULL, stdout=DEVNULL, stderr=PIPE, text=True, errors="replace",
+                    start_new_session=True,
+                )  # fmt: skip
             )
-            for out, source, defined in jobs
-        ]  # fmt: skip
-        said = [process.communicate(timeout=SECONDS)[1] for process in running]
-        for process, text in zip(running, said, strict=True):
+        for process in running:
+            said = process.communicate(timeout=max(0.0, until - time.monotonic()))[1]
             if process.returncode:
-                raise BuildError(text.strip()[-2000:])
-        library = Path(place, FILE)
-        link = [*command, "-shared", "-o", str(library), *(str(out) for out, _, _ in jobs)]
-        done = subprocess.run(  # noqa: S603
-            link, capture_output=True, text=True, errors="replace", timeout=SECONDS
-        )
-        if done.returncode or not library.is_file():
-            raise BuildError(done.stderr.strip()[-2000:] or "nothing was linked")
-        fresh = target.with_name(f"{target.name}.new")
-        shutil.copyfile(library, fresh)
-        os.replace(fresh, target)  # a process that has the old one loaded keeps it
+                raise BuildError(said.strip()[-2000:] or f"ends with code {process.returncode}")
+    except TimeoutExpired as error:
+        raise BuildError("it took too long and was ended") from error
+    finally:
+        for process in running:
+            _end(process)
+
+
+def _end(process: Popen[str]) -> None:
+    """End a process, and what it has started."""
+    import signal
+
+    if process.poll() is None:
+        if os.name == "nt":
+            process.kill()
+        else:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    if process.stderr is not None:
+        process.stderr.close()
+
+
+def _put(target: Path, content: bytes) -> None:
+    """Write a file at once: a process that has the old one loaded keeps it, and two that write do no harm."""
+    import tempfile
+
+    handle, name = tempfile.mkstemp(prefix=f"{FILE}.", dir=target.parent)
+    try:
+        with open(handle, "wb") as file:
+            file.write(content)
+        os.chmod(name, 0o644)  # noqa: S103 - for all who share the environment
+        os.replace(name, target)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
 
 
 if __name__ == "__main__":
-    make(FOLDER / FILE)
+    try:
+        make(FOLDER / FILE)
+    except (BuildError, OSError) as error:
+        sys.exit(f"The kernel is not compiled, NumPy and LAPACK are used instead: {error}")

@@ -1,4 +1,4 @@
-/* Which levels this CPU, and its operating system, can run. Compiled once. */
+/* Which levels this CPU, and its operating system, can run, and which compiler made this. Compiled once. */
 
 #include "lanes.h"
 
@@ -11,10 +11,10 @@ static uint64_t enabled(void) {
     return ((uint64_t)high << 32) | low;
 }
 
-/* 0: the least that the architecture has; 1: AVX2; 2: AVX-512 (F and DQ). */
+/* 0: the least that the architecture has; 1: AVX2 and FMA; 2: AVX-512 (F and DQ). */
 EXPORTED int32_t dynident_best(void) {
-    uint32_t a, b, c, d;
-    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & (1u << 27)) || (enabled() & 0x6) != 0x6) return 0;
+    uint32_t a, b, c, d, fma_and_xgetbv = 1u << 12 | 1u << 27;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_and_xgetbv) != fma_and_xgetbv || (enabled() & 0x6) != 0x6) return 0;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & (1u << 5))) return 0;
     return (b & (1u << 16)) && (b & (1u << 17)) && (enabled() & 0xe6) == 0xe6 ? 2 : 1;
 }
@@ -22,6 +22,14 @@ EXPORTED int32_t dynident_best(void) {
 EXPORTED int32_t dynident_best(void) { return 0; }
 #endif
 
-/* What the library was compiled from: the loader refuses one of other sources. */
-EXPORTED const char *dynident_sources(void) { return SOURCES; }
-EXPORTED const char *dynident_compiler(void) { return __VERSION__; }
+#define TEXT_(value) #value
+#define TEXT(value) TEXT_(value)
+#if defined(__clang__)
+#define COMPILER "Clang " TEXT(__clang_major__) "." TEXT(__clang_minor__) "." TEXT(__clang_patchlevel__)
+#elif defined(__GNUC__)
+#define COMPILER "GCC " TEXT(__GNUC__) "." TEXT(__GNUC_MINOR__) "." TEXT(__GNUC_PATCHLEVEL__)
+#else
+#define COMPILER "a C compiler"
+#endif
+
+EXPORTED const char *dynident_compiler(void) { return COMPILER; }

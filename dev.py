@@ -3,12 +3,13 @@
 
 python3 dev.py demo [ARGS]   the article's study with its report (dynident reproduce), then a robot (dynident demo)
 python3 dev.py run ...       any command of dynident, where you are: python3 dev.py run --help lists them
-python3 dev.py test [ARGS]   the test suite (pytest)
+python3 dev.py test [ARGS]   the test suite (pytest); without ARGS what computes also without the compiled kernel
 python3 dev.py lint          ruff, mypy, import-linter, the documentation
 python3 dev.py docs          the documentation as a site, with the API, in site/ (mkdocs)
 python3 dev.py bench [ARGS]  the benchmarks, with the peers they compare with
 python3 dev.py mutate [ARGS] the share of small faults, put into the core one by one, that its tests notice (hours)
 python3 dev.py robots        the robot files of two packages (300 MB), compared with Pinocchio and MuJoCo
+python3 dev.py wheels        a wheel for each system, with its kernel, in dist/; cross-compiled by the package ziglang
 python3 dev.py release [3.X] what is published, in dist/, tried in fresh environments of each Python that is found
 """
 
@@ -30,6 +31,16 @@ BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 READERS = "hdf5,ros,xacro"  # extras for the files that a user may bring
 MUTANTS = "cosmic-ray==8.7.0"
+ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
+KERNEL = ROOT / "src" / "dynident" / "kernel"
+# what computes, for the tests on NumPy and LAPACK
+NUMERICAL = (
+    *(
+        f"tests/laws/test_{name}.py"
+        for name in ("certified", "estimators", "models", "rank", "rigid_bodies", "smoothers")
+    ),
+    *(f"tests/{name}" for name in ("splines", "models", "regression", "kernel")),
+)
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
 ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "tests/io/test_xacro.py", "tests/export")
@@ -97,9 +108,11 @@ def pip(*arguments: object) -> None:
     # modules are compiled when they are first imported: a minute and 130 MB less
     command = (PYTHON, "-m", "pip", "install", "--no-compile", "--disable-pip-version-check", "--no-input", *arguments)
     said = []
+    # for this installation and all later runs: whether the kernel is used is asked each time
+    without = {name: value for name, value in os.environ.items() if name != "DYNIDENT_KERNEL"}
     with subprocess.Popen(
         [str(word) for word in command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8",
-        errors="replace",
+        errors="replace", env=without,
     ) as process:  # fmt: skip
         for line in process.stdout or ():
             said.append(line)
@@ -113,7 +126,7 @@ def pip(*arguments: object) -> None:
 
 def digest() -> str:
     """Return what tells an installation from the same files in the same place."""
-    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt"]
+    sources = [ROOT / "pyproject.toml", ROOT / "constraints.txt", ROOT / "hatch_build.py"]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources) + str(ROOT).encode()).hexdigest()
 
 
@@ -130,6 +143,16 @@ def install(extra: str) -> None:
             sys.exit("This Python cannot make an environment with pip; on Debian and Ubuntu: apt install python3-venv")
     pip("--constraint", "constraints.txt", "--editable", f".[{extra}]")
     stamp.write_text(digest())
+
+
+def compile_kernel() -> None:
+    """Compile the kernel, if its sources have changed since; where that fails, say so once: NumPy serves."""
+    sources = sorted(path for path in KERNEL.glob("*") if path.suffix in (".c", ".h") or path.name == "build.py")
+    now = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    stamp = VENV / "kernel"
+    if not (stamp.exists() and stamp.read_text() == now):
+        subprocess.run([PYTHON, KERNEL / "build.py"])
+        stamp.write_text(now)
 
 
 def demo(arguments: list[str]) -> None:
@@ -149,8 +172,16 @@ def dynident(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    """Run the tests, in two processes where no others are named."""
-    run(PYTHON, "-m", "pytest", *(arguments or ["-n", "2", "--dist", "worksteal"]))
+    """Run the tests that are named; else all of them, in two processes, and what computes again without the kernel."""
+    if arguments:
+        return run(PYTHON, "-m", "pytest", *arguments)
+    two = ("-n", "2", "--dist", "worksteal")
+    run(PYTHON, "-m", "pytest", *two)
+    asked = "import sys; from dynident.kernel import kernel; sys.exit(not kernel().level)"
+    if subprocess.run([PYTHON, "-c", asked]).returncode:
+        return print("All of this ran on NumPy and LAPACK: the compiled kernel was not tested.")
+    os.environ["DYNIDENT_KERNEL"] = "off"
+    return run(PYTHON, "-m", "pytest", *two, *NUMERICAL)
 
 
 def lint(_: list[str]) -> None:
@@ -184,8 +215,15 @@ def robots(arguments: list[str]) -> None:
     run(PYTHON, "-m", "pytest", *ROBOT_TESTS, *arguments)
 
 
+def wheels(arguments: list[str]) -> None:
+    """Build a wheel for each system."""
+    pip("--constraint", "constraints.txt", ZIG)
+    run(PYTHON, "-P", "tools/wheels.py", *arguments)
+
+
 def release(arguments: list[str]) -> None:
     """Build what is published, and try it in fresh environments."""
+    pip("--constraint", "constraints.txt", ZIG)
     run(PYTHON, "-P", "tools/release.py", *arguments)
 
 
@@ -199,6 +237,7 @@ TASKS: dict[str, tuple[str, Callable[[list[str]], None]]] = {
     "bench": ("bench", bench),
     "mutate": ("dev", mutate),
     "robots": ("dev,mujoco,xacro", robots),
+    "wheels": ("dev", wheels),
     "release": ("dev", release),
 }
 
@@ -214,6 +253,7 @@ def main(arguments: list[str]) -> None:
         sys.exit(__doc__)
     extras, task = TASKS[arguments[0]]
     install(extras)
+    compile_kernel()
     task(arguments[1:])
 
 

@@ -72,4 +72,6 @@ def platform_tag() -> str:
     """Return the tag of this machine alone: what is compiled here may not run on older systems."""
     from packaging.tags import sys_tags  # hatchling needs it, too
 
-    return next(tag.platform for tag in sys_tags() if "manylinux" not in tag.platform and "musllinux" not in tag.platform)
+    return next(
+        tag.platform for tag in sys_tags() if "manylinux" not in tag.platform and "musllinux" not in tag.platform
+    )

@@ -12,6 +12,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell in the background ignores it, as would commands
 
+
+def pytest_report_header() -> str:
+    from dynident.kernel import kernel  # NumPy comes with the tests
+
+    return f"kernel: {kernel()}"
+
+
 settings.register_profile("patient", deadline=None)  # a busy machine is no error
 settings.register_profile("mutation", deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
 settings.load_profile("patient")

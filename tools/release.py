@@ -1,6 +1,7 @@
 """Build what is published, check what is in it, and try it where nothing else is: python3 dev.py release [3.X ...]
 
-The wheel is built from the source distribution, both into dist/. They are installed into a fresh environment of each
+The wheels are built from the source distribution, all into dist/: one without a compiled kernel, and one for each system
+with it (tools/wheels.py). They are installed into a fresh environment of each
 Python that pyproject.toml names and that is found here (or of those named, which must be there), and run away from the
 checkout. Nothing is published.
 """
@@ -27,6 +28,7 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(enco
 LARGEST = 1_000_000  # bytes of one file
 COMMIT = "dynident/commit.txt"  # written while it is built, where git knows it
 NEEDED = ("py.typed", "report/templates/page.html")  # beside the modules
+KERNEL = {f"dynident/kernel/kernel.bin{end}" for end in ("", ".sum")}  # in the wheel of a system
 # what a user does first; each runs where the one before has left its files
 COMMANDS = (
     ("--version",),
@@ -42,20 +44,23 @@ class CommandError(Exception):
     """A command that ended with an error; what it printed."""
 
 
-def output(*command: object, folder: Path = ROOT, home: Path | None = None) -> str:
-    """Return what a command prints, without this Python's own variables; ``home`` also becomes the user's folder."""
+def output(*command: object, folder: Path = ROOT, home: Path | None = None, **variables: str) -> str:
+    """Return what a command prints, without this Python's own variables and with those that are given; ``home`` also
+    becomes the user's folder."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
     if home:
         clean |= {"HOME": str(home), "USERPROFILE": str(home)}
     words = [str(word) for word in command]
-    done = subprocess.run(words, cwd=folder, env=clean, capture_output=True, encoding="utf-8", errors="replace")
+    done = subprocess.run(
+        words, cwd=folder, env=clean | variables, capture_output=True, encoding="utf-8", errors="replace"
+    )
     if done.returncode:
         raise CommandError(f"{' '.join(words)}\nends with code {done.returncode}:\n{done.stdout}{done.stderr}")
     return done.stdout
 
 
 def build(target: Path) -> tuple[Path, Path]:
-    """Build the source distribution, and the wheel from it and nothing else; return both."""
+    """Build the source distribution, and the wheel without a kernel from it and nothing else; return both."""
     target.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         made, unpacked = Path(place, "made"), Path(place, "unpacked")
@@ -64,7 +69,8 @@ def build(target: Path) -> tuple[Path, Path]:
         with tarfile.open(sdist) as archive:
             archive.extractall(unpacked, filter="data")
         (source,) = unpacked.iterdir()
-        output(sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", made, folder=source)
+        words = ("-m", "hatchling", "build", "--target", "wheel", "--directory", made)
+        output(sys.executable, *words, folder=source, DYNIDENT_KERNEL="off")
         (wheel,) = made.glob("*.whl")
         return Path(shutil.copy(sdist, target)), Path(shutil.copy(wheel, target))
 
@@ -95,6 +101,7 @@ def wheel_faults(files: dict[str, int], known: set[str], version: str) -> Iterat
     """Yield what is wrong with the content of a wheel: the package, its data and its licence, and no more."""
     package = {name.removeprefix("src/") for name in known if name.startswith("src/dynident/")}
     about = f"dynident-{version}.dist-info"
+    package |= KERNEL if "dynident/kernel/kernel.bin" in files else set()
     wanted = package | {f"dynident/{name}" for name in NEEDED} | {f"{about}/METADATA", f"{about}/licenses/LICENSE"}
     yield from (f"{name} is missing" for name in sorted(wanted - files.keys()))
     more = {name for name in files if PurePosixPath(name).parts[0] != about} - package - {COMMIT}
@@ -182,6 +189,8 @@ def tried(version: str, sdist: Path, release: str) -> Iterator[Row]:
                     output(*command, folder=folder)
                 row["installed"] = f"{size(folder / 'env') / 1e6:.0f} MB, {time.monotonic() - begun:.0f} s"
                 row |= used(programs, folder / what, release)
+                if what == "wheel" and row["kernel"] == "NumPy":
+                    raise CommandError("the wheel of this system has no kernel")
             except CommandError as failed:
                 print(failed, file=sys.stderr)
                 row["result"] = "FAILED"
@@ -202,6 +211,8 @@ def used(programs: Path, folder: Path, release: str) -> Row:
             right = release in said if words == ("--version",) else any((folder / words[-1]).rglob("report.html"))
         if not right:
             raise CommandError(f"{' '.join(words)} does not do what it should:\n{said}")
+        if words == ("--version",):
+            row["kernel"] = said.partition("\nkernel: ")[2].partition(" ")[0]
         row[words[0]] = f"{time.monotonic() - begun:.0f} s"
     return row | {"result": "ok"}
 
@@ -223,13 +234,18 @@ def main(versions: list[str]) -> None:
     """Build, check and try; end with exit code 1 where anything is wrong."""
     if unknown := set(versions) - set(supported()):
         sys.exit(f"Python {', '.join(sorted(unknown))}: not among those of pyproject.toml, {', '.join(supported())}")
+    for old in DIST.glob("dynident-*.whl"):
+        old.unlink()
     sdist, wheel = build(DIST)
+    output(sys.executable, "-P", ROOT / "tools" / "wheels.py", wheel)
+    wheels = sorted(DIST.glob("dynident-*.whl"))
     release = wheel.name.split("-")[1]
     known = tracked()
     wrong = [f"{sdist.name}: {fault}" for fault in sdist_faults(contents(sdist), known)]
-    wrong += [f"{wheel.name}: {fault}" for fault in wheel_faults(contents(wheel), known, release)]
-    wrong += [f"{wheel.name}: {fault}" for fault in metadata_faults(wheel, release)]
-    for path in (sdist, wheel):
+    for one in wheels:
+        wrong += [f"{one.name}: {fault}" for fault in wheel_faults(contents(one), known, release)]
+        wrong += [f"{one.name}: {fault}" for fault in metadata_faults(one, release)]
+    for path in (sdist, *wheels):
         print(f"{path.relative_to(ROOT)}: {len(contents(path))} files, {path.stat().st_size / 1e6:.2f} MB", flush=True)
     rows = []
     for version in versions or supported():

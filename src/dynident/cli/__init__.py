@@ -23,8 +23,12 @@ __all__ = ["main"]
 def _version(ctx: click.Context, option: click.Parameter, value: bool) -> None:  # noqa: ARG001
     if value and not ctx.resilient_parsing:
         from dynident.cli.version import version_text
+        from dynident.errors import ConfigError
 
-        click.echo(version_text())
+        try:
+            click.echo(version_text())
+        except ConfigError as error:
+            raise click.ClickException(str(error)) from error
         ctx.exit()
 
 

@@ -106,7 +106,10 @@ class Commands(click.Group):
 def _in_room(work: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(work)
     def run(*given: Any, **named: Any) -> Any:
+        from dynident.kernel import kernel  # what it loads, the help does not need
+
         _require_room()
+        voice().keep(f"kernel: {kernel()}")  # and a wrong DYNIDENT_KERNEL is said before long work
         return work(*given, **named)
 
     return run

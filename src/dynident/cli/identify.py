@@ -34,6 +34,7 @@ def identify(config: Path, out: Path | None) -> None:
     from dynident.io.model_files import moved_to
     from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
+    from dynident.kernel import kernel
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
     from dynident.report.verdict import verdict_text
@@ -59,6 +60,7 @@ def identify(config: Path, out: Path | None) -> None:
         say_line(screen, note)
     for step in steps[:MOST_STEPS]:
         screen.remark(f"Next: {step}")
+    screen.remark(f"Computed by {kernel()}.")
     for what, path in written:
         tell(screen, what, path)
     for line in _next(config, out, project):

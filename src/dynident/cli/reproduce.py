@@ -45,6 +45,7 @@ def reproduce(
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.io.folder import result_folder
     from dynident.io.results import check_json, probe_folder, write_json
+    from dynident.kernel import kernel
     from dynident.report import study_page, study_text
 
     if json_file:
@@ -57,6 +58,7 @@ def reproduce(
         written = folder.replace({"report.html": study_page(found)}) if folder else ()
     screen = console()
     screen.put(study_text(found))
+    screen.remark(f"Computed by {kernel()}.")
     if json_file:
         write_json(json_file, found.summary())
     for path in written:

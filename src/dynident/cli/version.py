@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 from dynident import __version__
+from dynident.kernel import kernel
 
 __all__ = ["commit", "version_text"]
 
@@ -15,10 +16,14 @@ PACKAGES = ("numpy", "scipy", "pin", "polars", "click")
 
 
 def version_text() -> str:
-    """Return the versions of dynident, Python and the libraries that results depend on most."""
+    """Return the versions of dynident, Python and the libraries that results depend on most, and what computes.
+
+    Raises ConfigError, as ``kernel``.
+    """
     own = f"dynident {__version__}" + (f", commit {found}" if (found := commit()) else "")
     python = f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}"
-    return "\n".join((own, python, ", ".join(f"{name} {_version(name)}" for name in PACKAGES)))
+    packages = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
+    return "\n".join((own, python, packages, f"kernel: {kernel()}"))
 
 
 def commit() -> str | None:

@@ -19,6 +19,7 @@ from dynident.identification.base_tilt import BaseTilt
 from dynident.identification.recipe import Recipe
 from dynident.identification.smoother_choice import Choice
 from dynident.identification.time_offset import TimeOffset
+from dynident.kernel import kernel
 from dynident.log import Log
 from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BaseParameters, UnexcitedParameters
@@ -226,8 +227,11 @@ class Identification:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computes the numbers, and the platform."""
-    found = {"dynident": __version__, "python": platform.python_version()}
+    """Return the versions of what computes the numbers, which way the kernel takes, and the platform.
+
+    Raises ConfigError, as ``dynident.kernel.kernel``.
+    """
+    found = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
     for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
         try:
             found[name] = version(name)

@@ -121,7 +121,7 @@ def _compiled(command: list[str], machine: str, until: float) -> bytes:
                     defined = [f"-DLANES={width}", f"-DLEVEL={level}", *flags]
                     jobs[f"{path.stem}_{level}.o"] = [*defined, str(path)]
         _run(([*command, *FLAGS, *code, *words, "-c", "-o", name] for name, words in jobs.items()), place, until)
-        _run([[*command, "-shared", "-s", "-o", FILE, *jobs, *(() if windows else ("-lm",))]], place, until)
+        _run([[*command, "-shared", "-o", FILE, *jobs, *(() if windows else ("-lm",))]], place, until)
         return Path(place, FILE).read_bytes()
 
 
@@ -134,7 +134,13 @@ def _run(commands: Iterable[list[str]], folder: str, until: float) -> None:
         for command in commands:
             running.append(
                 Popen(  # noqa: S603
-                    command, cwd=folder, stdin=DEVNULL, stdout=DEVNULL, stderr=PIPE, text=True, errors="replace",
+                    command,
+                    cwd=folder,
+                    stdin=DEVNULL,
+                    stdout=DEVNULL,
+                    stderr=PIPE,
+                    text=True,
+                    errors="replace",
                     start_new_session=True,
                 )  # fmt: skip
             )

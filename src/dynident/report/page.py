@@ -171,10 +171,12 @@ def render(title: str, lead: str, sections: Sequence[PageSection]) -> str:
     All texts are escaped, except those that are ``markupsafe.Markup`` already.
     """
     from dynident import __version__
+    from dynident.kernel import kernel
 
     template = _environment().get_template("page.html")
     script = _plotly() if any(_has_figure(section) for section in sections) else None
-    return template.render(title=title, lead=lead, sections=sections, plotly=script, version=__version__)
+    made_by = {"version": __version__, "kernel": str(kernel())}
+    return template.render(title=title, lead=lead, sections=sections, plotly=script, **made_by)
 
 
 @cache

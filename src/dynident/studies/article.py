@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynident.bounds import cramer_rao_bound
 from dynident.errors import ConfigError, brief, choices
 from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, Problem
+from dynident.kernel import kernel
 from dynident.log import Motion
 from dynident.models import Recording, record, simulate
 from dynident.models.gallery import two_link_arm
@@ -222,6 +223,7 @@ class Reproduction:
             "scenario": self.scenario,
             "runs": self.runs,
             "seed": self.seed,
+            "kernel": self.settings.get("kernel"),
             "true": self.true.tolist(),
             "cases": [
                 {
@@ -308,4 +310,5 @@ def _settings(scenario: ArmScenario, methods: Sequence[ArmMethod]) -> dict[str, 
         "input": f"u1 = {scenario.amplitudes[0]:g} sin t, u2 = {scenario.amplitudes[1]:g} cos t N m, from rest",
         "recording": f"{SAMPLES} samples, one each {PERIOD:g} s; sigma_tau = {scenario.sigma_tau:g} N m",
         **{f"method {method.name}": method.description for method in methods},
+        "kernel": str(kernel()),
     }

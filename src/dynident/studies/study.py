@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, listed
 from dynident.estimators import Estimate
 from dynident.io.results import read_table, write_table
+from dynident.kernel import kernel
 from dynident.models import Recording
 from dynident.regression import one_thread
 from dynident.splines import NORMAL_95
@@ -111,11 +112,14 @@ def _outcome(estimate: Estimate) -> Outcome:
 
 @cache
 def code_version() -> str:
-    """Return the version of the code: that of the package, and a digest of its sources."""
+    """Return the version of the code: that of the package, a digest of its sources, and "kernel" or "numpy".
+
+    All levels of the kernel give the same numbers, NumPy others by rounding.
+    """
     root = Path(__file__).parents[1]
-    sources = sorted(root.rglob("*.py"))
+    sources = sorted(path for kind in ("*.py", "*.[ch]") for path in root.rglob(kind))
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    return f"{version('dynident')}+{digest[:12]}"
+    return f"{version('dynident')}+{digest[:12]}.{'kernel' if kernel().level else 'numpy'}"
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:

@@ -145,11 +145,15 @@ def install(extra: str) -> None:
     stamp.write_text(digest())
 
 
+def kernel_digest() -> str:
+    """Return what tells the sources of the kernel from others."""
+    sources = sorted(path for path in KERNEL.glob("*") if path.suffix in (".c", ".h") or path.name == "build.py")
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+
+
 def compile_kernel() -> None:
     """Compile the kernel, if its sources have changed since; where that fails, say so once: NumPy serves."""
-    sources = sorted(path for path in KERNEL.glob("*") if path.suffix in (".c", ".h") or path.name == "build.py")
-    now = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
-    stamp = VENV / "kernel"
+    stamp, now = VENV / "kernel", kernel_digest()
     if not (stamp.exists() and stamp.read_text() == now):
         subprocess.run([PYTHON, KERNEL / "build.py"])
         stamp.write_text(now)

@@ -19,7 +19,7 @@ KERNEL = Path("src", "dynident", "kernel")
 
 
 class CommitAndKernel(BuildHookInterface):  # type: ignore[type-arg]
-    """Adds commit.txt to wheel and sdist, and kernel.bin to a wheel; in an editable installation it is made in place."""
+    """Adds commit.txt to wheel and sdist, and kernel.bin to a wheel; an editable one has it beside its sources."""
 
     PLUGIN_NAME = "custom"
 

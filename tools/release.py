@@ -1,9 +1,9 @@
 """Build what is published, check what is in it, and try it where nothing else is: python3 dev.py release [3.X ...]
 
-The wheels are built from the source distribution, all into dist/: one without a compiled kernel, and one for each system
-with it (tools/wheels.py). They are installed into a fresh environment of each
-Python that pyproject.toml names and that is found here (or of those named, which must be there), and run away from the
-checkout. Nothing is published.
+The wheels are built from the source distribution, all into dist/: one without a compiled kernel, and by tools/wheels.py
+one with it for each system. That of this system and the source distribution are installed into a fresh environment of
+each Python that pyproject.toml names and that is found here (or of those named, which must be there), and run away from
+the checkout. Nothing is published.
 """
 
 from __future__ import annotations

@@ -30,13 +30,14 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("new user") / "my dynident"
     python = folder / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
-    for name in ("dev.py", "pyproject.toml", "constraints.txt"):
+    for name in ("dev.py", "pyproject.toml", "constraints.txt", "hatch_build.py"):
         shutil.copy(ROOT / name, folder)
     python.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n')
     python.chmod(0o755)
     module = runpy.run_path(str(folder / "dev.py"))
     for extras, _ in module["TASKS"].values():
         (folder / ".venv" / f"installed-{extras}").write_text(module["digest"]())
+    (folder / ".venv" / "kernel").write_text(module["kernel_digest"]())
     return folder
 
 
@@ -173,6 +174,51 @@ def test_what_pip_says_is_shown_only_where_it_fails(
     else:
         names["pip"]("numpy")
     assert capfd.readouterr() == ("", "")
+
+
+def test_the_kernel_is_compiled_when_its_sources_have_changed(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sources, calls = tmp_path / "kernel-sources", tmp_path / "calls"
+    sources.mkdir()
+    (sources / "a.c").write_text("int a;")
+    (sources / "build.py").write_text(f"open({str(calls)!r}, 'a').write('x'); raise SystemExit('no compiler')")
+    names = dev(project, monkeypatch, "python3", "dev.py", KERNEL=sources, VENV=tmp_path, PYTHON=sys.executable)
+    for change, expected in (("a.c", "x"), ("", "x"), ("a.c", "xx"), ("kernel.bin", "xx"), ("b.h", "xxx")):
+        if change:
+            (sources / change).write_text(f"{change} {expected}")
+        names["compile_kernel"]()
+        assert calls.read_text() == expected
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+def test_what_computes_is_tested_without_the_kernel_too(
+    kernel: bool, project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs: list[tuple[str | None, tuple[str, ...]]] = []
+    asked = SimpleNamespace(run=lambda *_, **__: SimpleNamespace(returncode=not kernel))
+    monkeypatch.setenv("DYNIDENT_KERNEL", "")
+    record = lambda *words: runs.append((os.environ["DYNIDENT_KERNEL"], words[3:]))  # noqa: E731
+    names = dev(project, monkeypatch, "python3", "dev.py", run=record, subprocess=asked)
+    names["test"](["tests/splines", "-x"])
+    assert runs == [("", ("tests/splines", "-x"))]
+    runs.clear()
+    names["test"]([])
+    two = ("-n", "2", "--dist", "worksteal")
+    assert runs == [("", two), *([("off", (*two, *names["NUMERICAL"]))] * kernel)]
+    assert ("kernel was not tested" in capsys.readouterr().out) is not kernel
+    assert all((ROOT / path).exists() for path in names["NUMERICAL"])
+
+
+def test_an_installation_compiles_whatever_the_variable_says(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pip = tmp_path / "pip"
+    pip.write_text(f'#!/bin/sh\necho "<$DYNIDENT_KERNEL>" > {shlex.quote(str(tmp_path))}/said\n')
+    pip.chmod(0o755)
+    monkeypatch.setenv("DYNIDENT_KERNEL", "off")
+    dev(project, monkeypatch, "python3", "dev.py", PYTHON=pip)["pip"]("numpy")
+    assert (tmp_path / "said").read_text() == "<>\n"
 
 
 def test_a_command_that_is_killed_ends_with_the_code_of_shells(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import subprocess
 import tomllib
 import venv
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -68,7 +69,10 @@ def test_a_whole_run_of_the_tests_includes_the_examples_of_docstrings(monkeypatc
     assert "--doctest-modules" in options["addopts"].split()
     main = runpy.run_path(str(ROOT / "dev.py"))["main"]
     monkeypatch.setitem(main.__globals__, "install", lambda extra: None)
+    monkeypatch.setitem(main.__globals__, "compile_kernel", lambda: None)
     monkeypatch.setitem(main.__globals__, "run", lambda *words: commands.append(words))
+    no_kernel = SimpleNamespace(run=lambda *_: SimpleNamespace(returncode=1))
+    monkeypatch.setitem(main.__globals__, "subprocess", no_kernel)
     main(["test"])
     ((_, *words),) = commands
     assert words == ["-m", "pytest", "-n", "2", "--dist", "worksteal"]

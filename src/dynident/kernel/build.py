@@ -132,22 +132,21 @@ def _run(commands: Iterable[list[str]], folder: str, until: float) -> None:
     running: list[Popen[str]] = []
     try:
         for command in commands:
-            running.append(
-                Popen(  # noqa: S603
-                    command,
-                    cwd=folder,
-                    stdin=DEVNULL,
-                    stdout=DEVNULL,
-                    stderr=PIPE,
-                    text=True,
-                    errors="replace",
-                    start_new_session=True,
-                )  # fmt: skip
+            process = Popen(  # noqa: S603
+                command,
+                cwd=folder,
+                stdin=DEVNULL,
+                stdout=DEVNULL,
+                stderr=PIPE,
+                text=True,
+                errors="replace",
+                start_new_session=True,
             )
-        for process in running:
-            said = process.communicate(timeout=max(0.0, until - time.monotonic()))[1]
-            if process.returncode:
-                raise BuildError(said.strip()[-2000:] or f"ends with code {process.returncode}")
+            running.append(process)
+        while running:
+            said = running[0].communicate(timeout=max(0.0, until - time.monotonic()))[1]
+            if code := running.pop(0).returncode:
+                raise BuildError(said.strip()[-2000:] or f"ends with code {code}")
     except TimeoutExpired as error:
         raise BuildError("it took too long and was ended") from error
     finally:
@@ -156,16 +155,15 @@ def _run(commands: Iterable[list[str]], folder: str, until: float) -> None:
 
 
 def _end(process: Popen[str]) -> None:
-    """End a process, and what it has started."""
+    """End a process, and what it has started, which may outlive it."""
     import signal
 
-    if process.poll() is None:
-        if os.name == "nt":
-            process.kill()
-        else:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    if os.name == "nt":
+        process.kill()
+    else:
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
     if process.stderr is not None:
         process.stderr.close()
 
@@ -178,7 +176,7 @@ def _put(target: Path, content: bytes) -> None:
     try:
         with open(handle, "wb") as file:
             file.write(content)
-        os.chmod(name, 0o644)  # noqa: S103 - for all who share the environment
+        os.chmod(name, 0o644)  # for all who share the environment
         os.replace(name, target)
     except BaseException:
         with suppress(OSError):

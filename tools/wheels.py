@@ -61,13 +61,15 @@ def library(system: System, zig: str) -> bytes:
         return path.read_bytes()
 
 
-def faults(content: bytes, system: System) -> Iterator[str]:
-    """Yield what is wrong with a library, as far as that can be seen where it does not run."""
+def faults(content: bytes, system: System, functions: set[str]) -> Iterator[str]:
+    """Yield what is wrong with a library, as far as that can be seen where it does not run; each level of it has the
+    same ``functions``."""
     if not content.startswith(system.magic):
         yield f"is no library of {system.target}"
-    for name in ("best", "compiler", *(f"{name}_{level}" for level in levels(system) for name in exported())):
-        if f"dynident_{name}\0".encode() not in content:
-            yield f"lacks dynident_{name}"
+    for level, _, _ in BUILD["LEVELS"][system.machine]:
+        found = functions_of(content, level)
+        yield from (f"lacks {name} of {level}" for name in sorted(functions - found))
+        yield from (f"alone has {name} of {level}" for name in sorted(found - functions))
     for folder in {str(ROOT), str(Path.home()), tempfile.gettempdir()} - {"/"}:
         if folder.encode() in content:
             yield f"names the folder {folder} of this machine"
@@ -79,15 +81,10 @@ def faults(content: bytes, system: System) -> Iterator[str]:
         yield "needs glibc {}.{}".format(*max(needed))
 
 
-def levels(system: System) -> list[str]:
-    """Return the names of the levels of a system's CPUs."""
-    return [name for name, _, _ in BUILD["LEVELS"][system.machine]]
-
-
-def exported() -> set[str]:
-    """Return the functions that each level of the kernel has, by its sources."""
-    sources = (path for path in (ROOT / "src" / KERNEL).glob("*.c") if path.name != "cpu.c")
-    return {name for path in sources for name in re.findall(r"EXPORTED[^;{]*?\bAPI\((\w+)\)", path.read_text())}
+def functions_of(content: bytes, level: str) -> set[str]:
+    """Return the names of a level's functions in a library, and of those of all levels."""
+    names = re.findall(rf"dynident_(\w+)_{level}\0|dynident_(best|compiler)\0".encode(), content)
+    return {(own or common).decode() for own, common in names}
 
 
 def platform_wheel(pure: Path, content: bytes, tag: str, folder: Path) -> Path:
@@ -142,13 +139,14 @@ def main(arguments: list[str]) -> None:
         old.unlink()
     pure = Path(arguments[0]) if arguments else pure_wheel(dist)
     print(f"{pure.name}: {pure.stat().st_size / 1e6:.2f} MB, without a kernel", flush=True)
-    wrong = []
+    wrong, functions = [], set[str]()
     for system in SYSTEMS:
         try:
             content = library(system, zig)
         except BUILD["BuildError"] as error:
             sys.exit(f"{system.target}: {error}")
-        wrong += [f"{system.target}: the library {fault}" for fault in faults(content, system)]
+        functions = functions or functions_of(content, BUILD["LEVELS"][system.machine][0][0])
+        wrong += [f"{system.target}: the library {fault}" for fault in faults(content, system, functions)]
         made = platform_wheel(pure, content, system.tag, pure.parent)
         print(f"{made.name}: {made.stat().st_size / 1e6:.2f} MB, library {len(content) / 1e3:.0f} kB", flush=True)
     if wrong:

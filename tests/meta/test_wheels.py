@@ -72,31 +72,34 @@ def test_the_same_library_gives_the_same_wheel(wheels: ModuleType, pure: Path, t
     assert wheels.platform_wheel(pure, b"library", "win_amd64", tmp_path).read_bytes() == before
 
 
+FUNCTIONS = {"best", "compiler", "solve", "solve_all"}
+
+
 def library(wheels: ModuleType, system: Any) -> bytes:
-    """What a library holds that is looked for."""
-    names = {f"{name}_{level}" for level in wheels.levels(system) for name in wheels.exported()}
-    return bytes(system.magic) + b"".join(f"dynident_{name}\0".encode() for name in {"best", "compiler"} | names)
+    """What a library holds that is looked for; on macOS with an underscore."""
+    levels = [name for name, _, _ in wheels.BUILD["LEVELS"][system.machine]]
+    names = [*(f"{name}_{level}" for level in levels for name in ("solve", "solve_all")), "best", "compiler"]
+    return bytes(system.magic) + b"".join(f"_dynident_{name}\0".encode() for name in names)
 
 
 def test_a_library_that_would_not_run_elsewhere_is_refused(wheels: ModuleType) -> None:
     for system in wheels.SYSTEMS:
         right = library(wheels, system)
-        assert list(wheels.faults(right, system)) == []
-        assert list(wheels.faults(b"?" + right, system)) == [f"is no library of {system.target}"]
-        assert list(wheels.faults(right.replace(b"dynident_best", b""), system)) == ["lacks dynident_best"]
-        assert f"names the folder {ROOT} of this machine" in wheels.faults(right + f"{ROOT}/src".encode(), system)
-        assert list(wheels.faults(right + b"GLIBC_2.4\0GLIBC_2.17\0", system)) == []
-        assert list(wheels.faults(right + b"GLIBC_2.4\0GLIBC_2.34\0", system)) == ["needs glibc 2.34"]
-        assert list(wheels.faults(right + b"KERNEL32.dll\0api-ms-win-crt-heap-l1-1-0.dll\0", system)) == []
-        (fault,) = wheels.faults(right + b"libgcc_s_seh-1.dll\0", system)
-        assert fault == "needs libgcc_s_seh-1.dll, which not every Windows has"
+        level = wheels.BUILD["LEVELS"][system.machine][-1][0]
 
+        def faults(content: bytes, system: Any = system) -> list[str]:
+            return list(wheels.faults(content, system, FUNCTIONS))
 
-def test_every_function_of_the_kernel_is_looked_for(wheels: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    sources = (ROOT / "src" / "dynident" / "kernel").glob("*.c")
-    texts = [path.read_text(encoding="utf-8") for path in sources if path.name != "cpu.c"]
-    lines = [line for text in texts for line in text.splitlines() if line.startswith("EXPORTED")]
-    assert len(wheels.exported()) == len(lines)
+        assert faults(right) == []
+        assert faults(b"?" + right) == [f"is no library of {system.target}"]
+        assert f"lacks best of {level}" in faults(right.replace(b"dynident_best", b""))
+        assert faults(right.replace(f"solve_{level}".encode(), b"")) == [f"lacks solve of {level}"]
+        assert faults(right + f"dynident_more_{level}\0".encode()) == [f"alone has more of {level}"]
+        assert f"names the folder {ROOT} of this machine" in faults(right + f"{ROOT}/src".encode())
+        assert faults(right + b"GLIBC_2.4\0GLIBC_2.17\0") == []
+        assert faults(right + b"GLIBC_2.4\0GLIBC_2.34\0") == ["needs glibc 2.34"]
+        assert faults(right + b"KERNEL32.dll\0api-ms-win-crt-heap-l1-1-0.dll\0") == []
+        assert faults(right + b"libgcc_s.dll\0") == ["needs libgcc_s.dll, which not every Windows has"]
 
 
 def test_without_zig_it_says_what_to_type(wheels: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

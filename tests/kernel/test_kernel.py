@@ -166,14 +166,14 @@ from dynident.models import RigidBodies
 from dynident.splines import GCV, REML, Fixed
 
 rng = np.random.default_rng(0)
-for n in (*range(5, 20), 300):
+for n in (5, 6, 7, 8, 9, 16, 17, 40, 300):
     t = np.cumsum(rng.uniform(0.5, 1.5, n)) * 0.01
     for k in (1, 2, 3, 4, 5, 7, 8, 9):
         y = np.sin(t)[:, None] + 0.01 * rng.standard_normal((n, k))
         for rule in (None, Fixed(lam=1e-9), GCV(), REML()):
             dy.smooth(t, y if k > 1 else y[:, 0], rule, sigma=0.01)(t[0], order=2)
 bodies = RigidBodies({ARM!r})
-for n in range(1, 20):
+for n in (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17):
     q, dq, ddq = rng.standard_normal((3, n, len(bodies.joints)))
     theta = np.ones(len(bodies.parameters))
     bodies.regressor(q, dq, ddq), bodies.torque(q, dq, ddq, theta), bodies.partials(q, dq, ddq, theta)

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from dynident import __version__
+from dynident.kernel.build import compilers, zig
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "dynident"
@@ -25,10 +26,11 @@ KERNEL = ("kernel.bin", "kernel.bin.sum")  # compiled for the wheel, or for an e
 pytestmark = pytest.mark.skipif(find_spec("hatchling") is None, reason="hatchling, which builds the wheel, is missing")
 
 
-def run(*command: object, folder: Path) -> str:
-    """What a command prints, run without this environment's variables for Python."""
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    done = subprocess.run([str(word) for word in command], cwd=folder, env=clean, capture_output=True, text=True)
+def run(*command: object, folder: Path, **variables: str) -> str:
+    """What a command prints, run without this environment's variables for Python, and with some of its own."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "DYNIDENT"))}
+    words = [str(word) for word in command]
+    done = subprocess.run(words, cwd=folder, env=clean | variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -36,9 +38,15 @@ def run(*command: object, folder: Path) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    run(sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", folder, folder=ROOT)
+    return built(folder)[0]
+
+
+def built(folder: Path, **variables: str) -> tuple[Path, str]:
+    """The wheel built into a folder, and what was said of it."""
+    command = (sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", folder)
+    said = run(*command, folder=ROOT, **variables)
     (made,) = folder.glob("*.whl")
-    return made
+    return made, said
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +76,37 @@ def test_the_wheel_has_every_file_of_the_package(wheel: Path) -> None:
     if (ROOT / ".git").exists():
         assert "dynident/commit.txt" in there
     assert {name.partition("/")[0] for name in there} == {"dynident", f"dynident-{__version__}.dist-info"}
+
+
+@pytest.mark.skipif(not compilers(), reason="there is no C compiler")
+def test_the_wheel_has_the_kernel_of_this_system(wheel: Path, installed: Path, tmp_path: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        assert {f"dynident/kernel/{name}" for name in KERNEL} <= set(archive.namelist())
+        assert "Root-Is-Purelib: false" in archive.read(f"dynident-{__version__}.dist-info/WHEEL").decode()
+    assert re.fullmatch(rf"dynident-{__version__}-py3-none-(linux|macosx|win)\w*\.whl", wheel.name)
+    shown = run(installed / "python", "-m", "dynident", "--version", folder=tmp_path)
+    assert re.search(r"^kernel: (?!NumPy)\w+ \(", shown, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"DYNIDENT_KERNEL": "off"}, ""),
+        ({"PATH": "", "CC": "no-such-compiler --fast"}, "no-such-compiler --fast: "),
+        ({"CC": "'"}, "No closing quotation"),
+    ],
+)
+def test_without_a_compiler_the_wheel_is_for_all_systems(
+    variables: dict[str, str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "PATH" in variables and (zig() or sys.platform == "win32"):
+        pytest.skip("there is always a compiler: the package ziglang")
+    made, shown = built(tmp_path, **variables)
+    assert made.name == f"dynident-{__version__}-py3-none-any.whl"
+    assert said in shown
+    assert ("not compiled" in shown) == bool(said)
+    with zipfile.ZipFile(made) as archive:
+        assert [name for name in archive.namelist() if "kernel.bin" in name] == []
 
 
 def test_the_wheel_says_what_it_is(wheel: Path) -> None:

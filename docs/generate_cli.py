@@ -21,9 +21,10 @@ are printed. `--log-file` keeps all of it, those steps too, with the time of eac
 the command: runs are added to the file, and a file that is no log of dynident is never changed.
 
 Each command ends with what to type next. It begins as dynident was started, as `dynident` or as `python -m dynident`;
-the environment variable `DYNIDENT_COMMAND` sets it to something else. What computes is the compiled kernel where there is
-one, else NumPy and LAPACK; `DYNIDENT_KERNEL=off` chooses these, and `--version` says which runs. These options stand before or after the name of
-a command, `--debug` and `--version` before it:
+the environment variable `DYNIDENT_COMMAND` sets it to something else. What computes is the compiled kernel where there
+is one, else NumPy and LAPACK; `DYNIDENT_KERNEL=off` chooses these, and `--version` says which runs.
+
+These options stand before or after the name of a command, `--debug` and `--version` before it:
 """
 COMPLETION = """
 ## Completion

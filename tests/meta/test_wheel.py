@@ -32,7 +32,7 @@ def run(*command: object, folder: Path, **variables: str) -> str:
     words = [str(word) for word in command]
     done = subprocess.run(words, cwd=folder, env=clean | variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from dynident.identification import SourceFile, Sources
 from dynident.io.folder import result_folder
 from dynident.io.robot import fingerprint
 from dynident.io.saved import model_files
+from dynident.kernel import kernel
 from tests.cli.commands import configure, run, write_log
 from tests.saved_results import errors_by_log
 
@@ -42,6 +43,9 @@ class TestIdentify:
         (file,) = result["provenance"]["logs"]
         assert (file["path"], file["sha256"]) == (str(tmp_path / "log.csv"), digest)
         report = (tmp_path / "out" / "report.html").read_text()
+        assert result["provenance"]["versions"]["kernel"] == str(kernel())
+        assert f"computed by {kernel()}</footer>" in report
+        assert f"Computed by {kernel()}." in done.output
         assert digest in report
         assert "http://" not in report.split("<script>")[0]
         assert "slider" in report

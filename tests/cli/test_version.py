@@ -12,6 +12,7 @@ import pytest
 
 import dynident
 from dynident.cli import version
+from dynident.kernel import kernel
 from tests.cli.commands import run
 
 
@@ -20,6 +21,7 @@ def test_the_version_says_what_it_runs_with() -> None:
     assert shown.startswith(f"dynident {dynident.__version__}")
     assert platform.python_version() in shown
     assert f"numpy {metadata.version('numpy')}" in shown
+    assert f"\nkernel: {kernel()}\n" in shown
 
 
 def test_only_a_clone_has_a_commit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

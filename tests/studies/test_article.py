@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
+from dynident.kernel import kernel
 from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, reproduce
 
 
@@ -122,6 +123,7 @@ def test_splines_follow_the_acceleration_better_than_filters_do() -> None:
 def test_numbers_for_machines() -> None:
     summary = json.loads(json.dumps(study().summary()))
     assert (summary["scenario"], summary["runs"], summary["seed"]) == ("tabulated", 30, 0)
+    assert summary["kernel"] == str(kernel())
     assert len(summary["true"]) == 7
     assert len(summary["cases"]) == 9
     first = summary["cases"][0]

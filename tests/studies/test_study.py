@@ -17,10 +17,11 @@ from polars.testing import assert_frame_equal
 from dynident.errors import InputError
 from dynident.estimators import Determined, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
+from dynident.kernel import Kernel
 from dynident.log import Log, Motion
 from dynident.models import Parameter, Recording, record
-from dynident.studies import Outcome, run_study, statistics
-from dynident.studies.study import generator
+from dynident.studies import Outcome, run_study, statistics, study
+from dynident.studies.study import code_version, generator
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,16 @@ def test_an_interrupted_study_goes_on(tmp_path: Path) -> None:
     assert seen[-1] == (12, 12)
     assert_frame_equal(without_seconds(whole), without_seconds(resumed))
     assert set(kept["seconds"]) <= set(resumed["seconds"])  # nothing was computed twice
+
+
+def test_rows_say_what_computed_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel and NumPy differ by rounding: a study does not go on with rows of the other."""
+    assert set(run_study([Still()], [Mean()], LEVELS, 2)["version"]) == {code_version()}
+    for level, expected in ((None, "numpy"), ("sse2", "kernel"), ("avx2", "kernel")):
+        monkeypatch.setattr(study, "kernel", lambda level=level: Kernel(level, ""))
+        code_version.cache_clear()
+        assert code_version().rpartition(".")[2] == expected
+    code_version.cache_clear()
 
 
 def test_rows_of_another_version_are_computed_again(tmp_path: Path) -> None:

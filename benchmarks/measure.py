@@ -1,0 +1,181 @@
+"""Measure work in processes of their own, one for each way in which it is done, in turn and with one BLAS thread.
+
+A work is a function of a file beside this one. Of who does it, "dynident" or the name of a peer, and its own arguments
+it prepares the data and returns what is to be measured, a function without arguments; where that returns a dictionary,
+it has measured itself: these fields of a Figure. FileNotFoundError or ImportError say that data or a peer are not here.
+
+Only the standard library is imported here: a process inherits the peak memory of the one that starts it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+FOLDER = Path(__file__).parent
+OWN = {"with": {}, "without": {"DYNIDENT_KERNEL": "off"}}  # ways of dynident with the environment that asks for them
+THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+SHORT = 0.05  # s, for which a short work is repeated to be measured
+ROUNDS = 15  # at most
+GIB = 2**20 if sys.platform != "darwin" else 2**30  # of ru_maxrss
+
+
+@dataclass(frozen=True)
+class Work:
+    """A work: ``name`` of ``file``, called with ``arguments``; done by dynident in some ``ways``, and by ``peers``.
+
+    It is repeated for about ``seconds`` in all, once at least.
+    """
+
+    file: str
+    name: str
+    arguments: tuple[str | float, ...] = ()
+    peers: tuple[str, ...] = ()
+    ways: tuple[str, ...] = tuple(OWN)
+    seconds: float = 10.0
+
+    @property
+    def key(self) -> str:
+        """What tells it from others."""
+        return ":".join([self.file, self.name, *map(str, self.arguments)])
+
+
+@dataclass(frozen=True)
+class Figure:
+    """The best of all rounds: seconds of CPU (own and of processes that were started) and of the clock; and the largest
+    peak of memory in GiB, with how much of it is above the prepared data."""
+
+    cpu: float
+    wall: float
+    peak: float
+    rise: float
+
+    def best(self, other: Figure) -> Figure:
+        """Return the best of both."""
+        faster = min(self.cpu, other.cpu), min(self.wall, other.wall)
+        return Figure(*faster, max(self.peak, other.peak), max(self.rise, other.rise))
+
+
+def measured(work: Work) -> dict[str, Figure | str]:
+    """Return by way and peer what a work costs, or why this is not known here."""
+    found: dict[str, Figure | str] = {}
+    with ExitStack() as stack:
+        workers: dict[str, Worker] = {}
+        began = time.monotonic()
+        for way in (*work.ways, *work.peers):
+            worker = stack.enter_context(started(work, way))
+            first = worker.answer()
+            found[way] = first
+            if not isinstance(first, str):
+                workers[way] = worker
+        for _ in range(ROUNDS - 1):
+            if time.monotonic() - began > work.seconds:
+                break
+            for way, worker in workers.items():
+                found[way] = best(found[way], worker.again())
+    return found
+
+
+def best(one: Figure | str, other: Figure | str) -> Figure | str:
+    return one.best(other) if isinstance(one, Figure) and isinstance(other, Figure) else other
+
+
+@dataclass(frozen=True)
+class Worker:
+    """A process that does one work in one way, each time that a line is sent to it."""
+
+    process: subprocess.Popen[str]
+
+    def again(self) -> Figure | str:
+        """Let it do its work once more."""
+        try:
+            self._pipe(self.process.stdin).write("\n")
+            self._pipe(self.process.stdin).flush()
+        except BrokenPipeError:
+            return "the process has ended"
+        return self.answer()
+
+    def answer(self) -> Figure | str:
+        """Wait for what it says."""
+        line = self._pipe(self.process.stdout).readline()
+        said = json.loads(line) if line else "failed: its errors are above"
+        return said if isinstance(said, str) else Figure(**said)
+
+    def _pipe(self, pipe: IO[str] | None) -> IO[str]:
+        assert pipe is not None
+        return pipe
+
+
+@contextmanager
+def started(work: Work, way: str) -> Iterator[Worker]:
+    """Give a worker, which ends with the block."""
+    environment = {name: value for name, value in os.environ.items() if name != "DYNIDENT_KERNEL"}
+    command = [sys.executable, __file__, work.file, work.name, json.dumps(work.arguments), way]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment | THREADS | OWN.get(way, {})
+    ) as process:
+        try:
+            yield Worker(process)
+        finally:
+            process.kill()
+
+
+def serve(file: str, name: str, arguments: str, way: str) -> None:
+    """Do one work in one way: once to begin with, then each time that a line comes; answer with what it cost."""
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what a peer prints is no answer
+    sys.path.insert(0, str(FOLDER))
+
+    def say(answer: object) -> None:
+        print(json.dumps(answer), file=out, flush=True)
+
+    try:
+        prepare: Callable[..., Callable[[], object]] = getattr(__import__(file), name)
+        call = prepare("dynident" if way in OWN else way, *json.loads(arguments))
+        before = peak()
+        first = once(call, 1, before)
+    except (FileNotFoundError, ImportError) as why:
+        say(str(why))
+        return
+    number = max(1, int(SHORT / first["wall"]))
+    say(first if number == 1 else once(call, number, before))
+    for _ in sys.stdin:
+        say(once(call, number, before))
+
+
+def once(call: Callable[[], object], number: int, before: float) -> dict[str, float]:
+    """Do a work so many times; return the fields of the Figure of one of them."""
+    began, spent, said = time.perf_counter(), cpu(), None
+    for _ in range(number):
+        said = call()
+    used, wall = (cpu() - spent) / number, (time.perf_counter() - began) / number
+    most = peak()
+    found = {"cpu": used, "wall": wall, "peak": most, "rise": max(0.0, most - before)}
+    return found | said if isinstance(said, dict) else found
+
+
+def cpu() -> float:
+    """Return the seconds of CPU of this process and of those that it has waited for."""
+    import resource
+
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def peak() -> float:
+    """Return the largest memory of this process, or of one that it has waited for, in GiB."""
+    import resource
+
+    return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / GIB
+
+
+if __name__ == "__main__":
+    serve(*sys.argv[1:])

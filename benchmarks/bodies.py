@@ -7,8 +7,10 @@ from itertools import cycle, islice
 
 import numpy as np
 from arm import LINKS, urdf
+from numpy.typing import NDArray
 
 Call = Callable[[], object]
+Array = NDArray[np.float64]
 
 
 def chain(joints: int) -> str:
@@ -16,7 +18,7 @@ def chain(joints: int) -> str:
     return urdf(list(islice(cycle(LINKS), joints)))
 
 
-def states(joints: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def states(joints: int, samples: int) -> tuple[Array, Array, Array]:
     """Positions, velocities and accelerations (N, n): five sines a joint."""
     rng, t = np.random.default_rng(0), np.arange(samples) * 5e-3
     rate, phase = 2 * np.pi * rng.uniform(0.05, 0.5, (5, joints)), rng.uniform(0, 2 * np.pi, (5, joints))

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from bodies import chain, states
 from commands import example, recordings
+from numpy.typing import NDArray
 
 Call = Callable[[], object]
+Array = NDArray[np.float64]
 GEARS = (32.0, 32.0, 45.0, -48.0, 45.0, 32.0)  # of the TX40; its last motor turns with the fifth joint, too
-RATE, USED, DECIMATE = 5000.0, 25_001, 10  # Hz, samples of the training, FIGAROH's factor
+RATE, USED = 5000.0, 25_001  # Hz, samples of the training
 
 
 def triangular(way: str, joints: int, samples: int) -> Call:
@@ -21,17 +23,24 @@ def triangular(way: str, joints: int, samples: int) -> Call:
     if way == "Pinocchio, NumPy":
         return lambda: plain(joints, q, dq, ddq, tau)
     from dynident.log import Motion
-    from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
     from dynident.regression import Regression
 
+    model = arm(joints)
+    names = tuple(joint.name for joint in model.joints)
+    t = np.linspace(0, 5e-3 * (samples - 1), samples)
+    motion = Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
+    return lambda: Regression(model, (motion,)).triangular_factors
+
+
+def arm(joints: int) -> Any:
+    """A chain of so many joints with friction, as a model."""
+    from dynident.models import Coulomb, Model, Offset, RigidBodies, Viscous
+
     bodies = RigidBodies(chain(joints))
-    arm = Model((bodies, *(term(bodies.joints) for term in (Viscous, Coulomb, Offset))))
-    names = tuple(joint.name for joint in arm.joints)
-    motion = Motion(np.arange(samples) * 5e-3, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
-    return lambda: Regression(arm, (motion,)).triangular_factors
+    return Model((bodies, *(term(bodies.joints, values=(0.5,) * joints) for term in (Viscous, Coulomb, Offset))))
 
 
-def plain(joints: int, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray, size: int = 4096) -> np.ndarray:
+def plain(joints: int, q: Array, dq: Array, ddq: Array, tau: Array, size: int = 4096) -> Array:
     """The same with Pinocchio and NumPy, as one would write it down."""
     import pinocchio as pin
 
@@ -44,32 +53,32 @@ def plain(joints: int, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, tau: np.n
         for k, state in enumerate(zip(q[part], dq[part], ddq[part], strict=True)):
             rows[:, k, : 10 * joints] = pin.computeJointTorqueRegressor(model, data, *state)
         for j in range(joints):
-            ones = np.ones(rows.shape[1])
-            rows[j][:, [10 * joints + k * joints + j for k in range(3)]] = np.c_[dq[part, j], np.sign(dq[part, j]), ones]
+            columns = [(10 + k) * joints + j for k in range(3)]
+            rows[j][:, columns] = np.c_[dq[part, j], np.sign(dq[part, j]), np.ones(rows.shape[1])]
         rows[:, :, -1] = tau[part].T
-        factors = np.linalg.qr(np.concatenate((factors, rows), axis=1), mode="r")
+        factors = np.asarray(np.linalg.qr(np.concatenate((factors, rows), axis=1), mode="r"))
     return factors
 
 
-def tx40(way: str) -> Call:
-    """The training log of the TX40, smoothed, differentiated, filtered and decimated, to its base parameters."""
+def tx40(way: str, decimate: int) -> Call:
+    """The training log of the TX40, smoothed and differentiated, its equations filtered and every so many-th taken."""
     if way == "figaroh":
-        return figaroh()
+        return figaroh(decimate)
     from dynident.io.project import read_project
     from dynident.regression import ParallelFilter, Regression
     from dynident.smoothers import Spline
 
     project = read_project(example("tx40"))
     (log,) = project.logs()[0]["train"].values()
-    smoother, low_pass = Spline(), ParallelFilter(decimate=DECIMATE)
+    smoother, low_pass = Spline(), ParallelFilter(decimate) if decimate > 1 else None
     return lambda: Regression(project.model, (smoother(log),), low_pass).triangular_factors
 
 
-def figaroh() -> Call:
+def figaroh(decimate: int) -> Call:
     """FIGAROH 1.0 on the same samples: its low-pass, differences, regressor, decimation and QR, as its own example of
     this robot calls them, without the three columns of the coupled motor."""
     from figaroh.identification.base_identification import BaseIdentification
-    from figaroh.tools.robot import load_robot
+    from pinocchio import RobotWrapper, buildModelFromUrdf
 
     folder = recordings("tx40")
     q, tau = (
@@ -80,7 +89,7 @@ def figaroh() -> Call:
     turned[5, 4] = GEARS[5]
     q = q @ np.linalg.inv(turned).T + [0, -np.pi / 2, np.pi / 2, 0, 0, 0]
     tau = tau @ turned
-    robot = load_robot(str(folder / "tx40_mdh_modified.urdf"), package_dirs=str(folder), load_by_urdf=True)
+    robot = RobotWrapper(buildModelFromUrdf(str(folder / "tx40_mdh_modified.urdf")))  # its meshes are not needed
 
     class Identification(BaseIdentification):  # type: ignore[misc]
         def __init__(self) -> None:  # without a configuration file
@@ -103,6 +112,17 @@ def figaroh() -> Call:
         found.calculate_full_regressor()
         found.initialize_standard_parameters()
         reduced, active = found._eliminate_zero_columns(0.001)
-        return found._calculate_base_parameters(*found._apply_decimation(reduced, DECIMATE), active)
+        rows = found._apply_decimation(reduced, decimate) if decimate > 1 else found._prepare_undecimated_data(reduced)
+        return found._calculate_base_parameters(*rows, active)["phi_base"]
 
     return once
+
+
+def consistent(_: str, joints: int, samples: int) -> Call:
+    """A physically consistent fit, from triangular factors that are known."""
+    from consistent import problem
+
+    from dynident.estimators import PhysicallyConsistent
+
+    posed = problem(arm(joints), 0.5, samples)
+    return lambda: PhysicallyConsistent(costs=False)(posed)

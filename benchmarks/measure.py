@@ -22,9 +22,10 @@ from typing import IO
 
 FOLDER = Path(__file__).parent
 OWN = {"with": {}, "without": {"DYNIDENT_KERNEL": "off"}}  # ways of dynident with the environment that asks for them
-THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+ALL = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {"PYTHONWARNINGS": "ignore"}
 SHORT = 0.05  # s, for which a short work is repeated to be measured
 ROUNDS = 15  # at most
+FAILED = "failed: its errors are above"
 GIB = 2**20 if sys.platform != "darwin" else 2**30  # of ru_maxrss
 
 
@@ -106,7 +107,7 @@ class Worker:
     def answer(self) -> Figure | str:
         """Wait for what it says."""
         line = self._pipe(self.process.stdout).readline()
-        said = json.loads(line) if line else "failed: its errors are above"
+        said = json.loads(line) if line else FAILED
         return said if isinstance(said, str) else Figure(**said)
 
     def _pipe(self, pipe: IO[str] | None) -> IO[str]:
@@ -120,7 +121,7 @@ def started(work: Work, way: str) -> Iterator[Worker]:
     environment = {name: value for name, value in os.environ.items() if name != "DYNIDENT_KERNEL"}
     command = [sys.executable, __file__, work.file, work.name, json.dumps(work.arguments), way]
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment | THREADS | OWN.get(way, {})
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment | ALL | OWN.get(way, {})
     ) as process:
         try:
             yield Worker(process)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -39,11 +40,14 @@ def recordings(robot: str) -> Path:
     raise FileNotFoundError(f"the recordings are not here; the first lines of examples/{robot}.yaml say where they are")
 
 
-def example(robot: str, changes: str = "") -> Path:
-    """Return the configuration of an example, with the paths of its recordings and with other settings at its end."""
+def example(robot: str, estimator: str = "") -> Path:
+    """Return the configuration of an example with the paths of its recordings, and another estimator where one is
+    named."""
     data, path = recordings(robot), Path(SCRATCH.name, f"{robot}.yaml")
-    text = (ROOT / "examples" / path.name).read_text(encoding="utf-8")
-    path.write_text(text.replace(f": data/{robot}/", f": {data}/") + changes, encoding="utf-8")
+    text = (ROOT / "examples" / path.name).read_text(encoding="utf-8").replace(f": data/{robot}/", f": {data}/")
+    if estimator:
+        text = re.sub(r"(?m)^estimator:.*$", "", text) + f"\nestimator: {{ kind: {estimator} }}\n"
+    path.write_text(text, encoding="utf-8")
     return path
 
 

@@ -28,7 +28,7 @@ def robot(_: str, name: str) -> Call:
         posed.extend((estimator, problem))
         raise Posed
 
-    project = read_project(example(name, "\nestimator: { kind: maximum_likelihood }\n"))
+    project = read_project(example(name, "maximum_likelihood"))
     with mock.patch.object(MaximumLikelihood, "__call__", caught), suppress(Posed):
         project.identify()
     estimator, problem = posed

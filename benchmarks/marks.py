@@ -75,25 +75,25 @@ def spline(text: str, name: str, n: int, peer: str | None, *marks: Mark | None, 
 
 
 def command(robot: str, title: str, kernel: float, without: float) -> Row:
-    return Row(f"{title}: `identify` with report", Work("commands", "identify", (robot,), seconds=40), None,
+    return Row(f"{title}: `identify` with report", Work("commands", "identify", (robot,), seconds=15), None,
                (Mark(kernel), Mark(without)))  # fmt: skip
 
 
 def start(what: str, title: str, most: float) -> Row:
-    work = Work("commands", "start", (what,), ("Python alone",), ("with",), seconds=4)
+    work = Work("commands", "start", (what,), ("Python alone",), ("with",), seconds=3)
     return Row(title, work, "Python alone", (Mark(most), None))
 
 
 FITPACK = spline("S = n, n = {n}", "constraint", 100_000, "FITPACK", Mark(170, 35), Mark(ratio=9))
 CSAPS = spline("lam fixed, n = {n}", "fixed", 100_000, "csaps", Mark(ratio=20), Mark(ratio=9))
-PINOCCHIO = Row("regressor, 7 joints", Work("bodies", "regressor", (7, 5000), ("Pinocchio",), seconds=6), "Pinocchio",
+PINOCCHIO = Row("regressor, 7 joints", Work("bodies", "regressor", (7, 5000), ("Pinocchio",), seconds=4), "Pinocchio",
                 (Mark(ratio=8), Mark(ratio=1.5)), 5000)  # fmt: skip
-FACTORS = Work("factors", "triangular", (7, 20_000), ("Pinocchio, NumPy",), seconds=8)
+FACTORS = Work("factors", "triangular", (7, 20_000), ("Pinocchio, NumPy",), seconds=4)
 TX40, DECIMATED = (
-    Row(text, Work("factors", "tx40", (step,), ("figaroh",), seconds=15), "figaroh", (Mark(ratio=25), Mark(ratio=8)))
+    Row(text, Work("factors", "tx40", (step,), ("figaroh",), seconds=4), "figaroh", (Mark(ratio=25), Mark(ratio=8)))
     for step, text in ((1, "TX40, all samples"), (10, "TX40, every tenth after a low-pass"))
 )
-MILLION = Row("1e6 samples of 7 joints from Parquet", Work("commands", "parquet", (1_000_000,), seconds=1), None,
+MILLION = Row("1e6 samples of 7 joints from Parquet", Work("commands", "parquet", (1_000_000,), seconds=0), None,
               (Mark(15), Mark(30)))  # fmt: skip
 LONGEST = spline("S = n, n = {n}", "constraint", 10_000_000, None, None, None)
 
@@ -130,16 +130,16 @@ TABLES = {
     "peak": Table("Peak of memory", "GiB", 1, (
         replace(MILLION, marks=(Mark(1), None)), replace(LONGEST, count=1)), "peak"),
     "study": Table("The article's study, on the clock", "s", 1, (
-        Row("9000 fits, two workers", Work("commands", "study", (1000, 2), seconds=1), None, (Mark(20), Mark(35))),),
+        Row("9000 fits, two workers", Work("commands", "study", (1000, 2), seconds=0), None, (Mark(20), Mark(35))),),
         "wall"),
     "likelihood": Table("Maximum likelihood, the estimator alone", "s of CPU", 1, (
-        Row("LWR4", Work("likelihood", "robot", ("lwr4",), seconds=1), None, (Mark(5), None)),
-        Row("Panda", Work("likelihood", "robot", ("panda",), seconds=1), None, (Mark(8), None)),
-        Row("the article's arm, a run", Work("likelihood", "article", seconds=8), None, (Mark(0.04), None)),
+        Row("LWR4", Work("likelihood", "robot", ("lwr4",), seconds=0), None, (Mark(5), None)),
+        Row("Panda", Work("likelihood", "robot", ("panda",), seconds=0), None, (Mark(8), None)),
+        Row("the article's arm, a run", Work("likelihood", "article", seconds=4), None, (Mark(0.04), None)),
     )),
     "start": Table("Start", "ms of CPU", 1e3, (
         start("dynident", "`import dynident`", 30),
-        start("--help", "`dynident --help`", 80),
+        start("--help", "`--help` of the command", 80),
         start("dynident.splines", "`import dynident.splines`", 330),
     )),
 }  # fmt: skip
@@ -148,13 +148,13 @@ LENGTHS = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
 JOINTS = (2, 4, 7, 12, 20, 30)
 PLOTS = {
     "samples": Plot("A smoothing spline with S = n", "samples", "ns of CPU a sample", 1e9, tuple(
-        (n, Work("spline", "constraint", (n,), ("FITPACK",), seconds=2), n) for n in LENGTHS)),
+        (n, Work("spline", "constraint", (n,), ("FITPACK",), seconds=1), n) for n in LENGTHS)),
     "joints": Plot("The regressor of rigid bodies", "joints", "µs of CPU a sample", 1e6, tuple(
-        (n, Work("bodies", "regressor", (n, 2000), ("Pinocchio",), seconds=2), 2000) for n in JOINTS)),
+        (n, Work("bodies", "regressor", (n, 2000), ("Pinocchio",), seconds=1), 2000) for n in JOINTS)),
     "parameters": Plot("Regressor and triangular factors", "parameters", "µs of CPU a sample", 1e6, tuple(
-        (13 * n, Work("factors", "triangular", (n, 2000), ("Pinocchio, NumPy",), seconds=2), 2000) for n in JOINTS)),
+        (13 * n, Work("factors", "triangular", (n, 2000), ("Pinocchio, NumPy",), seconds=1), 2000) for n in JOINTS)),
     "fits": Plot("A physically consistent fit, from triangular factors", "parameters", "ms of CPU", 1e3, tuple(
-        (13 * n, Work("factors", "consistent", (n, 2000), seconds=2), 1) for n in JOINTS[:-1])),
+        (13 * n, Work("factors", "consistent", (n, 2000), seconds=1), 1) for n in JOINTS[:-1])),
 }  # fmt: skip
 
 

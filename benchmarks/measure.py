@@ -24,6 +24,7 @@ FOLDER = Path(__file__).parent
 OWN = {"with": {}, "without": {"DYNIDENT_KERNEL": "off"}}  # ways of dynident with the environment that asks for them
 ALL = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1") | {"PYTHONWARNINGS": "ignore"}
 SHORT = 0.05  # s, for which a short work is repeated to be measured
+LONG = 2.0  # s, from which the first time counts
 ROUNDS = 15  # at most
 FAILED = "failed: its errors are above"
 GIB = 2**20 if sys.platform != "darwin" else 2**30  # of ru_maxrss
@@ -33,7 +34,7 @@ GIB = 2**20 if sys.platform != "darwin" else 2**30  # of ru_maxrss
 class Work:
     """A work: ``name`` of ``file``, called with ``arguments``; done by dynident in some ``ways``, and by ``peers``.
 
-    It is repeated for about ``seconds`` in all, once at least.
+    Once each of them has done it, they repeat it in turn for about ``seconds``.
     """
 
     file: str
@@ -41,7 +42,7 @@ class Work:
     arguments: tuple[str | float, ...] = ()
     peers: tuple[str, ...] = ()
     ways: tuple[str, ...] = tuple(OWN)
-    seconds: float = 10.0
+    seconds: float = 4.0
 
     @property
     def key(self) -> str:
@@ -59,8 +60,10 @@ class Figure:
     peak: float
     rise: float
 
-    def best(self, other: Figure) -> Figure:
-        """Return the best of both."""
+    def best(self, other: Figure | str) -> Figure | str:
+        """Return the best of both; a failure is one of all."""
+        if isinstance(other, str):
+            return other
         faster = min(self.cpu, other.cpu), min(self.wall, other.wall)
         return Figure(*faster, max(self.peak, other.peak), max(self.rise, other.rise))
 
@@ -70,23 +73,19 @@ def measured(work: Work) -> dict[str, Figure | str]:
     found: dict[str, Figure | str] = {}
     with ExitStack() as stack:
         workers: dict[str, Worker] = {}
-        began = time.monotonic()
         for way in (*work.ways, *work.peers):
             worker = stack.enter_context(started(work, way))
-            first = worker.answer()
-            found[way] = first
-            if not isinstance(first, str):
-                workers[way] = worker
+            found[way] = worker.answer()
+            workers[way] = worker
+        began = time.monotonic()
         for _ in range(ROUNDS - 1):
             if time.monotonic() - began > work.seconds:
                 break
             for way, worker in workers.items():
-                found[way] = best(found[way], worker.again())
+                one = found[way]
+                if isinstance(one, Figure) and one.wall < work.seconds:  # else once is enough
+                    found[way] = one.best(worker.again())
     return found
-
-
-def best(one: Figure | str, other: Figure | str) -> Figure | str:
-    return one.best(other) if isinstance(one, Figure) and isinstance(other, Figure) else other
 
 
 @dataclass(frozen=True)
@@ -146,6 +145,8 @@ def serve(file: str, name: str, arguments: str, way: str) -> None:
     except (FileNotFoundError, ImportError) as why:
         say(str(why))
         return
+    if first["wall"] < LONG:  # it has imported what it needs, too
+        first = once(call, 1, before)
     number = max(1, int(SHORT / first["wall"]))
     say(first if number == 1 else once(call, number, before))
     for _ in sys.stdin:

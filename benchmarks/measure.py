@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -140,22 +140,23 @@ def serve(file: str, name: str, arguments: str, way: str) -> None:
     try:
         prepare: Callable[..., Callable[[], object]] = getattr(__import__(file), name)
         call = prepare("dynident" if way in OWN else way, *json.loads(arguments))
-        before = peak()
-        first = once(call, 1, before)
+        first = once(call, 1)
     except (FileNotFoundError, ImportError) as why:
         say(str(why))
         return
     if first["wall"] < LONG:  # it has imported what it needs, too
-        first = once(call, 1, before)
+        first = once(call, 1)
     number = max(1, int(SHORT / first["wall"]))
-    say(first if number == 1 else once(call, number, before))
+    say(first if number == 1 else once(call, number))
     for _ in sys.stdin:
-        say(once(call, number, before))
+        say(once(call, number))
 
 
-def once(call: Callable[[], object], number: int, before: float) -> dict[str, float]:
+def once(call: Callable[[], object], number: int) -> dict[str, float]:
     """Do a work so many times; return the fields of the Figure of one of them."""
-    began, spent, said = time.perf_counter(), cpu(), None
+    with suppress(OSError):  # on Linux; elsewhere the peak is that of the whole process
+        Path("/proc/self/clear_refs").write_text("5")
+    before, began, spent, said = peak(), time.perf_counter(), cpu(), None
     for _ in range(number):
         said = call()
     used, wall = (cpu() - spent) / number, (time.perf_counter() - began) / number

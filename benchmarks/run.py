@@ -24,7 +24,7 @@ from typing import Any
 
 from marks import TABLES, works
 from measure import Figure, measured
-from tables import DOCS, FIGURES, PAGE, README, page, pictures, readme, table
+from tables import DOCS, FIGURES, PAGE, README, page, pictures, readme, summary, table
 
 HERE = Path(__file__).parent
 SCRIPTS = ("consistent", "maximum_likelihood", "closed_loop")
@@ -77,7 +77,7 @@ def bench(parts: list[str], file: Path | None) -> None:
         began = time.monotonic()
         ways = work.ways if machine["level"] else tuple(way for way in work.ways if way != "with")
         figures = measured(replace(work, ways=ways))
-        found[work.key] = {way: asdict(one) if isinstance(one, Figure) else one for way, one in figures.items()}
+        found[work.key] = {way: kept_of(one) for way, one in figures.items()}
         print(f"{k} of {len(todo)}, {time.monotonic() - began:.0f} s: {told(work.key, found)}", flush=True)
         if file:  # after each, so that a run that is stopped has kept what it has
             known = {key: kept[key] | found.get(key, {}) if key in kept else found[key] for key in (*kept, *found)}
@@ -85,6 +85,14 @@ def bench(parts: list[str], file: Path | None) -> None:
     for name in parts:
         if name in TABLES:
             print(f"\n{table(TABLES[name], found)}")
+    print(f"\n{summary(parts, found)}")
+
+
+def kept_of(figure: Figure | str) -> dict[str, float] | str:
+    """What is kept of a figure: four digits, or why there is none."""
+    if isinstance(figure, str):
+        return figure
+    return {name: float(f"{value:.4g}") for name, value in asdict(figure).items()}
 
 
 def facts() -> dict[str, Any]:

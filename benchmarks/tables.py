@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,16 @@ def wanted(mark: Mark | None, met: bool | None) -> str:
     parts += [shown(mark.most)] if mark.most is not None else []
     said = {True: "met", False: "**not met**", None: "not measured"}[met]
     return f"{', '.join(parts)}: {said}"
+
+
+def summary(names: Collection[str], measured: Measured) -> str:
+    """How many marks of some tables are met."""
+    every = [
+        row.met(TABLES[name], measured, way)
+        for name in names if name in TABLES for row in TABLES[name].rows
+        for way, mark in zip(("with", "without"), row.marks, strict=True) if mark
+    ]  # fmt: skip
+    return f"Marks: {every.count(True)} met, {every.count(False)} not met, {every.count(None)} not measured."
 
 
 def absent(measured: Measured) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,6 +24,10 @@ def tried(who, *values):
     print("no answer")
     off = os.environ.get("DYNIDENT_KERNEL") == "off"
     return lambda: {"cpu": sum(values) * (1 if who != "dynident" else 0.5 if off else 0.1)}
+
+def large(who):
+    data = b"." * (100 * 2**20)
+    return lambda: len(bytearray(50 * 2**20)) + len(data)
 
 def broken(who):
     return lambda: 1 / 0
@@ -137,3 +142,12 @@ def test_a_run_keeps_what_a_file_has_of_other_parts(
     assert found[work.key]["without"]["cpu"] == 0.5
     shown = capsys.readouterr().out
     assert "| a row | peer 1 | 0.1 (10 x) | 5 x: met | 0.5 (2 x) | 5 x: **not met** |" in shown
+    assert "Marks: 1 met, 1 not met, 0 not measured." in shown
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a peak of memory is forgotten on Linux only")
+def test_memory_of_a_work_is_what_it_adds_to_its_data(tried: SimpleNamespace) -> None:
+    work = tried.measure.Work("tried", "large", ways=("with",), seconds=0)
+    figure = tried.measure.measured(work)["with"]
+    assert figure.rise == pytest.approx(0.05, rel=0.3)
+    assert figure.peak > 0.15

@@ -35,11 +35,12 @@ def regressor(way: str, joints: int, samples: int) -> Call:
 
         model = pin.buildModelFromXML(chain(joints))
         data, compute = model.createData(), pin.computeJointTorqueRegressor
-        Y = np.empty((samples, joints, 10 * joints))
 
-        def loop() -> None:
+        def loop() -> Array:
+            Y = np.empty((samples, joints, 10 * joints))
             for k in range(samples):
                 Y[k] = compute(model, data, q[k], dq[k], ddq[k])
+            return Y
 
         return loop
     from dynident.models import RigidBodies

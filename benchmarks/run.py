@@ -53,6 +53,8 @@ def main(arguments: list[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     if wrong := [name for name in given.parts if name not in (*PARTS, "marks", *SCRIPTS)]:
         parser.error(f"unknown part {wrong[0]!r}; known: {', '.join((*PARTS, 'marks', *SCRIPTS))}")
+    if os.name == "nt":
+        parser.error("Windows does not tell what a process has used; run the benchmarks on Linux or macOS.")
     file = FIGURES if given.page or given.draw else given.json
     if not given.draw:
         for name in SCRIPTS:

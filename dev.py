@@ -29,8 +29,8 @@ VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 READERS = "hdf5,ros,xacro"  # extras for the files that a user may bring
-MUTANTS = "cosmic-ray==8.7.0"
 PEER = "figaroh==1.0.2"  # with twenty packages of its own
+MUTANTS = "cosmic-ray==8.7.0"
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
 ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "tests/io/test_xacro.py", "tests/export")

@@ -36,7 +36,8 @@ def constraint(way: str, n: int, series: int = 1) -> Call:
     from dynident.splines import Constraint, smooth
 
     if series > 1:
-        y = np.sin(t)[:, None] + SIGMA * np.random.default_rng(1).standard_normal((n, series))
+        angle = np.outer(t, 1 + 0.2 * np.arange(series) % 2)  # other speeds, and other smoothing
+        y = np.sin(angle) + 0.5 * np.sin(3.1 * angle) + SIGMA * np.random.default_rng(1).standard_normal((n, series))
 
     def ours() -> None:
         fit = smooth(t, y, Constraint(), sigma=SIGMA)

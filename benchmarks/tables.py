@@ -15,7 +15,7 @@ DOCS, README = ROOT / "docs", ROOT / "README.md"
 PAGE, FIGURES = DOCS / "performance.md", DOCS / "performance.json"
 HEAD = "| | peer | with the kernel | mark | without | mark |\n|---|---|---|---|---|---|"
 COLOURS = {"with": "#3584e4", "without": "#2ec27e"}
-NAMES = {"with": "dynident with the kernel", "without": "without"}
+NAMES = {"with": "dynident with the kernel", "without": "dynident without"}
 PEER = "#e5484d"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import runpy
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -151,3 +152,18 @@ def test_memory_of_a_work_is_what_it_adds_to_its_data(tried: SimpleNamespace) ->
     figure = tried.measure.measured(work)["with"]
     assert figure.rise == pytest.approx(0.05, rel=0.3)
     assert figure.peak > 0.15
+
+
+def test_a_peer_that_cannot_be_installed_stops_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(*_: object) -> None:
+        raise SystemExit("no such package")
+
+    started = runpy.run_path(str(ROOT / "dev.py"))["bench"]
+    commands: list[tuple[object, ...]] = []
+    monkeypatch.setitem(started.__globals__, "pip", refused)
+    monkeypatch.setitem(started.__globals__, "run", lambda *words: commands.append(words[1:]))
+    started(["marks"])
+    assert commands == [("benchmarks/run.py", "marks")]
+    assert "no such package" in capsys.readouterr().err

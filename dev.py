@@ -30,6 +30,7 @@ VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 READERS = "hdf5,ros,xacro"  # extras for the files that a user may bring
+PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
 ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
 KERNEL = ROOT / "src" / "dynident" / "kernel"
@@ -198,7 +199,11 @@ def docs(_: list[str]) -> None:
 
 
 def bench(arguments: list[str]) -> None:
-    """Run the benchmarks."""
+    """Run the benchmarks, with a peer where it installs."""
+    try:
+        pip("--constraint", "constraints.txt", PEER)
+    except SystemExit as error:
+        print(error, file=sys.stderr)
     run(PYTHON, "benchmarks/run.py", *arguments)
 
 

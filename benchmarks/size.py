@@ -1,6 +1,7 @@
 """A long recording, 1e6 samples of 7 joints, from Parquet to the report: seconds by stage, and the peak of memory.
 
-``python3 benchmarks/size.py make [SAMPLES]`` makes the recording and runs this file with its configuration.
+``python3 benchmarks/size.py make [SAMPLES]`` makes the recording and runs this file with its configuration; ``record
+FOLDER SAMPLES`` only makes it.
 """
 
 from __future__ import annotations
@@ -103,4 +104,10 @@ def size(n: int = 1_000_000) -> None:
 
 
 if __name__ == "__main__":
-    size(*map(int, sys.argv[2:])) if sys.argv[1:2] == ["make"] else staged(Path(sys.argv[1]))
+    match sys.argv[1:]:
+        case ["make", *samples]:
+            size(*map(int, samples))
+        case ["record", folder, samples]:
+            record(Path(folder), int(samples))
+        case [config]:
+            staged(Path(config))

@@ -1,0 +1,169 @@
+"""The benchmarks: works are measured in turn, marks are judged, and docs/performance.md shows what a run measured."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="processes are measured by their resource usage")
+PARTS = ("marks", "measure", "plot", "run", "tables")
+TRIED = """
+import os
+
+def tried(who, *values):
+    if who == "a peer that is not here":
+        raise FileNotFoundError(f"{who} is not found")
+    print("no answer")
+    off = os.environ.get("DYNIDENT_KERNEL") == "off"
+    return lambda: {"cpu": sum(values) * (1 if who != "dynident" else 0.5 if off else 0.1)}
+
+def large(who):
+    data = b"." * (100 * 2**20)
+    return lambda: len(bytearray(50 * 2**20)) + len(data)
+
+def broken(who):
+    return lambda: 1 / 0
+"""
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return SimpleNamespace(**{name: importlib.import_module(name) for name in PARTS})
+
+
+@pytest.fixture
+def tried(bench: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The same with a file of works that take no time."""
+    (tmp_path / "tried.py").write_text(TRIED, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    return bench
+
+
+def kept() -> dict[str, Any]:
+    return dict(json.loads((ROOT / "docs" / "performance.json").read_text(encoding="utf-8")))
+
+
+def test_a_work_is_measured_with_the_kernel_without_it_and_by_its_peers(tried: SimpleNamespace) -> None:
+    work = tried.measure.Work("tried", "tried", (2, 3), ("peer", "a peer that is not here"), seconds=0)
+    found = tried.measure.measured(work)
+    assert list(found) == ["with", "without", "peer", "a peer that is not here"]
+    assert [found[way].cpu for way in list(found)[:3]] == [0.5, 2.5, 5.0]
+    assert found["peer"].peak > 0.001
+    assert found["a peer that is not here"] == "a peer that is not here is not found"
+
+
+def test_a_work_that_fails_is_no_figure(tried: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
+    found = tried.measure.measured(tried.measure.Work("tried", "broken", ways=("with",), seconds=0))
+    assert found == {"with": tried.measure.FAILED}
+    assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+def test_the_best_of_all_rounds_counts_and_the_largest_memory(bench: SimpleNamespace) -> None:
+    one, other = bench.measure.Figure(1.0, 4.0, 0.5, 0.1), bench.measure.Figure(2.0, 3.0, 0.4, 0.2)
+    assert one.best(other) == bench.measure.Figure(1.0, 3.0, 0.5, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("own", "peer", "met"),
+    [(1.0, 40.0, True), (1.0, 20.0, False), (3.0, 400.0, False), (1.0, None, None), (None, 40.0, None)],
+)
+def test_a_mark_is_met_by_cost_and_by_ratio(
+    bench: SimpleNamespace, own: float | None, peer: float | None, met: bool | None
+) -> None:
+    work = bench.measure.Work("tried", "tried", peers=("peer",))
+    row = bench.marks.Row("text", work, "peer", (bench.marks.Mark(2.0, 35.0), None), count=1000)
+    table = bench.marks.Table("title", "ms", 1e3, (row,))
+    measured = {work.key: {"with": {"cpu": own}, "peer": {"cpu": peer} if peer else "not here"}}
+    if own is None:
+        measured[work.key]["with"] = "failed"
+    assert row.met(table, measured, "with") is met
+    assert row.met(table, measured, "without") is None
+    said = {True: "35 x, 2: met", False: "35 x, 2: **not met**", None: "35 x, 2: not measured"}[met]
+    assert said in bench.tables.table(table, measured)
+
+
+def test_every_work_exists_and_has_one_key(bench: SimpleNamespace) -> None:
+    every = bench.marks.works(bench.run.PARTS)
+    assert len({work.key for work in every}) == len(every) > 40
+    for work in every:
+        source = (ROOT / "benchmarks" / f"{work.file}.py").read_text(encoding="utf-8")
+        assert f"def {work.name}(" in source, work.key
+
+
+def test_peers_of_rows_are_measured(bench: SimpleNamespace) -> None:
+    for row in (row for table in bench.marks.TABLES.values() for row in table.rows):
+        assert row.peer is None or row.peer in row.work.peers, row.text
+        ratios = [mark.ratio for mark in row.marks if mark]
+        assert row.peer or not any(ratios), row.text
+
+
+def test_the_page_and_its_plots_show_the_figures_that_are_kept(bench: SimpleNamespace) -> None:
+    """``dev.py bench --page`` writes both; neither is edited by hand."""
+    text, figures = bench.tables.PAGE.read_text(encoding="utf-8"), kept()
+    assert bench.tables.page(text, figures["machine"], figures["works"]) == text
+    text = bench.tables.README.read_text(encoding="utf-8")
+    assert bench.tables.readme(text, figures["works"]) == text
+    for name, picture in bench.tables.pictures(figures["works"]).items():
+        assert (ROOT / "docs" / f"growth_{name}.svg").read_text(encoding="utf-8") == picture
+        assert picture.count("<circle") > 5
+
+
+def test_every_figure_that_is_kept_is_of_a_work(bench: SimpleNamespace) -> None:
+    assert set(kept()["works"]) <= {work.key for work in bench.marks.works(bench.run.PARTS)}
+
+
+def test_an_unknown_part_is_refused(bench: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        bench.run.main(["spline"])
+    assert "unknown part 'spline'; known: splines, bodies" in capsys.readouterr().err
+
+
+def test_a_run_keeps_what_a_file_has_of_other_parts(
+    tried: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    work = tried.measure.Work("tried", "tried", (1,), ("peer",), seconds=0)
+    row = tried.marks.Row("a row", work, "peer", (tried.marks.Mark(ratio=5), tried.marks.Mark(ratio=5)))
+    monkeypatch.setitem(tried.marks.TABLES, "start", tried.marks.Table("A table", "s", 1, (row,)))
+    monkeypatch.setattr(tried.run, "facts", lambda: {"level": "avx2", "kernel": "avx2"})
+    file = tmp_path / "kept.json"
+    file.write_text(json.dumps({"machine": {}, "works": {"other": {"with": "kept"}}}), encoding="utf-8")
+    tried.run.main(["start", "--json", str(file)])
+    found = json.loads(file.read_text(encoding="utf-8"))["works"]
+    assert found["other"] == {"with": "kept"}
+    assert found[work.key]["without"]["cpu"] == 0.5
+    shown = capsys.readouterr().out
+    assert "| a row | peer 1 | 0.1 (10 x) | 5 x: met | 0.5 (2 x) | 5 x: **not met** |" in shown
+    assert "Marks: 1 met, 1 not met, 0 not measured." in shown
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a peak of memory is forgotten on Linux only")
+def test_memory_of_a_work_is_what_it_adds_to_its_data(tried: SimpleNamespace) -> None:
+    work = tried.measure.Work("tried", "large", ways=("with",), seconds=0)
+    figure = tried.measure.measured(work)["with"]
+    assert figure.rise == pytest.approx(0.05, rel=0.3)
+    assert figure.peak > 0.15
+
+
+def test_a_peer_that_cannot_be_installed_stops_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refused(*_: object) -> None:
+        raise SystemExit("no such package")
+
+    started = runpy.run_path(str(ROOT / "dev.py"))["bench"]
+    commands: list[tuple[object, ...]] = []
+    monkeypatch.setitem(started.__globals__, "pip", refused)
+    monkeypatch.setitem(started.__globals__, "run", lambda *words: commands.append(words[1:]))
+    started(["marks"])
+    assert commands == [("benchmarks/run.py", "marks")]
+    assert "no such package" in capsys.readouterr().err

@@ -57,7 +57,8 @@ class CascadePD:
     def of_numbers(self, t: Array) -> Callable[[int, float, float], float]:
         """Return the torque of a single joint as a function of the number of an instant of t (N), of q and of dq."""
         held = self._row(t)
-        references, feedforward = self.reference[held, 0].tolist(), self.feedforward[held, 0].tolist()
+        references: list[float] = self.reference[held, 0].tolist()
+        feedforward: list[float] = self.feedforward[held, 0].tolist()
         kp, kv, gain, limit = (float(one[0]) for one in (self.kp, self.kv, self.gain, self.saturation))
 
         def torque(k: int, q: float, dq: float) -> float:

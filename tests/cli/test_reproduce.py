@@ -77,6 +77,7 @@ class TestReproduce:
             "import os, signal, threading\nfrom concurrent.futures import ProcessPoolExecutor\n"
             "from dynident.cli import main\nsubmit = ProcessPoolExecutor.submit\n"
             "def early(*given):\n"
+            "    ProcessPoolExecutor.submit = submit\n"
             "    threading.Timer(0.1, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
             "    return submit(*given)\n"
             "ProcessPoolExecutor.submit = early\n"

@@ -14,6 +14,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from dynident.studies.table import StudyTable
 from tests.cli.commands import run
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
@@ -76,6 +77,7 @@ class TestReproduce:
             "import os, signal, threading\nfrom concurrent.futures import ProcessPoolExecutor\n"
             "from dynident.cli import main\nsubmit = ProcessPoolExecutor.submit\n"
             "def early(*given):\n"
+            "    ProcessPoolExecutor.submit = submit\n"
             "    threading.Timer(0.1, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
             "    return submit(*given)\n"
             "ProcessPoolExecutor.submit = early\n"
@@ -95,12 +97,12 @@ class TestReproduce:
         # the pipe of standard error ends when the last process that holds it does, workers included
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + HANGS
-            while not (tmp_path / "study.parquet").exists() and time.monotonic() < deadline:
+            while not (tmp_path / "study.parquet.rows").exists() and time.monotonic() < deadline:
                 time.sleep(0.1)
             process.send_signal(getattr(signal, number))
             _, told = process.communicate(timeout=HANGS)
         assert process.returncode == code
-        assert len(pl.read_parquet(tmp_path / "study.parquet")) > 0
+        assert len(StudyTable(tmp_path / "study.parquet").rows) > 0
         if code > 0:
             kept = tmp_path / "study.parquet"
             assert told == f"Interrupted: finished runs are kept in {kept}; run the same command again to go on.\n"

@@ -9,10 +9,15 @@ import pytest
 from dynident.errors import InputError
 from dynident.log import Log, Motion
 from dynident.models import Parameter
-from dynident.report import figures
+from dynident.report import figures as drawings
 from dynident.report.figures import canvas
 from dynident.report.figures import study as study_figures
 
+DRAWN = {name: value for name, value in vars(drawings).items() if name.endswith("_figure")}
+figures = SimpleNamespace(  # as plotly for Python takes them, which checks every property
+    **vars(drawings)
+    | {name: lambda *args, draw=draw, **more: draw(*args, **more).figure() for name, draw in DRAWN.items()}
+)
 QUARTILES = [0, 0.25, 0.5, 0.75, 1]
 
 
@@ -318,3 +323,22 @@ def test_figures_are_transparent_small_and_valid_json():
     text = figure.to_json()
     assert json.loads(text)["layout"]["template"]["layout"]["paper_bgcolor"] == "rgba(0, 0, 0, 0)"
     assert len(text) < 120_000
+
+
+def test_a_drawing_is_written_as_plotly_writes_its_figure():
+    """Arrays of every type and shape, and numbers that JSON does not know."""
+    drawing = canvas.panels(["a", "b"], 400, ["above", "below"], heights=[0.7, 0.3])
+    for k, values in enumerate(
+        (
+            np.linspace(0, 1, 5), np.arange(5, dtype=np.float32), np.arange(5), np.arange(5) - 300,
+            np.arange(5) * 10**5, np.arange(5) * 10**12, np.full((5, 2), 0.5), np.array([True, False]),
+            np.array([]), [1.0, np.nan, np.inf],
+            [np.float64(2.0)], ("x", "y"), np.array([-128, 127]), np.array([128]),
+        )
+    ):  # fmt: skip
+        drawing.add(canvas.trace("scatter", customdata=values, name=f"{k} <b>", meta=None, x=[k]), row=1 + k % 2)
+    drawing.axes("y", type="log", range=None)
+    mine, theirs = json.loads(drawing.json()), json.loads(drawing.figure().to_json())
+    assert mine == theirs
+    assert "meta" not in mine["data"][0]
+    assert [one["yaxis"] for one in mine["data"][:2]] == ["y", "y2"]

@@ -1,12 +1,14 @@
 import json
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 
-import plotly.graph_objects as go
 import pytest
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from dynident.report.figures.canvas import Drawing, trace
 from dynident.report.page import (
     Badge,
     Code,
@@ -54,7 +56,7 @@ class Outline(HTMLParser):
 
 
 def figure(name="y"):
-    return Figure(go.Figure(go.Scatter(x=[0, 1], y=[0, 1], name=name), {"height": 300}), name)
+    return Figure(Drawing([trace("scatter", x=[0, 1], y=[0, 1], name=name)], {"height": 300}), name)
 
 
 @pytest.mark.parametrize(
@@ -180,3 +182,20 @@ def test_the_page_fits_both_schemes_narrow_windows_and_paper():
     page = render("t", "l", [])
     for rule in ("prefers-color-scheme: dark", "max-width: 40rem", "@media print", "overflow-x: auto"):
         assert rule in page
+
+
+def test_a_page_with_figures_does_not_import_plotly():
+    code = (
+        "import sys\n"
+        "from dynident.report.figures.canvas import panels\n"
+        "from dynident.report.page import Figure, PageSection, render\n"
+        "page = render('t', 'l', [PageSection('s', (Figure(panels([''], 200)),))])\n"
+        "print('plotly' in sys.modules, len(page) > 1e6)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
+
+
+def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):
+    monkeypatch.setattr("dynident.report.page.find_spec", lambda name: None)
+    assert get_plotlyjs() in render("t", "l", [PageSection("s", (figure("a"),))])

@@ -14,7 +14,7 @@ from dynident.models import Coulomb, CoupledMotor, Joint, Model, RotorInertia, s
 from dynident.models.gallery import slider, two_link_arm
 from dynident.validation import CascadePD, FreeRun, RunsAway, Singular, free_run
 
-free_run_module = import_module("dynident.validation.free_run")
+stepper_module = import_module("dynident.validation.stepper")
 
 ARM = two_link_arm()
 T = np.arange(1001) * 0.002
@@ -36,7 +36,7 @@ def test_follows_the_exact_simulation_of_an_arm(monkeypatch: pytest.MonkeyPatch)
     """Against LSODA at 1e-12: the error (%) falls with the square of the step."""
     errors = []
     for step in (0.008, 0.004):
-        monkeypatch.setattr(free_run_module, "STEP", step)
+        monkeypatch.setattr(stepper_module, "STEP", step)
         t = np.arange(0.0, 2.0, step)
         exact = simulate(ARM, ARM.values, lambda s: (1.13 * np.sin(s), 0.78 * np.cos(s)), t, tolerance=1e-10)
         errors.append(max(free_run(ARM, ARM.values, exact, restart=10.0).motion_error.values()))

@@ -17,9 +17,11 @@ from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-    from dynident.studies.article import Reproduction
+    from dynident.log import Motion
+    from dynident.studies.article import ArmScenario, Reproduction
 
 __all__ = ["reproduce"]
 
@@ -73,7 +75,7 @@ def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int
     from dynident.studies import article
 
     try:
-        with status() as say, _pool(workers) as executor:
+        with status() as say, _pool(workers, scenario) as executor:
 
             def progress(done: int, total: int) -> None:
                 say(Step(f"{scenario}, {runs} runs", done, total))
@@ -96,16 +98,29 @@ def _kept(table: Path | None) -> str:
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[Executor | None]:
-    """Give the processes to work in, which end with this one, however it ends; None where this one does it alone."""
+def _pool(workers: int, scenario: str) -> Iterator[Executor | None]:
+    """Give the processes to work in, which end with this one, however it ends; None where this one does it alone.
+
+    Where the system can, they are forked from a server that has imported and compiled what all need, while this process
+    simulates the motion that all get.
+    """
     if workers == 1:
         yield None
         return
     from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import active_children, get_context
+    from multiprocessing import active_children, get_all_start_methods, get_context
 
     others = active_children()
-    with ProcessPoolExecutor(workers, get_context("spawn"), _follow) as executor:
+    context: BaseContext = get_context("spawn")
+    if "forkserver" in get_all_start_methods():
+        from multiprocessing import forkserver, resource_tracker
+
+        resource_tracker.ensure_running()  # or the server would start it, which lets signals through
+        context = get_context("forkserver")
+        forkserver.set_forkserver_preload(["dynident.studies.warm", "dynident.studies.article"])
+        with _held_back():
+            forkserver.ensure_running()
+    with ProcessPoolExecutor(workers, context, _follow, _shared(scenario)) as executor:
         try:
             with _held_back():
                 for _ in range(workers):
@@ -115,6 +130,13 @@ def _pool(workers: int) -> Iterator[Executor | None]:
             executor.shutdown(wait=False, cancel_futures=True)
             _end(set(active_children()) - set(others))
             raise
+
+
+def _shared(scenario: str) -> tuple[ArmScenario, Motion] | tuple[()]:
+    """Return a scenario and its motion; nothing where there is none of the name, which is said later."""
+    from dynident.studies.article import SCENARIOS
+
+    return (chosen, chosen.truth()) if (chosen := SCENARIOS.get(scenario)) else ()
 
 
 def _end(workers: Collection[BaseProcess]) -> None:
@@ -141,8 +163,11 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _follow() -> None:
-    """Prepare a worker: signals are for the process that started it, which tells the others, or takes them with it."""
+def _follow(scenario: ArmScenario | None = None, truth: Motion | None = None) -> None:
+    """Prepare a worker: signals are for the process that started it, which tells the others, or takes them with it.
+
+    The motion of the scenario is known.
+    """
     from multiprocessing import parent_process
     from threading import Thread
 
@@ -155,3 +180,5 @@ def _follow() -> None:
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
+    if scenario is not None and truth is not None:
+        scenario.remember(truth)

@@ -173,7 +173,7 @@ def _text(value: Any, indent: str = "") -> str:
 def _dumps(value: Any) -> str:
     r"""Return JSON in one line; characters that a reader does not see, or that a terminal acts on, as ``\\u202e``."""
     line = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in line)
+    return line if line.isprintable() else "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in line)
 
 
 def _plain(value: Any) -> Any:

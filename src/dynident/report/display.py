@@ -115,13 +115,13 @@ class Plot:
     def torque(self, log: str | None = None, joint: str | None = None) -> go.Figure:
         """Draw measured and predicted torque of one joint, and their difference."""
         one, axis = self._chosen(log, joint)
-        return figures.torque_figure(one, axis.name, axis.effort)
+        return figures.torque_figure(one, axis.name, axis.effort).figure()
 
     def smoothing(self, log: str | None = None, joint: str | None = None) -> go.Figure:
         """Draw position, velocity and acceleration of one joint, and what the smoothing took away."""
         one, axis = self._chosen(log, joint)
         motion = one.motion
-        return figures.motion_figure(motion, axis.name, axis.unit, 2000, one.recorded, motion.time_offset)
+        return figures.motion_figure(motion, axis.name, axis.unit, 2000, one.recorded, motion.time_offset).figure()
 
     def free_run(self, log: str | None = None, joint: str | None = None) -> go.Figure:
         """Draw measured and simulated position of one joint; InputError where there is no free simulation."""
@@ -130,17 +130,19 @@ class Plot:
             raise InputError(
                 f"{one.name}: there is no free simulation; ask for one by the field `restart` of a recipe."
             )
-        return figures.run_figure(one.free_run, axis.name, axis.unit)
+        return figures.run_figure(one.free_run, axis.name, axis.unit).figure()
 
     def errors(self) -> go.Figure:
         """Draw the torque error of each joint on all logs."""
-        return figures.error_figure(self.found.validations, [joint.name for joint in self.found.model.joints])
+        return figures.error_figure(self.found.validations, [joint.name for joint in self.found.model.joints]).figure()
 
     def parameters(self) -> go.Figure:
         """Draw the 95 % interval of each parameter, in % of its value."""
         estimate, model = self.found.estimate, self.found.model
         known = () if figures.only_nominal(model) else [parameter.value for parameter in model.parameters]
-        return figures.interval_figure(estimate.names, estimate.units, estimate.value, self.found.errors.best, known)
+        return figures.interval_figure(
+            estimate.names, estimate.units, estimate.value, self.found.errors.best, known
+        ).figure()
 
     def _chosen(self, log: str | None, joint: str | None) -> tuple[LogValidation, Joint]:
         logs = {one.name: one for one in (*logs_of(self.found, "train"), *logs_of(self.found, "validation"))}

@@ -9,15 +9,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from importlib.abc import ResourceLoader
+from importlib.util import find_spec
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import jinja2
-    import plotly.graph_objects as go
     from markupsafe import Markup
+
+    from dynident.report.figures import Drawing
 
 __all__ = [
     "Badge",
@@ -101,9 +106,9 @@ class Code:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A plotly figure and the sentence below it."""
+    """A figure and the sentence below it."""
 
-    figure: go.Figure
+    figure: Drawing
     caption: str = ""
 
 
@@ -196,9 +201,20 @@ def _environment() -> jinja2.Environment:
 
 def _plotly() -> Markup:
     from markupsafe import Markup
+
+    return Markup(_script())  # noqa: S704 -- the library's own script, not a text of the user
+
+
+def _script() -> str:
+    """Return plotly's JavaScript, from its file: to import plotly takes time that the figures do not need."""
+    spec = find_spec("plotly")
+    if spec and spec.origin and isinstance(spec.loader, ResourceLoader):
+        with suppress(OSError):
+            return spec.loader.get_data(str(Path(spec.origin).parent / "package_data" / "plotly.min.js")).decode()
     from plotly.offline import get_plotlyjs
 
-    return Markup(get_plotlyjs())  # noqa: S704 -- the library's own script, not a text of the user
+    text: str = get_plotlyjs()
+    return text
 
 
 def _kind(block: PageBlock) -> str:
@@ -228,11 +244,11 @@ def _words(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", safe))  # noqa: S704 -- escaped above
 
 
-def _json(figure: Any) -> Markup:
+def _json(figure: Drawing) -> Markup:
     """Return the figure as JSON that can stand in a script element whatever its texts hold."""
     from markupsafe import Markup
 
-    text: str = figure.to_json()
+    text = figure.json()
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return Markup(text)  # noqa: S704 -- no sign is left that could end the element

@@ -12,7 +12,8 @@ from dynident.studies.article import (
     reproduce,
 )
 from dynident.studies.published_tables import PUBLISHED, Row
-from dynident.studies.study import Method, Outcome, Scenario, Statistics, run_study, statistics
+from dynident.studies.study import Method, Scenario, Statistics, run_study, statistics
+from dynident.studies.table import Outcome
 
 __all__ = [
     "LEVELS",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -48,32 +47,35 @@ class ArmScenario:
     sigma_tau: float
 
     def truth(self) -> Motion:
-        """Return the motion without noise."""
-        return _truth(self.amplitudes)
+        """Return the motion without noise, which is simulated once."""
+        if self.amplitudes not in _TRUTHS:
+            _TRUTHS[self.amplitudes] = _simulated(self.amplitudes)
+        return _TRUTHS[self.amplitudes]
+
+    def remember(self, truth: Motion) -> None:
+        """Take the motion without noise as simulated, in another process."""
+        _TRUTHS[self.amplitudes] = truth
 
     def bound(self, level: float) -> Array:
         """Return the least variances (7) of any unbiased method, with a known start from rest."""
-        return _bound(self.amplitudes, level, self.sigma_tau)
+        model = two_link_arm()
+        theta = np.asarray(model.values, dtype=float)
+        return np.diag(cramer_rao_bound(model, theta, self.truth(), np.sqrt(level), self.sigma_tau, rest=True))
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return the recording with the noise of eqs. (44)-(46)."""
         return record(self.truth(), np.sqrt(level), self.sigma_tau, rng, source=f"{self.name}, sigma_q^2 = {level:g}")
 
 
-@cache
-def _truth(amplitudes: tuple[float, float]) -> Motion:
+_TRUTHS: dict[tuple[float, float], Motion] = {}
+
+
+def _simulated(amplitudes: tuple[float, float]) -> Motion:
     model = two_link_arm()
     first, second = amplitudes
     t = np.arange(SAMPLES) * PERIOD
     theta = np.asarray(model.values, dtype=float)
     return simulate(model, theta, lambda s: np.array([first * np.sin(s), second * np.cos(s)]), t)
-
-
-@cache
-def _bound(amplitudes: tuple[float, float], level: float, sigma_tau: float) -> Array:
-    model = two_link_arm()
-    theta = np.asarray(model.values, dtype=float)
-    return np.diag(cramer_rao_bound(model, theta, _truth(amplitudes), np.sqrt(level), sigma_tau, rest=True))
 
 
 SCENARIOS: Mapping[str, ArmScenario] = {
@@ -264,6 +266,7 @@ def reproduce(
         raise ConfigError(f"seed is {seed}; give a whole number from 0 to 2^63 - 1.")
     model = two_link_arm()
     true = np.asarray(model.values, dtype=float)
+    bounds = {level: _later(executor, chosen.bound, level) for level in LEVELS}
     table = run_study([chosen], parts, LEVELS, runs, seed, path=path, executor=executor, progress=progress)
     cases = []
     for level in LEVELS:
@@ -286,8 +289,13 @@ def reproduce(
         cases=tuple(cases),
         traces=_traces(chosen, parts, seed),
         settings=_settings(chosen, parts),
-        bounds={level: chosen.bound(level) for level in LEVELS},
+        bounds={level: bound() for level, bound in bounds.items()},
     )
+
+
+def _later(executor: Executor | None, function: Callable[[float], Array], level: float) -> Callable[[], Array]:
+    """Return what gives the value of a function, which a worker computes meanwhile, if there are any."""
+    return (lambda: function(level)) if executor is None else executor.submit(function, level).result
 
 
 def _chosen(name: str, known: Mapping[str, T], what: str) -> T:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cache
 from importlib.metadata import version
 from itertools import product
@@ -18,13 +17,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, listed
+from dynident.errors import InputError
 from dynident.estimators import Estimate
-from dynident.io.results import read_table, write_table
 from dynident.kernel import kernel
 from dynident.models import Recording
 from dynident.regression import one_thread
 from dynident.splines import NORMAL_95
+from dynident.studies.table import KEY, Outcome, StudyTable, frame, key_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -32,18 +31,6 @@ if TYPE_CHECKING:
 __all__ = ["Method", "Outcome", "Scenario", "Statistics", "run_study", "statistics"]
 
 Array = NDArray[np.float64]
-ADDED = ("reason", "std", "interval")  # columns that tables of older versions lack
-KEY = ("scenario", "method", "level", "run", "seed", "version")
-SAVE_EVERY = 2.0  # seconds between writes of the table
-
-
-class Outcome(StrEnum):
-    """Outcome of a fit: without notes, with notes, not converged, or failed."""
-
-    OK = "ok"
-    NOTED = "noted"
-    UNSETTLED = "unsettled"
-    FAILED = "failed"
 
 
 class Scenario(Protocol):
@@ -117,7 +104,7 @@ def code_version() -> str:
     All levels of the kernel give the same numbers, NumPy others by rounding.
     """
     root = Path(__file__).parents[1]
-    sources = sorted(path for kind in ("*.py", "*.[ch]") for path in root.rglob(kind))
+    sources = sorted(one for one in root.rglob("*") if one.suffix in (".py", ".c", ".h"))
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
     return f"{version('dynident')}+{digest[:12]}.{'kernel' if kernel().level else 'numpy'}"
 
@@ -144,8 +131,9 @@ def run_study(
     Returns a table with one row per fit: scenario, method, level, run, seed, version, status (an ``Outcome``), reason
     (the error of a failed fit, else the types of the notes), seconds, value, std and interval (lists, empty where it
     failed; of the ends of 95 % intervals, lower and upper in turn, where they are known), sorted by these. With
-    ``path`` the table is kept there (Parquet) as it grows: an interrupted study continues where it stopped; failed rows
-    and those of another version of dynident's code are computed again. With ``executor`` the recordings are spread
+    ``path`` the table is kept there (Parquet), and while it grows its new rows in a file beside it (``StudyTable``): an
+    interrupted study continues where it stopped; failed rows and those of another version of dynident's code are
+    computed again. With ``executor`` the recordings are spread
     over its workers; the numbers do not depend on it. ``progress`` is called with the fits done and their total.
     """
     import polars as pl
@@ -156,66 +144,17 @@ def run_study(
         (scenario.name, method.name, float(level), run, seed, code_version()): (scenario, method)
         for scenario, level, run, method in product(scenarios, levels, range(runs), methods)
     }
-    rows = [row for row in _known(path) if row["status"] != Outcome.FAILED]  # another attempt may succeed
-    done = {_key(row) for row in rows}
-    known, results = len(wanted.keys() & done), _results(_units(wanted, done), executor)
-    rows = _gathered(rows, results, path, lambda new: progress(known + new, len(wanted)))
-    table = _frame([row for row in rows if _key(row) in wanted])
+    with StudyTable(path) as kept:
+        done = {key_of(row) for row in kept.rows}
+        count = len(wanted.keys() & done)
+        progress(count, len(wanted))
+        for rows in _results(_units(wanted, done), executor):
+            kept.add(rows)
+            count += len(rows)
+            progress(count, len(wanted))
+    table = frame([row for row in kept.rows if key_of(row) in wanted])
     order = {name: k for k, name in enumerate(dict.fromkeys(method.name for method in methods))}
     return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
-
-
-def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in KEY)
-
-
-def _gathered(
-    rows: list[dict[str, Any]],
-    results: Iterable[list[dict[str, Any]]],
-    path: str | Path | None,
-    progress: Callable[[int], None],
-) -> list[dict[str, Any]]:
-    """Return the rows with those of the results, kept in the file at ``path`` meanwhile, however this ends."""
-    found, saved = list(rows), time.monotonic()
-    progress(0)
-    try:
-        for new in results:
-            found += new
-            progress(len(found) - len(rows))
-            if path is not None and time.monotonic() - saved > SAVE_EVERY:
-                write_table(path, _frame(found))
-                saved = time.monotonic()
-    finally:
-        if path is not None:
-            write_table(path, _frame(found))
-    return found
-
-
-def _known(path: str | Path | None) -> list[dict[str, Any]]:
-    if path is None or not Path(path).exists():
-        return []
-    table = read_table(path)
-    if reason := _foreign(table):
-        raise InputError(f"{path}: is not a table of a study: {reason}; choose another file or folder.")
-    return table.to_dicts()
-
-
-def _foreign(table: pl.DataFrame) -> str:
-    """Return why a table is not one that a study wrote, empty where it is one."""
-    for name, kind in _schema().items():
-        if name not in table.columns:
-            if name not in ADDED:
-                return f"it has no column {name!r} (columns {listed(table.columns)})"
-        elif table.schema[name] != kind:
-            return f"its column {name!r} holds {table.schema[name]}, not {kind}"
-    if more := [name for name in table.columns if name not in _schema()]:
-        return f"no study has the column {more[0]!r}"
-    for name in (*KEY, "status"):
-        if table[name].null_count():
-            return f"its column {name!r} has empty cells"
-    if wrong := set(table["status"]) - set(Outcome):
-        return f"{min(wrong)!r} is no status of a fit"
-    return "a fit stands in it twice" if table.select(KEY).is_duplicated().any() else ""
 
 
 def _units(wanted: dict[tuple[Any, ...], tuple[Any, Any]], done: set[tuple[Any, ...]]) -> list[_Unit]:
@@ -237,22 +176,6 @@ def _results(units: Iterable[_Unit], executor: Executor | None) -> Iterator[list
     finally:
         for future in futures:
             future.cancel()
-
-
-def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    import polars as pl
-
-    return pl.DataFrame(rows, schema=_schema())
-
-
-def _schema() -> dict[str, pl.DataType | type[pl.DataType]]:
-    import polars as pl
-
-    return {
-        "scenario": pl.String, "method": pl.String, "level": pl.Float64, "run": pl.Int64, "seed": pl.Int64,
-        "version": pl.String, "status": pl.String, "reason": pl.String, "seconds": pl.Float64,
-        "value": pl.List(pl.Float64), "std": pl.List(pl.Float64), "interval": pl.List(pl.Float64),
-    }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +14,11 @@ from dynident.errors import ConfigError, DynidentError, InputError, brief
 from dynident.log import Controller, Motion
 from dynident.models import Model
 from dynident.regression import stretches
+from dynident.validation.stepper import FAR, Machine, integrate
 
 __all__ = ["Broken", "CascadePD", "Driver", "Failure", "FreeRun", "RunSignals", "RunsAway", "Singular", "free_run"]
 
 Array = NDArray[np.float64]
-STEP = 1e-3  # s, the longest step of the integration
-FAR = 1e6  # rad or m: a simulation beyond this has diverged
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,26 @@ class CascadePD:
 
     def __call__(self, t: float, q: Array, dq: Array) -> Array:
         """Return the torque (n) for the state at time t."""
-        k = max(int(np.searchsorted(self.t, t + 1e-9)) - 1, 0)
+        k = self._row(t)
         wanted = self.kv * (self.kp * (self.reference[k] - q) - dq) + self.feedforward[k]
         return np.asarray(self.gain * np.minimum(np.maximum(wanted, -self.saturation), self.saturation))
+
+    def of_numbers(self, t: Array) -> Callable[[int, float, float], float]:
+        """Return the torque of a single joint as a function of the number of an instant of t (N), of q and of dq."""
+        held = self._row(t)
+        references: list[float] = self.reference[held, 0].tolist()
+        feedforward: list[float] = self.feedforward[held, 0].tolist()
+        kp, kv, gain, limit = (float(one[0]) for one in (self.kp, self.kv, self.gain, self.saturation))
+
+        def torque(k: int, q: float, dq: float) -> float:
+            wanted = kv * (kp * (references[k] - q) - dq) + feedforward[k]
+            return gain * min(max(wanted, -limit), limit)
+
+        return torque
+
+    def _row(self, t: Any) -> Any:
+        """Return the row of the references that is held at time t."""
+        return np.maximum(np.searchsorted(self.t, t + 1e-9) - 1, 0)
 
 
 class Driver(StrEnum):
@@ -217,7 +234,7 @@ def _simulated(
     """Return positions and torques (pieces, k, n), and why the simulation failed, if it did."""
     try:
         with np.errstate(all="ignore"):  # a diverging run is reported below
-            q, tau = _integrate(_Machine(model, theta), motion, rows, controller)
+            q, tau = integrate(Machine(model, theta), motion, rows, controller)
     except (DynidentError, np.linalg.LinAlgError) as fault:
         failure = Broken(str(fault)) if isinstance(fault, DynidentError) else Singular()
         return np.full((*rows.shape, len(motion.joints)), np.inf), motion.tau[rows], failure
@@ -234,88 +251,3 @@ def _shares(joints: tuple[str, ...], error: Array, whole: Array) -> dict[str, fl
 def _escape(q: Array, t: Array) -> float:
     piece, k, _ = np.argwhere(~(np.abs(q) < FAR))[0]
     return float(t[piece, k] - t[piece, 0])
-
-
-class _Machine:
-    """The model with friction separated: M ddq + b(q, dq) + V dq + J' f = tau, abs(f_i) <= F_i, equal in sliding.
-
-    A Coulomb parameter whose column is c sign(c'dq), or its smooth form, becomes a row c of J; friction can then hold a
-    joint at rest, which sign(dq) cannot. Viscous columns c c'dq form V, which is integrated implicitly, because light
-    joints with much friction would otherwise need tiny steps.
-    """
-
-    def __init__(self, model: Model, theta: ArrayLike) -> None:
-        self.model, self.theta = model, np.array(theta, dtype=float)
-        n = len(model.joints)
-        q = np.random.default_rng(0).uniform(0.5, 1.5, (n + 2, n))
-        alternating = [(-1.0) ** k * (1 + 0.1 * k) for k in range(n)]
-        dq = 1e3 * np.vstack((np.eye(n), np.arange(1.0, n + 1), alternating))
-        Y = model.regressor(q, dq, np.zeros_like(q))
-        rows, levels = list[Array](), list[float]()
-        self.V = np.zeros((n, n))
-        for k, parameter in enumerate(model.parameters):
-            value, columns = self.theta[k], Y[:, :, k]
-            if parameter.role == "coulomb" and value > 0:
-                c = columns[n] * np.sign(columns[n] @ dq[n])
-                if c.any() and np.allclose(columns[n + 1], c * np.sign(c @ dq[n + 1])):
-                    rows, levels, self.theta[k] = [*rows, c], [*levels, float(value)], 0.0
-            if parameter.role == "viscous" and value > 0:
-                slope = columns[:n].T / 1e3
-                if np.allclose(columns[n:], dq[n:] @ slope.T):
-                    self.V, self.theta[k] = self.V + value * slope, 0.0
-        self.J, self.F = np.array(rows).reshape(len(rows), n), np.array(levels)
-
-    def step(self, q: Array, dq: Array, ddq: Array, tau: Array, h: float) -> tuple[Array, Array]:
-        """Return q, dq after h s (B, n): position by halves around one step of the velocity (Moreau, 1988)."""
-        middle = q + 0.5 * h * dq
-        mass, bias = self.model.mass_and_bias(middle, dq + 0.5 * h * ddq, self.theta)
-        push = tau - bias - dq @ self.V.T
-        sides = np.concatenate((push[..., None], np.broadcast_to(self.J.T, (len(q), *self.J.T.shape))), axis=2)
-        solved = np.linalg.solve(mass + 0.5 * h * self.V, sides)
-        free, response = dq + h * solved[..., 0], solved[..., 1:]
-        if len(self.F):
-            free = free - (response @ self._impulse(free @ self.J.T, self.J @ response, h * self.F)[..., None])[..., 0]
-        return middle + 0.5 * h * free, free
-
-    @staticmethod
-    def _impulse(slide: Array, W: Array, most: Array) -> Array:
-        """Return the friction impulses (B, m) that stop each sliding velocity, limited by the Coulomb friction."""
-        impulse = most * np.sign(slide)
-        if ((slide - (W @ impulse[..., None])[..., 0]) * impulse >= 0).all():  # all keep sliding
-            return impulse
-        for _ in range(50):  # projected Gauss-Seidel
-            before = impulse.copy()
-            for i in range(len(most)):
-                rest = slide[:, i] - np.einsum("bj,bj->b", W[:, i], impulse)
-                impulse[:, i] = np.minimum(np.maximum(impulse[:, i] + rest / W[:, i, i], -most[i]), most[i])
-            if (np.abs(impulse - before) <= 1e-9 * most).all():
-                break
-        return impulse
-
-
-def _integrate(
-    machine: _Machine, motion: Motion, rows: NDArray[np.int_], controller: Controller | None
-) -> tuple[Array, Array]:
-    """Return the simulated q and the applied tau (B, K, n) at the samples ``rows`` (B, K) of the motion."""
-    t = motion.t[rows]
-    q, dq = motion.q[rows[:, 0]], motion.dq[rows[:, 0]]
-    ddq, before = np.zeros_like(q), q - dq * (t[:, 1] - t[:, 0])[:, None]
-    path, applied = np.full((*rows.shape, q.shape[1]), np.inf), np.empty((*rows.shape, q.shape[1]))
-    for k in range(rows.shape[1]):
-        path[:, k] = q
-        last = k + 1 == rows.shape[1]
-        if controller is None:
-            tau = motion.tau[rows[:, k]] if last else 0.5 * (motion.tau[rows[:, k]] + motion.tau[rows[:, k + 1]])
-        else:
-            h = t[0, k] - t[0, k - 1] if k else t[0, 1] - t[0, 0]
-            tau = controller(float(t[0, k]), q[0], (q[0] - before[0]) / h)[None]
-        applied[:, k] = tau
-        if last or not (np.abs(q) < FAR).all():
-            break
-        before, step = q, float((t[:, k + 1] - t[:, k]).mean())
-        parts = max(int(np.ceil(step / STEP - 1e-3)), 1)
-        for _ in range(parts):
-            slower = dq
-            q, dq = machine.step(q, dq, ddq, tau, step / parts)
-            ddq = (dq - slower) * parts / step
-    return path, applied

@@ -6,6 +6,7 @@ The rules and the reasons for their limits are in docs/methods.md.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, R
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import unknowns
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
-from dynident.log import subsample
+from dynident.log import Motion, subsample
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
 from dynident.validation import REPEATED, Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, repeat_of
@@ -40,6 +41,7 @@ SLOW = 0.5  # share of the speed of the training that the fastest held-out motio
 UNSURE = 0.3  # standard error over value from which a parameter wants better data
 EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
 MOST = 5  # next steps on single parameters
+_DIFFERENCES: WeakKeyDictionary[Motion, WeakKeyDictionary[Motion, float]] = WeakKeyDictionary()
 
 
 def judge(found: Identification) -> Verdict:
@@ -95,7 +97,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     held, train = _logs(found, "validation"), _logs(found, "train")
     if not held:
         yield why.NoHoldOut()
-    again = {a.name: b.name for a in held for b in train if repeat_of(a.motion, b.motion).error < REPEATED}
+    again = {a.name: b.name for a in held for b in train if _difference(a.motion, b.motion) < REPEATED}
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]
@@ -111,6 +113,14 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     lost, whole = _unexcited(found)
     if lost > MISSING * whole:
         yield why.MostlyUnexcited(lost, whole)
+
+
+def _difference(one: Motion, other: Motion) -> float:
+    """Return how far a motion is from repeating another (%), computed once: each text of a result judges it."""
+    known = _DIFFERENCES.setdefault(one, WeakKeyDictionary())
+    if other not in known:
+        known[other] = repeat_of(one, other).error
+    return known[other]
 
 
 def _wrong(log: LogValidation, trained: float) -> Iterator[Reason]:

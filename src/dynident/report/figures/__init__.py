@@ -1,11 +1,11 @@
-"""Figures of a study and of an identification: nouns in, plotly figures out; no file is opened or written.
+"""Figures of a study and of an identification: nouns in, drawings out; no file is opened or written.
 
 Backgrounds are transparent and fonts inherited. Lines with ``meta`` "ink" and all text are drawn in a grey that is
 readable on white and on black; a page may repaint them in its own text colour.
 """
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
-from dynident.report.figures.canvas import Array, share, thin
+from dynident.report.figures.canvas import Array, Drawing, share, thin
 from dynident.report.figures.identification import (
     error_figure,
     motion_figure,
@@ -19,6 +19,7 @@ from dynident.report.figures.study import method_name, scientific, spread_figure
 __all__ = [
     "CHANGE_NAMES",
     "Array",
+    "Drawing",
     "bound_figure",
     "efficiency_figure",
     "error_figure",

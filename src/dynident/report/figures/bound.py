@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Array, panels, plain
+from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Array, Drawing, Trace, panels, plain, trace
 from dynident.report.figures.study import colours_of, method_name, scientific
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
     from dynident.bounds import AccuracyBound
     from dynident.studies import Reproduction
 
@@ -33,10 +31,8 @@ LOOKS = {
 MARKS = ("circle", "square", "diamond", "triangle-up", "x", "star")
 
 
-def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> go.Figure:
+def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> Drawing:
     """Draw the least standard deviation of each parameter in % of its value, now and after each change; log axis."""
-    import plotly.graph_objects as go
-
     labels = [plain(label) for label in labels]
     figure = panels([""], 130 + 20 * len(labels), shared=False)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -48,7 +44,8 @@ def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> go.Figure:
     rows = np.arange(len(labels))
     for values, title, colour, symbol in shown.values():
         good = np.isfinite(values) & (values > 0)
-        trace = go.Scatter(
+        marks = trace(
+            "scatter",
             x=values[good],
             y=rows[good],
             mode="markers",
@@ -58,13 +55,14 @@ def bound_figure(found: AccuracyBound, labels: Sequence[str]) -> go.Figure:
             hovertemplate="%{text}: %{x:.3g} %",
             meta="ink" if colour == INK else None,
         )
-        figure.add_trace(trace, row=1, col=1)
-    figure.update_yaxes(tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
-    figure.update_xaxes(type="log", title="standard deviation, % of the value", dtick=1, exponentformat="power")
-    return figure.update_layout(hovermode="closest")
+        figure.add(marks)
+    figure.axes("y", tickvals=rows, ticktext=labels, range=[len(labels) - 0.5, -0.5])
+    figure.axes("x", type="log", title="standard deviation, % of the value", dtick=1, exponentformat="power")
+    figure.layout.update(hovermode="closest")
+    return figure
 
 
-def efficiency_figure(reproduction: Reproduction) -> go.Figure:
+def efficiency_figure(reproduction: Reproduction) -> Drawing:
     """Draw the rms error of each parameter in % of its true value by method, over the bound; one panel per level."""
     levels = sorted(reproduction.bounds)
     names, true = [plain(name) for name in reproduction.names], np.abs(reproduction.true)
@@ -75,21 +73,21 @@ def efficiency_figure(reproduction: Reproduction) -> go.Figure:
     cases = {(case.sigma_q2, case.method): case for case in reproduction.cases if len(case.estimates)}
     for row, level in enumerate(levels, start=1):
         least = _least(names, 100 * np.sqrt(reproduction.bounds[level]) / true)
-        figure.add_trace(least.update(showlegend=row == 1), row=row, col=1)
+        figure.add(least | {"showlegend": row == 1}, row=row)
         for method, symbol in zip(methods, cycle(MARKS)):
             if case := cases.get((level, method)):
                 error = 100 * np.sqrt(np.mean((case.estimates - reproduction.true) ** 2, axis=0)) / true
                 reached = _reached(names, error, method, colours[method], symbol)
-                figure.add_trace(reached.update(showlegend=row == 1), row=row, col=1)
-    figure.update_yaxes(type="log", dtick=1, exponentformat="power")
-    figure.update_xaxes(type="category", showticklabels=True, showgrid=False)
-    return figure.update_layout(hovermode="closest")
+                figure.add(reached | {"showlegend": row == 1}, row=row)
+    figure.axes("y", type="log", dtick=1, exponentformat="power")
+    figure.axes("x", type="category", showticklabels=True, showgrid=False)
+    figure.layout.update(hovermode="closest")
+    return figure
 
 
-def _least(names: list[str], percent: Array) -> go.Bar:
-    import plotly.graph_objects as go
-
-    return go.Bar(
+def _least(names: list[str], percent: Array) -> Trace:
+    return trace(
+        "bar",
         x=names,
         y=percent,
         name="Cramér-Rao bound",
@@ -99,10 +97,9 @@ def _least(names: list[str], percent: Array) -> go.Bar:
     )
 
 
-def _reached(names: list[str], percent: Array, method: str, colour: str, symbol: str) -> go.Scatter:
-    import plotly.graph_objects as go
-
-    return go.Scatter(
+def _reached(names: list[str], percent: Array, method: str, colour: str, symbol: str) -> Trace:
+    return trace(
+        "scatter",
         x=names,
         y=percent,
         mode="markers",

@@ -9,11 +9,25 @@ import numpy as np
 
 from dynident.errors import InputError, choices
 from dynident.log import Log, Motion
-from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, PALE, RED, Array, curve, only, origin, panels, plain
+from dynident.report.figures.canvas import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    PALE,
+    RED,
+    TIME,
+    Array,
+    Drawing,
+    curve,
+    only,
+    origin,
+    panels,
+    plain,
+    trace,
+)
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
     from dynident.validation import FreeRun, LogValidation
 
 __all__ = ["error_figure", "motion_figure", "run_figure", "smoothing_figure", "torque_figure"]
@@ -21,7 +35,7 @@ __all__ = ["error_figure", "motion_figure", "run_figure", "smoothing_figure", "t
 HELD_OUT = (BLUE, GREEN, AMBER, RED)
 
 
-def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 2000) -> go.Figure:
+def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int = 2000) -> Drawing:
     """Draw a joint's measured and predicted torque over time, and their difference in a panel below.
 
     Samples outside the motion's mask are gaps; each curve is thinned to about ``points`` with its extremes kept.
@@ -36,7 +50,7 @@ def torque_figure(log: LogValidation, joint: str, unit: str = "N m", points: int
     zero = origin(log.motion.t)
     for name, values, colour, width, row in (*curves, ("residual", measured - predicted, INK, 1.0, 2)):
         line = {"color": colour, "width": width}
-        figure.add_trace(curve(log.motion.t - zero, values, name, line, points), row=row, col=1)
+        figure.add(curve(log.motion.t - zero, values, name, line, points), row=row)
     return _since(figure, zero)
 
 
@@ -47,7 +61,7 @@ def motion_figure(
     points: int = 2000,
     recorded: Log | None = None,
     time_offset: float = 0.0,
-) -> go.Figure:
+) -> Drawing:
     """Draw a joint's smoothed position, velocity and acceleration over time, one panel each.
 
     Samples outside the mask are gaps. Where the recording is given, its positions are drawn too, each ``time_offset``
@@ -60,7 +74,8 @@ def motion_figure(
     zero = origin(motion.t)
     t = motion.t - zero
     if recorded is None:
-        stacked = _stack(t, titles, curves, points).update_layout(showlegend=False, margin={"t": 15})
+        stacked = _stack(t, titles, curves, points)
+        stacked.layout.update(showlegend=False, margin={"t": 15})
         return _since(stacked, zero)
     titles.insert(1, f"taken away, {unit}")
     figure = panels(titles, 700, heights=[0.28, 0.2, 0.24, 0.28])
@@ -75,11 +90,11 @@ def motion_figure(
     )
     for row, name, times, values, colour, width in drawn:
         line = {"color": colour, "width": width}
-        figure.add_trace(curve(times, values, name, line, points).update(showlegend=row == 1), row=row, col=1)
+        figure.add(curve(times, values, name, line, points) | {"showlegend": row == 1}, row=row)
     return _since(figure, zero)
 
 
-def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) -> go.Figure:
+def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) -> Drawing:
     """Draw a joint's measured and simulated position over time, and their difference below.
 
     A simulation that starts anew is broken at each start, and one that ran away is missing.
@@ -95,36 +110,35 @@ def run_figure(run: FreeRun, joint: str, unit: str = "rad", points: int = 2000) 
     curves = ("measured", run.measured[:, j], BLUE, 2.4, 1), ("simulated", simulated, RED, 1.2, 1)
     zero = origin(run.t)
     for name, values, colour, width, row in (*curves, ("error", run.measured[:, j] - simulated, INK, 1.0, 2)):
-        figure.add_trace(curve(run.t - zero, values, name, {"color": colour, "width": width}, points), row=row, col=1)
+        figure.add(curve(run.t - zero, values, name, {"color": colour, "width": width}, points), row=row)
     return _since(figure, zero)
 
 
-def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> go.Figure:
+def smoothing_figure(t: Array, measured: Array, smoothed: Sequence[Array], points: int = 4000) -> Drawing:
     """Draw smoothed values (N), the measured ones, and the two derivatives over time, one panel each."""
     curves = dict(zip(("smoothed", "first derivative", "second derivative"), smoothed, strict=True))
     figure = _stack(t, ["value", "first derivative", "second derivative"], curves, points)
-    figure.add_trace(curve(t, measured, "measured", {"color": INK, "width": 0.8}, points), row=1, col=1)
+    figure.add(curve(t, measured, "measured", {"color": INK, "width": 0.8}, points), row=1)
     return figure
 
 
-def _stack(t: Array, titles: Sequence[str], curves: Mapping[str, Array], points: int) -> go.Figure:
+def _stack(t: Array, titles: Sequence[str], curves: Mapping[str, Array], points: int) -> Drawing:
     figure = panels(titles, 480)
     for row, ((name, values), colour) in enumerate(zip(curves.items(), (BLUE, GREEN, RED), strict=True), start=1):
-        figure.add_trace(curve(t, values, name, {"color": colour, "width": 1.3}, points), row=row, col=1)
+        figure.add(curve(t, values, name, {"color": colour, "width": 1.3}, points), row=row)
     return figure
 
 
-def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> go.Figure:
+def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> Drawing:
     """Draw the unfiltered relative error (%) by joint as bars, one for each log; training logs are grey."""
-    import plotly.graph_objects as go
-
     height = 110 + len(joints) * (16 + 16 * len(logs))
     figure = panels([""], height, shared=False)
     held = [log.name for log in logs if log.role != "train"]
     for log in logs:
         train = log.role == "train"
-        figure.add_trace(
-            go.Bar(
+        figure.add(
+            trace(
+                "bar",
                 y=[plain(joint) for joint in joints],
                 x=[log.errors.per_joint.get(joint) for joint in joints],
                 orientation="h",
@@ -133,15 +147,17 @@ def error_figure(logs: Sequence[LogValidation], joints: Sequence[str]) -> go.Fig
                 hovertemplate="%{y}: %{x:.3g} %",
             )
         )
-    figure.update_yaxes(type="category", autorange="reversed", showgrid=False)
-    figure.update_xaxes(title="torque error, %", rangemode="tozero")
-    return figure.update_layout(barmode="group", bargap=0.25, hovermode="closest")
+    figure.axes("y", type="category", autorange="reversed", showgrid=False)
+    figure.axes("x", title="torque error, %", rangemode="tozero")
+    figure.layout.update(barmode="group", bargap=0.25, hovermode="closest")
+    return figure
 
 
-def _since(figure: go.Figure, zero: float) -> go.Figure:
+def _since(figure: Drawing, zero: float) -> Drawing:
     """Return the figure with its axis of time named after where it counts from."""
-    if zero:
-        figure.update_xaxes(title=f"time since {zero:.0f} s, s", selector=lambda axis: axis.title.text == "time, s")
+    for axis in figure.layout.values() if zero else ():
+        if isinstance(axis, dict) and axis.get("title") == {"text": TIME}:
+            axis["title"] = {"text": f"time since {zero:.0f} s, s"}
     return figure
 
 

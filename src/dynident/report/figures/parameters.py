@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.report.figures.canvas import BLUE, GRID, INK, RED, Array, panels, plain
+from dynident.report.figures.canvas import BLUE, GRID, INK, RED, Array, Drawing, Trace, panels, plain, trace
 from dynident.splines import NORMAL_95
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
     from dynident.models import Model
     from dynident.regression import BaseParameters
 
@@ -26,7 +24,7 @@ LONGEST = 30  # letters of a name at the axis; the rest shows when pointed at
 
 def interval_figure(
     names: Sequence[str], units: Sequence[str], value: Array, std: Array, known: Sequence[float | None] = ()
-) -> go.Figure:
+) -> Drawing:
     """Draw the 95 % interval (1.96 standard errors) of each parameter (k) in % of its value, one row per parameter.
 
     The axis ends at 100 %: a bar that leaves it means that not even the sign is known. Parameters that the data do not
@@ -41,24 +39,24 @@ def interval_figure(
     signs = zip(names, value, std, units, strict=True)
     words = [f"{plain(name)}: {v:.4g} ± {NORMAL_95 * s:.2g} {plain(unit)}" for name, v, s, unit in signs]
     figure = panels([""], 105 + 20 * len(names), shared=False)
-    figure.add_trace(_intervals(words, half, sure))
+    figure.add(_intervals(words, half, sure))
     marked = [k for k, true in enumerate(known) if true is not None and sure[k]]
     if marked:
         true = np.array([known[k] for k in marked], dtype=float)
         away = 100 * (true - value[marked]) / np.abs(value[marked])
-        figure.add_trace(_crosses([plain(names[k]) for k in marked], true, away, marked))
+        figure.add(_crosses([plain(names[k]) for k in marked], true, away, marked))
     reach = float(np.clip(1.2 * half.max(initial=0.0), 0.01, WIDEST))
     shown = [plain(name if len(name) <= LONGEST else f"{name[:LONGEST]}…") for name in names]
-    figure.update_yaxes(tickvals=rows, ticktext=shown, range=[len(names) - 0.5, -0.5])
-    figure.update_xaxes(range=[-reach, reach], title="95 % interval, % of the value", zeroline=True, zerolinecolor=GRID)
-    return figure.update_layout(hovermode="closest", showlegend=True)
+    figure.axes("y", tickvals=rows, ticktext=shown, range=[len(names) - 0.5, -0.5])
+    figure.axes("x", range=[-reach, reach], title="95 % interval, % of the value", zeroline=True, zerolinecolor=GRID)
+    figure.layout.update(hovermode="closest", showlegend=True)
+    return figure
 
 
-def _intervals(words: Sequence[str], half: Array, sure: NDArray[np.bool_]) -> go.Scatter:
+def _intervals(words: Sequence[str], half: Array, sure: NDArray[np.bool_]) -> Trace:
     """Return a mark per parameter (k) with its interval to both sides (%), hollow where it is not ``sure``."""
-    import plotly.graph_objects as go
-
-    return go.Scatter(
+    return trace(
+        "scatter",
         x=np.zeros(len(words)),
         y=list(range(len(words))),
         error_x={"array": half, "color": RED, "thickness": 1.6, "width": 4},
@@ -70,11 +68,10 @@ def _intervals(words: Sequence[str], half: Array, sure: NDArray[np.bool_]) -> go
     )
 
 
-def _crosses(names: Sequence[str], true: Array, away: Array, rows: Sequence[int]) -> go.Scatter:
+def _crosses(names: Sequence[str], true: Array, away: Array, rows: Sequence[int]) -> Trace:
     """Return a cross per known parameter, ``away`` (%) from its estimate."""
-    import plotly.graph_objects as go
-
-    return go.Scatter(
+    return trace(
+        "scatter",
         x=away,
         y=rows,
         mode="markers",
@@ -100,10 +97,8 @@ def only_nominal(model: Model) -> bool:
     return any(parameter.body for parameter in model.parameters)
 
 
-def singular_figure(basis: BaseParameters) -> go.Figure:
+def singular_figure(basis: BaseParameters) -> Drawing:
     """Draw the singular values of the column-scaled regressor, largest first; those beyond the rank are hollow."""
-    import plotly.graph_objects as go
-
     values = np.asarray(basis.singular_values, dtype=float)
     figure = panels(["singular value, relative"], 300, shared=False)
     order, relative = np.arange(1, len(values) + 1), values / (values[:1] if values[0] > 0 else 1.0)
@@ -114,8 +109,9 @@ def singular_figure(basis: BaseParameters) -> go.Figure:
         rows = rows & (relative > LEAST)
         if rows.any():
             marker = {"color": colour, "size": 6, "symbol": symbol}
-            figure.add_trace(
-                go.Scatter(
+            figure.add(
+                trace(
+                    "scatter",
                     x=order[rows],
                     y=relative[rows],
                     mode="markers",
@@ -125,6 +121,7 @@ def singular_figure(basis: BaseParameters) -> go.Figure:
                     hovertemplate="number %{x}: %{y:.2g}<extra></extra>",
                 )
             )
-    figure.update_yaxes(type="log", exponentformat="power", nticks=8, tickfont={"size": 11})
-    figure.update_xaxes(title="number of the singular value")
-    return figure.update_layout(hovermode="closest")
+    figure.axes("y", type="log", exponentformat="power", nticks=8, tickfont={"size": 11})
+    figure.axes("x", title="number of the singular value")
+    figure.layout.update(hovermode="closest")
+    return figure

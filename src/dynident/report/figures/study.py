@@ -9,11 +9,23 @@ import numpy as np
 
 from dynident.errors import InputError, choices
 from dynident.log import Motion
-from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, RED, Array, curve, only, panels, plain
+from dynident.report.figures.canvas import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    RED,
+    Array,
+    Drawing,
+    Trace,
+    curve,
+    only,
+    panels,
+    plain,
+    trace,
+)
 
 if TYPE_CHECKING:
-    import plotly.graph_objects as go
-
     from dynident.studies import Reproduction
 
 __all__ = ["colours_of", "method_name", "scientific", "spread_figure", "trace_figure"]
@@ -40,7 +52,7 @@ def scientific(value: float) -> str:
     return f"{float(mantissa):g}e{int(exponent)}"
 
 
-def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) -> go.Figure:
+def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) -> Drawing:
     """Draw a joint's velocity ("dq") or acceleration ("ddq") as each method sees it (article, figures 2 and 3).
 
     ``traces`` maps a method to its motion. Simulated is blue, spline red, filtered dashed black, the clipped part of
@@ -57,24 +69,25 @@ def trace_figure(traces: Mapping[str, Motion], joint_index: int, quantity: str) 
     order = [*DRAWN_FIRST, *sorted(set(traces) - set(DRAWN_FIRST))]
     for method in (name for name in order if name in traces):
         values = getattr(traces[method], quantity)[:, joint_index]
-        figure.add_traces(_curves(method, traces[method], values, colours[method]))
-    figure.update_yaxes(range=_common_range(traces, joint_index, quantity))
+        for one in _curves(method, traces[method], values, colours[method]):
+            figure.add(one)
+    figure.axes("y", range=_common_range(traces, joint_index, quantity))
     return figure
 
 
-def _curves(method: str, motion: Motion, values: Array, colour: str) -> list[go.Scatter]:
+def _curves(method: str, motion: Motion, values: Array, colour: str) -> list[Trace]:
     """Return the curve of a method, and what of the filtered one is clipped."""
     line = {"color": colour, "width": 2.5 if method == "simulated" else 1.4}
     line |= {"dash": "dash"} if method == "filtered" else {}
     name = plain(method_name(method))
-    drawn = curve(motion.t, only(values, motion.mask), name, line)
-    drawn.update(visible="legendonly" if method == "raw" else True)
+    seen: Trace = {"visible": "legendonly" if method == "raw" else True}
+    drawn = curve(motion.t, only(values, motion.mask), name, line) | seen
     if method != "filtered" or motion.mask.all():
         return [drawn]
     return [drawn, curve(motion.t, only(values, ~motion.mask), f"{name}, clipped", line | {"color": GREEN})]
 
 
-def spread_figure(reproduction: Reproduction) -> go.Figure:
+def spread_figure(reproduction: Reproduction) -> Drawing:
     """Draw the relative error of every estimate, per parameter and method, one panel per noise level.
 
     The axis is asinh(error / 1 %): linear within 1 %, logarithmic beyond, so that a bias of 0.3 % and one of 100 %
@@ -91,21 +104,20 @@ def spread_figure(reproduction: Reproduction) -> go.Figure:
         percent = 100 * (values - reproduction.true) / np.abs(reproduction.true)
         largest = max(largest, float(np.abs(percent).max()))
         box = _box(case.method, reproduction.names, values, percent, colours[case.method])
-        figure.add_trace(box, row=levels.index(case.sigma_q2) + 1, col=1)
-        figure.data[-1].showlegend = case.method not in shown
+        figure.add(box | {"showlegend": case.method not in shown}, row=levels.index(case.sigma_q2) + 1)
         shown.add(case.method)
     decades = 10.0 ** np.arange(np.ceil(np.log10(largest)) + 1)
     ticks = [*-decades[::-1], 0.0, *decades]
     words = [f"{tick:+g}" if tick else "true" for tick in ticks]
-    figure.update_yaxes(tickvals=np.arcsinh(ticks).tolist(), ticktext=words, zeroline=True, zerolinecolor=BLUE)
-    figure.update_xaxes(type="category", showticklabels=True, showgrid=False)
-    return figure.update_layout(boxmode="group", hovermode="closest")
+    figure.axes("y", tickvals=np.arcsinh(ticks).tolist(), ticktext=words, zeroline=True, zerolinecolor=BLUE)
+    figure.axes("x", type="category", showticklabels=True, showgrid=False)
+    figure.layout.update(boxmode="group", hovermode="closest")
+    return figure
 
 
-def _box(method: str, names: Sequence[str], values: Array, percent: Array, colour: str) -> go.Box:
-    import plotly.graph_objects as go
-
-    return go.Box(
+def _box(method: str, names: Sequence[str], values: Array, percent: Array, colour: str) -> Trace:
+    return trace(
+        "box",
         x=[plain(name) for name in names for _ in values],
         y=np.arcsinh(percent).T.ravel().astype(np.float32),
         customdata=np.stack([values.T.ravel(), percent.T.ravel()], axis=1).astype(np.float32),

@@ -1,0 +1,14 @@
+"""What every worker of the article's study needs, made once in the process that all of them are forked from.
+
+The server of ``multiprocessing`` imports this before it forks the first worker.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.models.gallery import two_link_arm
+
+__all__: list[str] = []
+
+two_link_arm().regressor(*np.zeros((3, 1, 2)))  # SymPy finds its functions and compiles them

@@ -18,7 +18,8 @@ from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
-SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*")
+KERNEL = "src/dynident/kernel/README.md"
+SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
     "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "supported"),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
@@ -51,7 +52,7 @@ def navigation() -> list[Any]:
         *({"Examples": path} for path in examples),
         {"Methods": guides["Methods"]},
         {"Reference": [*guides["Reference"], {"API": list(reference())}]},
-        {"Project": project},
+        {"Project": [*project, {"Kernel": KERNEL}]},
     ]
 
 

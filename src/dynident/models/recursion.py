@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.models.tree import Chain, Tree
+from dynident.models.tree import Chain, Layout, Tree
 
 __all__ = ["Recursion"]
 
@@ -65,21 +65,26 @@ class Recursion:
 
     __repr__ = brief
 
+    @property
+    def layout(self) -> Layout:
+        """The layout of the tree."""
+        return self.tree.layout
+
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y (N, n, 10 L) for the parameters of the L listed bodies."""
-        tree = self.tree
-        Y = np.zeros((len(q), tree.joints, len(tree.listed), 10))
+        layout = self.layout
+        Y = np.zeros((len(q), layout.joints, len(layout.listed), 10))
         for part, motion in self._motions(q, dq, ddq):
-            for chain in tree.chains:
+            for chain in layout.chains:
                 Y[part, chain.moved, chain.place] = motion.columns(chain)
-        return Y.reshape(len(q), tree.joints, -1)
+        return Y.reshape(len(q), layout.joints, -1)
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: Integers, parameter: Integers) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""
         out = np.zeros((len(joint), len(q)))
         place, role = np.divmod(parameter, 10)
         for part, motion in self._motions(q, dq, ddq):
-            for chain in self.tree.chains:
+            for chain in self.layout.chains:
                 mine = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
                 if len(mine):
                     columns = motion.columns(chain)
@@ -88,29 +93,29 @@ class Recursion:
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the inverse dynamics (N, n)."""
-        out = np.empty((len(q), len(self.tree)))
+        out = np.empty((len(q), len(self.layout)))
         for part, motion in self._motions(q, dq, ddq):
             out[part] = _Carried(motion, theta).torque.T
-        return out if self.tree.plain else out @ self.tree.drive
+        return out if self.layout.plain else out @ self.layout.drive
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration."""
-        bodies, drive = len(self.tree), self.tree.drive
+        bodies, drive = len(self.layout), self.layout.drive
         mass, bias = np.zeros((len(q), bodies, bodies)), np.empty((len(q), bodies))
-        j, k = self.tree.pairs
+        j, k = self.layout.pairs
         for part, motion in self._motions(q, dq, np.zeros_like(dq)):
             load = _Carried(motion, theta)
             bias[part] = load.torque.T
             force, moment = load.inert
             w, u = motion.screws(j, k)
             mass[part, j, k] = mass[part, k, j] = (_dot(w, moment[:, k]) + _dot(u, force[:, k])).T
-        return (mass, bias) if self.tree.plain else (drive.T @ mass @ drive, bias @ drive)
+        return (mass, bias) if self.layout.plain else (drive.T @ mass @ drive, bias @ drive)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the derivatives (3, N, n, n) of the torque by q, dq and ddq."""
-        bodies, drive = len(self.tree), self.tree.drive
+        bodies, drive = len(self.layout), self.layout.drive
         out = np.zeros((3, len(q), bodies, bodies))
-        j, k = self.tree.pairs
+        j, k = self.layout.pairs
         for part, motion in self._motions(q, dq, ddq):
             load = _Carried(motion, theta)
             w, u = motion.screws(j, k)
@@ -125,12 +130,12 @@ class Recursion:
                 if change is motion.changes[0]:
                     force, moment = load.turned(force, moment)
                 slope[part, j, k] = (_dot(w, moment[:, k]) + _dot(u, force[:, k])).T  # of a joint itself, too
-        return out if self.tree.plain else np.asarray(drive.T @ out @ drive)
+        return out if self.layout.plain else np.asarray(drive.T @ out @ drive)
 
     def _motions(self, q: Array, dq: Array, ddq: Array) -> Iterator[tuple[slice, _Motion]]:
         """Return the motion of some samples after the other."""
-        states = [np.ascontiguousarray(state.T) for state in self.tree.moved(q, dq, ddq)]
-        step = max(AT_ONCE // len(self.tree), 1)
+        states = [np.ascontiguousarray(state.T) for state in self.layout.moved(q, dq, ddq)]
+        step = max(AT_ONCE // len(self.layout), 1)
         for first in range(0, len(q), step):
             part = slice(first, first + step)
             yield part, _Motion(self.tree, self.gravity, *(state[:, part] for state in states))
@@ -143,26 +148,26 @@ class _Motion:
     """
 
     def __init__(self, tree: Tree, gravity: Array, q: Array, dq: Array, ddq: Array) -> None:
-        self.tree = tree
+        self.layout = layout = tree.layout
         around, across, rest = tree.turns.transpose(0, 2, 3, 1)[..., None]
         relative = across * np.sin(q)
         relative += rest * np.cos(q)
         relative += around
-        R, hosts = np.empty((3, 3, len(tree) + 1, q.shape[1])), tree.hosts  # the first is that of the base
+        R, hosts = np.empty((3, 3, len(layout) + 1, q.shape[1])), layout.hosts  # the first is that of the base
         R[:, :, 0] = np.eye(3)[..., None]
-        for k, parent in enumerate(tree.parent):
+        for k, parent in enumerate(layout.parent):
             R[:, :, k + 1] = _product(R[:, :, parent + 1], relative[:, :, k])
         self.R, base = R[:, :, 1:], R[:, :, hosts]
         z, d = _turn(base, tree.axis.T[..., None]), _turn(base, tree.origin.T[..., None])
-        rate, gain, slides = z * dq, z * ddq, tree.prismatic.any()
+        rate, gain, slides = z * dq, z * ddq, layout.slides
         self.d, self.zw, self.zu, spin = d, z, None, rate
         if slides:
-            turn, slide = ~tree.prismatic[:, None], tree.prismatic[:, None]
+            turn, slide = ~layout.prismatic[:, None], layout.prismatic[:, None]
             self.d, self.zw, self.zu, spin = d + slide * z * q, turn * z, slide * z, turn * rate
-        self.p, w = tree.above @ self.d, _summed(tree, spin)
+        self.p, w = layout.above @ self.d, _summed(layout, spin)
         self.w, self.w_parent = w[:, 1:], w[:, hosts]
         gain += _cross(self.w_parent, rate)
-        dw = _summed(tree, turn * gain if slides else gain)
+        dw = _summed(layout, turn * gain if slides else gain)
         self.dw, self.dw_parent = dw[:, 1:], dw[:, hosts]
         self.swept = _cross(self.w_parent, self.d)
         pulled = _cross(self.dw_parent, self.d)
@@ -170,12 +175,12 @@ class _Motion:
         if slides:
             self.swept += slide * rate
             pulled += slide * (gain + _cross(self.w_parent, rate))
-        self.a = tree.above @ pulled - gravity[:, None, None]
+        self.a = layout.above @ pulled - gravity[:, None, None]
 
     @cached_property
     def v(self) -> Array:
         """The velocities of the origins."""
-        return np.asarray(self.tree.above @ self.swept)
+        return np.asarray(self.layout.above @ self.swept)
 
     def away(self, j: Integers | slice, k: Integers | int) -> Array:
         """Return the vectors (3, P, N) from origins j to origins k."""
@@ -201,8 +206,8 @@ class _Motion:
     def columns(self, chain: Chain) -> Array:
         """Return the regressor of one body's parameters, for the joints of its chain (N, J, 10)."""
         pair = self.screws(chain.path, chain.body)
-        if not self.tree.plain:
-            shares = chain.shares(self.tree.gain)
+        if not self.layout.plain:
+            shares = chain.shares(self.layout.gain)
             pair = shares @ pair[0], shares @ pair[1]
         joints, samples = pair[0].shape[1:]
         screws = np.empty((samples, joints, 2, 3))
@@ -239,7 +244,7 @@ class _Carried:
 
     def __init__(self, motion: _Motion, theta: Array) -> None:
         self.motion = motion
-        self.below, self.inner = motion.tree.above.T, motion.tree.above.T - np.eye(len(theta))
+        self.below, self.inner = motion.layout.above.T, motion.layout.above.T - np.eye(len(theta))
         R, w, dw, a, columns = motion.R, motion.w, motion.dw, motion.a, theta.T[..., None]
         self.m, self.h = columns[0], _turn(R, columns[1:4])
         tensor = columns[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3, -1, 1)
@@ -302,10 +307,10 @@ class _Carried:
         return (force, moment) if slide is None else (force, moment + _cross(slide, self.force))
 
 
-def _summed(tree: Tree, vectors: Array) -> Array:
+def _summed(layout: Layout, vectors: Array) -> Array:
     """Return sums (3, B + 1, N) over the bodies from the base, which is the first, to each."""
-    out = np.zeros((3, len(tree) + 1, vectors.shape[2]))
-    np.matmul(tree.above, vectors, out=out[:, 1:])
+    out = np.zeros((3, len(layout) + 1, vectors.shape[2]))
+    np.matmul(layout.above, vectors, out=out[:, 1:])
     return out
 
 

@@ -6,7 +6,7 @@
    tree (B, 3)    parent (-1: the base), 1 where the joint is prismatic, column of q that drives it
    fixed (B, 34)  in the parent's frame: axes A0 + sin A1 + cos A2 (each 9, by rows), origin, axis of the joint (each 3);
                   gain of the drive
-   q, sine, cosine, dq, ddq (N, B) are of the bodies, and work has room for them (models/recursion_kernel.py). */
+   q, dq, ddq (N, B) are of the bodies, and work has room for them (models/recursion_kernel.py). */
 
 #include "lanes.h"
 #include <string.h>
@@ -33,6 +33,28 @@ static inline vec act(sym J, vec a) {
 static inline vec given(const double *a) { return (vec){all(a[0]), all(a[1]), all(a[2])}; }
 static const vec none;
 
+/* Sine and cosine to an ulp for |x| < 5e5, by the reductions and polynomials of fdlibm (Sun Microsystems, 1993). */
+typedef int64_t whole __attribute__((vector_size(8 * LANES)));
+static inline lanes where(whole mask, lanes yes, lanes no) { return (lanes)((mask & (whole)yes) | (~mask & (whole)no)); }
+
+static inline void sincos_(lanes x, lanes *sine, lanes *cosine) {
+    const double magic = 6755399441055744.0; /* 1.5 * 2^52: adding it rounds to an integer */
+    lanes rounded = x * 6.36619772367581382433e-01 + magic, k = rounded - magic;
+    whole quarter = (whole)rounded;
+    lanes t = x - k * 1.57079632673412561417e+00, w = k * 6.07710050630396597660e-11, r = t - w;
+    w = k * 2.02226624879595063154e-21 - ((t - r) - w);
+    lanes y = r - w, tail = (r - y) - w, z = y * y, v = z * y;
+    lanes odd = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06
+                + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)));
+    lanes s = y - ((z * (0.5 * tail - v * odd) - tail) + v * 1.66666666666666324348e-01);
+    lanes even = z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * (2.48015872894767294178e-05
+                 + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)))));
+    lanes half = 0.5 * z, one = 1.0 - half, c = one + (((1.0 - one) - half) + (z * even - y * tail));
+    whole swapped = -(quarter & 1);
+    *sine = (lanes)((whole)where(swapped, c, s) ^ ((quarter & 2) << 62));
+    *cosine = (lanes)((whole)where(swapped, s, c) ^ (((quarter + 1) & 2) << 62));
+}
+
 /* The motion of a body: axes R, axis z of its joint, origin p and d from its parent's, velocities and accelerations of
    rotation and origin, the latter less gravity. */
 typedef struct { mat R; vec z, p, d, v, w, dw, a; } motion;
@@ -44,7 +66,7 @@ typedef struct {
 } arm;
 
 typedef struct {
-    const double *q, *sine, *cosine, *dq, *ddq;
+    const double *q, *dq, *ddq;
     int64_t count;
 } states;
 
@@ -70,14 +92,10 @@ static void move(const arm *t, const states *x, const double *gravity, int64_t i
         const motion *P = &m[t->tree[3 * k] + 1];
         motion *M = &m[k + 1];
         lanes dq = at(x->dq, t->bodies, k, i, x->count), ddq = at(x->ddq, t->bodies, k, i, x->count);
-        lanes s = zero, c = zero;
+        lanes q = at(x->q, t->bodies, k, i, x->count), s = zero, c = zero;
         vec origin = given(A + 27);
-        if (prismatic(t, k)) {
-            origin = plus(origin, times(at(x->q, t->bodies, k, i, x->count), given(A + 30)));
-        } else {
-            s = at(x->sine, t->bodies, k, i, x->count);
-            c = at(x->cosine, t->bodies, k, i, x->count);
-        }
+        if (prismatic(t, k)) origin = plus(origin, times(q, given(A + 30)));
+        else sincos_(q, &s, &c);
         M->R = (mat){turn(P->R, spun(A, s, c)), turn(P->R, spun(A + 1, s, c)), turn(P->R, spun(A + 2, s, c))};
         M->d = turn(P->R, origin);
         M->p = plus(P->p, M->d);
@@ -144,11 +162,10 @@ static inline void columns(const arm *t, const motion *m, const body *b, int64_t
 /* Y (N, n, width): pairs (P, 4) of a body, the entry of its first parameter in a row, the first of its via and their
    number, in the order of the bodies. */
 EXPORTED void API(bodies_regressor)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                                    const double *q, const double *sine, const double *cosine, const double *dq,
-                                    const double *ddq, int64_t count, const int64_t *pairs, int64_t many,
+                                    const double *q, const double *dq, const double *ddq, int64_t count, const int64_t *pairs, int64_t many,
                                     const int64_t *via, double *Y, int64_t size, double *work) {
     const arm t = {tree, fixed, bodies};
-    const states x = {q, sine, cosine, dq, ddq, count};
+    const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
     for (int64_t i = 0; i < count; i += LANES) {
         int64_t rows = count - i < LANES ? count - i : LANES;
@@ -170,11 +187,10 @@ EXPORTED void API(bodies_regressor)(const int64_t *tree, const double *fixed, in
 
 /* Chosen entries (M, N), N by ``stride``: to (P, 10) has the row of each parameter of a pair, -1 where not wanted. */
 EXPORTED void API(bodies_entries)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                                  const double *q, const double *sine, const double *cosine, const double *dq,
-                                  const double *ddq, int64_t count, const int64_t *pairs, int64_t many,
+                                  const double *q, const double *dq, const double *ddq, int64_t count, const int64_t *pairs, int64_t many,
                                   const int64_t *via, const int64_t *to, double *Y, int64_t stride, double *work) {
     const arm t = {tree, fixed, bodies};
-    const states x = {q, sine, cosine, dq, ddq, count};
+    const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
     for (int64_t i = 0; i < count; i += LANES) {
         int64_t rows = count - i < LANES ? count - i : LANES;
@@ -262,11 +278,10 @@ static inline lanes taken(const arm *t, const motion *m, int64_t j, int64_t k, v
 
 /* The torque (N, n) of bodies theta (B, 10). */
 EXPORTED void API(bodies_torque)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                                 const double *q, const double *sine, const double *cosine, const double *dq,
-                                 const double *ddq, int64_t count, const double *theta, double *tau, int64_t n,
+                                 const double *q, const double *dq, const double *ddq, int64_t count, const double *theta, double *tau, int64_t n,
                                  double *work) {
     const arm t = {tree, fixed, bodies};
-    const states x = {q, sine, cosine, dq, ddq, count};
+    const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
     bulk *b = (bulk *)(m + bodies + 1);
     for (int64_t i = 0; i < count; i += LANES) {
@@ -284,11 +299,10 @@ EXPORTED void API(bodies_torque)(const int64_t *tree, const double *fixed, int64
 
 /* The mass matrix (N, n, n), and the torque (N, n) at the accelerations ddq. */
 EXPORTED void API(bodies_mass)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                               const double *q, const double *sine, const double *cosine, const double *dq,
-                               const double *ddq, int64_t count, const double *theta, double *mass, double *tau,
+                               const double *q, const double *dq, const double *ddq, int64_t count, const double *theta, double *mass, double *tau,
                                int64_t n, double *work) {
     const arm t = {tree, fixed, bodies};
-    const states x = {q, sine, cosine, dq, ddq, count};
+    const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
     bulk *b = (bulk *)(m + bodies + 1);
     memset(mass, 0, (size_t)(count * n * n) * sizeof(double));
@@ -334,11 +348,10 @@ static void changes(const arm *t, int64_t k, const motion *P, const motion *M, c
 
 /* Derivatives (3, N, n, n) of the torque by q, dq, ddq. */
 EXPORTED void API(bodies_partials)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                                   const double *q, const double *sine, const double *cosine, const double *dq,
-                                   const double *ddq, int64_t count, const double *theta, double *slopes, int64_t n,
+                                   const double *q, const double *dq, const double *ddq, int64_t count, const double *theta, double *slopes, int64_t n,
                                    double *work) {
     const arm t = {tree, fixed, bodies};
-    const states x = {q, sine, cosine, dq, ddq, count};
+    const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
     bulk *b = (bulk *)(m + bodies + 1);
     change(*by)[3] = (change(*)[3])(b + bodies);

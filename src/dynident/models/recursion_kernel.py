@@ -18,7 +18,8 @@ __all__ = ["CompiledRecursion", "recursion"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 ROOM = 8 * 100  # doubles of work for each body: the most lanes, and more than the numbers in each
-STATES = (c_void_p, c_void_p, c_int64, *[c_void_p] * 6, c_int64)
+STATES = (c_void_p, c_void_p, c_int64, *[c_void_p] * 4, c_int64)
+ANGLES = 5e5  # rad; the kernel's sine is of smaller angles
 KINDS = {
     "regressor": (*STATES, c_void_p, c_int64, c_void_p, c_void_p, c_int64, c_void_p),
     "entries": (*STATES, c_void_p, c_int64, *[c_void_p] * 3, c_int64, c_void_p),
@@ -81,7 +82,9 @@ class CompiledRecursion(Recursion):
     def _call(self, name: str, states: tuple[Array, Array, Array], *rest: Any) -> None:
         call: Any = function(f"bodies_{name}", *KINDS[name])
         q, dq, ddq = self.layout.moved(*states)
-        arrays = [np.ascontiguousarray(x) for x in (q, np.sin(q), np.cos(q), dq, ddq)]
+        if not np.abs(q).max(initial=0.0) < ANGLES:
+            q = np.where(self.layout.prismatic, q, np.arctan2(np.sin(q), np.cos(q)))
+        arrays = [np.ascontiguousarray(x) for x in (q, dq, ddq)]
         work = np.empty(ROOM * (len(self.layout) + 1))
         bodies, fixed = self.layout.tables[0], self._fixed
         call(_at(bodies), _at(fixed), len(bodies), _at(self.gravity), *map(_at, arrays), len(q), *rest, _at(work))

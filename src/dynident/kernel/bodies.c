@@ -185,31 +185,35 @@ EXPORTED void API(bodies_regressor)(const int64_t *tree, const double *fixed, in
     }
 }
 
-/* Chosen entries (M, N), N by ``stride``: to (P, 10) has the row of each parameter of a pair, -1 where not wanted. */
+/* Chosen entries (M, N): to (P, 10) has the row of each parameter of a pair, -1 where not wanted. Samples are gathered
+   in the work array, M by TILE, because writing to M distant places at once is slow. */
+#define TILE 128
+
 EXPORTED void API(bodies_entries)(const int64_t *tree, const double *fixed, int64_t bodies, const double *gravity,
-                                  const double *q, const double *dq, const double *ddq, int64_t count, const int64_t *pairs, int64_t many,
-                                  const int64_t *via, const int64_t *to, double *Y, int64_t stride, double *work) {
+                                  const double *q, const double *dq, const double *ddq, int64_t count,
+                                  const int64_t *pairs, int64_t many, const int64_t *via, const int64_t *to, double *Y,
+                                  int64_t M, double *work) {
     const arm t = {tree, fixed, bodies};
     const states x = {q, dq, ddq, count};
     motion *m = aligned(work);
-    for (int64_t i = 0; i < count; i += LANES) {
-        int64_t rows = count - i < LANES ? count - i : LANES;
-        move(&t, &x, gravity, i, m);
-        body b;
-        int64_t last = -1;
-        for (int64_t one = 0; one < many; one++) {
-            const int64_t *pair = pairs + 4 * one, *row = to + 10 * one;
-            if (pair[0] != last) b = unit(&m[pair[0] + 1]);
-            last = pair[0];
-            lanes y[10];
-            columns(&t, m, &b, last, via + pair[2], pair[3], y);
-            for (int c = 0; c < 10; c++) {
-                if (row[c] < 0) continue;
-                double *out = Y + row[c] * stride + i;
-                if (rows == LANES) store(out, y[c]);
-                else for (int r = 0; r < rows; r++) out[r] = y[c][r];
+    double *tile = (double *)(m + bodies + 1);
+    for (int64_t first = 0; first < count; first += TILE) {
+        int64_t rows = count - first < TILE ? count - first : TILE;
+        for (int64_t i = 0; i < rows; i += LANES) {
+            move(&t, &x, gravity, first + i, m);
+            body b;
+            int64_t last = -1;
+            for (int64_t one = 0; one < many; one++) {
+                const int64_t *pair = pairs + 4 * one, *row = to + 10 * one;
+                if (pair[0] != last) b = unit(&m[pair[0] + 1]);
+                last = pair[0];
+                lanes y[10];
+                columns(&t, m, &b, last, via + pair[2], pair[3], y);
+                for (int c = 0; c < 10; c++)
+                    if (row[c] >= 0) store(tile + row[c] * TILE + i, y[c]);
             }
         }
+        for (int64_t r = 0; r < M; r++) memcpy(Y + r * count + first, tile + r * TILE, (size_t)rows * sizeof(double));
     }
 }
 

@@ -77,7 +77,7 @@ class Recursion:
         for part, motion in self._motions(q, dq, ddq):
             for chain in layout.chains:
                 Y[part, chain.moved, chain.place] = motion.columns(chain)
-        return Y.reshape(len(q), layout.joints, -1)
+        return Y.reshape(len(q), layout.joints, 10 * len(layout.listed))
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: Integers, parameter: Integers) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""

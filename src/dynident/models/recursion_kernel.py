@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 ROOM = 8 * 100  # doubles of work for each body: the most lanes, and more than the numbers in each
 STATES = (c_void_p, c_void_p, c_int64, *[c_void_p] * 4, c_int64)
+TILE = 128  # samples of entries that the kernel gathers before it writes them
 ANGLES = 5e5  # rad; the kernel's sine is of smaller angles
 KINDS = {
     "regressor": (*STATES, c_void_p, c_int64, c_void_p, c_void_p, c_int64, c_void_p),
@@ -53,10 +54,12 @@ class CompiledRecursion(Recursion):
         wanted = (to >= 0).any(axis=1)
         pairs, to = pairs[wanted], to[wanted]
         out = np.empty((len(joint), len(q)))
+        rest = (_at(pairs), len(pairs), _at(via), _at(to), _at(out), len(joint))
+        self._call("entries", (q, dq, ddq), *rest, room=TILE * len(joint))
+        source = rows[joint, parameter]
+        if (source != np.arange(len(joint))).any():  # of entries that are asked for twice, one was computed
+            out = out[source]
         out[~layout.support[joint, parameter]] = 0.0
-        self._call("entries", (q, dq, ddq), _at(pairs), len(pairs), _at(via), _at(to), _at(out), len(q))
-        if len(twice := np.flatnonzero(rows[joint, parameter] != np.arange(len(joint)))):
-            out[twice] = out[rows[joint, parameter][twice]]
         return out
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
@@ -79,13 +82,13 @@ class CompiledRecursion(Recursion):
         self._call("partials", (q, dq, ddq), _at(theta), _at(out), n)
         return out
 
-    def _call(self, name: str, states: tuple[Array, Array, Array], *rest: Any) -> None:
+    def _call(self, name: str, states: tuple[Array, Array, Array], *rest: Any, room: int = 0) -> None:
         call: Any = function(f"bodies_{name}", *KINDS[name])
         q, dq, ddq = self.layout.moved(*states)
         if not np.abs(q).max(initial=0.0) < ANGLES:
             q = np.where(self.layout.prismatic, q, np.arctan2(np.sin(q), np.cos(q)))
         arrays = [np.ascontiguousarray(x) for x in (q, dq, ddq)]
-        work = np.empty(ROOM * (len(self.layout) + 1))
+        work = np.empty(ROOM * (len(self.layout) + 1) + room)
         bodies, fixed = self.layout.tables[0], self._fixed
         call(_at(bodies), _at(fixed), len(bodies), _at(self.gravity), *map(_at, arrays), len(q), *rest, _at(work))
 

@@ -11,7 +11,7 @@ from dynident import __version__
 
 __all__ = ["commit", "version_text"]
 
-PACKAGES = ("numpy", "scipy", "pin", "polars", "click")
+PACKAGES = ("numpy", "scipy", "polars", "click")
 
 
 def version_text() -> str:

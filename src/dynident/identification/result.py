@@ -228,9 +228,9 @@ class Identification:
 def versions() -> dict[str, str]:
     """Return the versions of what computes the numbers, and the platform."""
     found = {"dynident": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
+    for name in ("numpy", "scipy", "clarabel", "polars"):
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # pin, where there is no wheel for it, may come from elsewhere
+        except PackageNotFoundError:  # it may come from elsewhere
             found[name] = "not installed as a package"
     return {**found, "platform": platform.platform()}

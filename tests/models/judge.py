@@ -10,7 +10,7 @@ from tests.robots import joint, link, urdf
 
 
 def random_bodies(seed, count, kinds=("revolute", "continuous", "prismatic"), mimics=0.3):
-    """A tree of ``count`` joints with tilted axes and displaced frames, some of which mimic others, under any gravity."""
+    """A tree of ``count`` joints with tilted axes and displaced frames, some of them mimics, under any gravity."""
     rng = np.random.default_rng(seed)
     parts = [link("L0")]
     chosen = []

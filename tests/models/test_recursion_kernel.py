@@ -76,7 +76,9 @@ def test_angles_of_any_size(level, size):
     rng = np.random.default_rng(0)
     q = np.concatenate((rng.uniform(-size, size, 400), size * rng.choice([-1, 1], 7), np.arange(-40, 40) * np.pi / 2))
     rest = np.zeros((len(q), 1))
-    found, expected = (recursion_of(bodies, kind).regressor(q[:, None], rest, rest) for kind in (CompiledRecursion, Recursion))
+    found, expected = (
+        recursion_of(bodies, kind).regressor(q[:, None], rest, rest) for kind in (CompiledRecursion, Recursion)
+    )
     assert_same(found, expected, 1e-15)
 
 

@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
 from dynident.models import Joint, Model, RigidBodies, from_physical
 from dynident.models.robot_file import Limits
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf

@@ -1,4 +1,4 @@
-"""The recursion over bodies by the kernel (``kernel/bodies.c``): what ``recursion.py`` computes, faster."""
+"""The recursion over bodies by the kernel (``kernel/bodies.h``): what ``recursion.py`` computes, faster."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ KINDS = {
 
 def recursion(tree: Tree, gravity: Array) -> Recursion:
     """Return the recursion by the kernel where there is one, else by NumPy."""
-    return Recursion(tree, gravity) if function("bodies_torque", *KINDS["torque"]) is None else CompiledRecursion(tree, gravity)
+    found = function("bodies_torque", *KINDS["torque"])
+    return Recursion(tree, gravity) if found is None else CompiledRecursion(tree, gravity)
 
 
 class CompiledRecursion(Recursion):

@@ -175,7 +175,7 @@ class RigidBodies:
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m, per s and s^2."""
-        return self._recursion.regressor(*_floats(q, dq, ddq))
+        return self._recursion.regressor(_floats(q), _floats(dq), _floats(ddq))
 
     @property
     def support(self) -> NDArray[np.bool_]:
@@ -184,19 +184,23 @@ class RigidBodies:
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
-        return self._recursion.entries(*_floats(q, dq, ddq), joint, parameter)
+        return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), joint, parameter)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not."""
-        return Partials(*self._recursion.partials(*_floats(q, dq, ddq), self._recursion.layout.filled(theta)))
+        dynamics = self._recursion
+        states = _floats(q), _floats(dq), _floats(ddq)
+        return Partials(*dynamics.partials(*states, dynamics.layout.filled(theta)))
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
-        return self._recursion.torque(*_floats(q, dq, ddq), self._recursion.layout.filled(theta))
+        dynamics = self._recursion
+        return dynamics.torque(_floats(q), _floats(dq), _floats(ddq), dynamics.layout.filled(theta))
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
-        return self._recursion.mass_and_bias(*_floats(q, dq), self._recursion.layout.filled(theta))
+        dynamics = self._recursion
+        return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.filled(theta))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
@@ -287,5 +291,5 @@ def _values(body: ArmBody) -> list[float | None]:
     return [None] * 10 if np.isnan(body.theta).any() else body.theta.tolist()
 
 
-def _floats(*states: Array) -> list[Array]:
-    return [np.ascontiguousarray(state, dtype=float) for state in states]
+def _floats(states: Array) -> Array:
+    return np.ascontiguousarray(states, dtype=float)

@@ -78,7 +78,7 @@ class Layout:
     @property
     def joints(self) -> int:
         """The number n of the joints of the arm."""
-        return self.drive.shape[1]
+        return int(self.drive.shape[1])
 
     @cached_property
     def slides(self) -> bool:
@@ -98,7 +98,7 @@ class Layout:
     @cached_property
     def column(self) -> Integers:
         """The joint that drives each body (B)."""
-        return np.abs(self.drive).argmax(axis=1)
+        return np.asarray(np.abs(self.drive).argmax(axis=1))
 
     @cached_property
     def gain(self) -> Array:

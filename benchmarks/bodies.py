@@ -1,7 +1,7 @@
 """Rigid bodies of an arm of seven joints: Pinocchio's loop over samples, NumPy, and the kernel where there is one.
 
-python3 benchmarks/bodies.py prints microseconds a sample (CPU, one BLAS thread, best of several), the ratio to Pinocchio
-within the same seconds, and the difference from it.
+python3 benchmarks/bodies.py prints microseconds a sample (CPU, one BLAS thread, best of several), the ratio to
+Pinocchio's within the same seconds, and the difference from its results.
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ def peer(text: str, theta: np.ndarray, states: np.ndarray) -> dict[str, Call]:
 
 def ours(one: Recursion, theta: np.ndarray, states: np.ndarray) -> dict[str, Call]:
     """Return the same by a recursion, and what else it has."""
-    joint, parameter = np.nonzero(one.layout.support)
+    (q, dq, ddq), (joint, parameter) = states, np.nonzero(one.layout.support)
     return {
-        "regressor": lambda: one.regressor(*states),
-        "torque": lambda: one.torque(*states, theta),
-        "derivatives": lambda: one.partials(*states, theta).swapaxes(0, 1),
-        "entries": lambda: one.entries(*states, joint, parameter),
-        "mass and bias": lambda: one.mass_and_bias(*states[:2], theta)[0],
+        "regressor": lambda: one.regressor(q, dq, ddq),
+        "torque": lambda: one.torque(q, dq, ddq, theta),
+        "derivatives": lambda: one.partials(q, dq, ddq, theta).swapaxes(0, 1),
+        "entries": lambda: one.entries(q, dq, ddq, joint, parameter),
+        "mass and bias": lambda: one.mass_and_bias(q, dq, theta)[0],
     }
 
 

@@ -47,7 +47,8 @@ def test_the_support_of_slides_and_of_own_joints():
 
 def test_the_place_of_the_base_does_not_matter():
     bodies, _ = random_bodies(1, 4)
-    far = RigidBodies(bodies.xml.replace("</robot>", link("ground") + joint("mount", "fixed", "ground", "L0", (1e6, 0, 0)) + "</robot>"), bodies.joints_used)  # fmt: skip
+    mount = link("ground") + joint("mount", "fixed", "ground", "L0", (1e6, 0, 0))
+    far = RigidBodies(bodies.xml.replace("</robot>", f"{mount}</robot>"), bodies.joints_used)
     layout = Layout.of(far.arm)
     near = Tree.of(bodies.arm, layout)
     np.testing.assert_allclose(Tree.of(far.arm, layout).origin, near.origin, atol=1e-9)

@@ -90,15 +90,16 @@ class CompiledRecursion(Recursion):
             q = np.where(self.layout.prismatic, q, np.arctan2(np.sin(q), np.cos(q)))
         arrays = [np.ascontiguousarray(x) for x in (q, dq, ddq)]
         work = np.empty(ROOM * (len(self.layout) + 1) + room)
-        bodies, fixed = self.layout.tables[0], self._fixed
-        call(_at(bodies), _at(fixed), len(bodies), _at(self.gravity), *map(_at, arrays), len(q), *rest, _at(work))
+        call(*self._robot[1], *map(_at, arrays), len(q), *rest, _at(work))
 
     @cached_property
-    def _fixed(self) -> Array:
-        """The geometry (B, 34) as the kernel has it."""
+    def _robot(self) -> tuple[tuple[Array | Integers, ...], tuple[int, ...]]:
+        """The robot as the kernel has it, its geometry as (B, 34): arrays, and the first arguments of all functions."""
         tree, layout = self.tree, self.layout
         turns = tree.turns.transpose(1, 0, 2, 3).reshape(len(layout), 27)
-        return np.hstack((turns, tree.origin, tree.axis, layout.gain[:, None]))
+        fixed = np.hstack((turns, tree.origin, tree.axis, layout.gain[:, None]))
+        bodies = layout.tables[0]
+        return (bodies, fixed, self.gravity), (_at(bodies), _at(fixed), len(layout), _at(self.gravity))
 
 
 def _at(array: Array | Integers) -> int:

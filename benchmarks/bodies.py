@@ -64,7 +64,7 @@ def ours(one: Recursion, theta: np.ndarray, states: np.ndarray) -> dict[str, Cal
 def cost(call: Call, samples: int) -> float:
     """Return microseconds of CPU a sample."""
     best = np.inf
-    for _ in range(5):
+    for _ in range(20):
         began = time.process_time()
         for _ in range(max(1, 100 // samples)):
             call()

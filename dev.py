@@ -131,7 +131,7 @@ def install(extra: str) -> None:
     stamp = VENV / f"installed-{extra}"
     if PYTHON.exists() and stamp.exists() and stamp.read_text() == digest():
         return
-    print(f"Installing dynident into {VENV} (about 0.9 GB, once) ...", file=sys.stderr, flush=True)
+    print(f"Installing dynident into {VENV} (about 0.6 GB, once) ...", file=sys.stderr, flush=True)
     if not PYTHON.exists() or subprocess.run([PYTHON, "-m", "pip", "--version"], capture_output=True).returncode:
         try:
             venv.create(VENV, with_pip=True, clear=True)

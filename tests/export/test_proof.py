@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -65,6 +66,15 @@ def test_a_failed_proof_is_a_refusal(monkeypatch):
     assert not made.ready
     assert "does not reproduce the identified torque" in made.refusal
     assert "Pinocchio" in made.refusal
+
+
+def test_a_reader_that_is_not_installed_is_named(monkeypatch):
+    """Nothing fails, and the result says who loaded the file."""
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    made = export(arm(), Urdf(), STATES)
+    assert made.ready
+    assert list(made.proof.readers) == ["dynident"]
+    assert made.proof.skipped == ("Pinocchio is not installed (the package `pin`): only dynident loaded the file",)
 
 
 def test_samples_are_spread_over_the_usable_ones():

@@ -184,7 +184,5 @@ def test_what_a_likelihood_says_of_a_robot_is_a_warning(fails: bool, monkeypatch
 
 
 def test_versions_name_what_computes() -> None:
-    assert set(versions()) == {
-        "dynident", "kernel", "python", "numpy", "scipy", "pin", "clarabel", "polars", "platform",
-    }  # fmt: skip
+    assert set(versions()) == {"dynident", "kernel", "python", "numpy", "scipy", "clarabel", "polars", "platform"}
     assert versions()["numpy"] == np.__version__

@@ -84,7 +84,7 @@ class Peer:
         ]
 
 
-def assert_close(found, expected, tolerance=1e-10):
+def assert_close(found, expected, tolerance=1e-13):
     assert np.abs(found - expected).max() <= tolerance * max(np.abs(expected).max(), 1e-3)
 
 

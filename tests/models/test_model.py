@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dynident.errors import ModelError
-from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, Viscous
+from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, RigidBodies, RotorInertia, Viscous
 from dynident.models.gallery import pendulum, slider, two_link_arm
+from tests.robots import ARM
 
 RNG = np.random.default_rng(3)
 Q, DQ, DDQ = RNG.normal(size=(3, 7, 2))
@@ -99,6 +100,29 @@ def test_forward_finds_the_singular_sample_among_thetas():
         arm.forward_dynamics(
             [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]], np.ones((3, 2)), [[1.0, -1.0]] * 3, [arm.values, bad, arm.values]
         )
+
+
+def test_the_mass_matrix_comes_from_the_terms_that_have_it():
+    """Mixed with terms that have none; the result is that of the torques."""
+    bodies = RigidBodies(ARM)
+    model = Model((bodies, Viscous(bodies.joints), RotorInertia(bodies.joints)))
+    rng = np.random.default_rng(0)
+    q, dq, theta = *rng.normal(size=(2, 5, 3)), rng.normal(size=len(model.names))
+    mass, bias = model.mass_and_bias(q, dq, theta)
+    np.testing.assert_allclose(bias, model.torque(q, dq, np.zeros_like(q), theta), rtol=1e-12, atol=1e-12)
+    for k, unit in enumerate(np.eye(3)):
+        column = model.torque(q, dq, np.tile(unit, (5, 1)), theta) - bias
+        np.testing.assert_allclose(mass[:, :, k], column, rtol=1e-11, atol=1e-11)
+    one, rest = model.mass_and_bias(q, dq, np.tile(theta, (5, 1)))
+    np.testing.assert_allclose(one, mass, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(rest, bias, rtol=1e-11, atol=1e-11)
+
+
+def test_a_mass_matrix_of_the_wrong_shape_is_named(monkeypatch):
+    bodies = RigidBodies(ARM)
+    monkeypatch.setattr(RigidBodies, "mass_and_bias", lambda self, q, dq, theta: (np.zeros((1, 2, 2)), q))
+    with pytest.raises(ModelError, match="the mass matrix of term RigidBodies has shape"):
+        Model((bodies,)).mass_and_bias(np.zeros((1, 3)), np.zeros((1, 3)), np.ones(30))
 
 
 def test_mass_matrix_check():

@@ -1,13 +1,12 @@
 """Robot files: what is read of them, and what is refused."""
 
 import re
+import subprocess
 import sys
-from types import ModuleType
 
 import numpy as np
 import pytest
 
-from dynident.errors import ModelError
 from dynident.models import Joint, Model, RigidBodies, from_physical
 from dynident.models.robot_file import Limits
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
@@ -219,17 +218,35 @@ def test_a_joint_that_is_locked_may_be_of_any_kind():
     assert len(RigidBodies(text, joints_used=("shoulder", "twist")).joints) == 2
 
 
-@pytest.mark.parametrize(
-    ("module", "message"),
-    [
-        (None, "cannot be imported .*conda-forge pinocchio; elsewhere: .*-m pip install pin$"),
-        (ModuleType("pinocchio"), "is not the robot"),
-    ],
-)
-def test_without_pinocchio(monkeypatch, module, message):
-    monkeypatch.setitem(sys.modules, "pinocchio", module)
-    with pytest.raises(ModelError, match=message):
-        RigidBodies(ARM)
+def test_pinocchio_is_not_needed():
+    script = (
+        "import sys; sys.modules['pinocchio'] = None; import numpy as np; from dynident.models import RigidBodies; "
+        "from tests.robots import ARM; print(RigidBodies(ARM).regressor(*np.ones((3, 2, 3))).shape)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "(2, 3, 30)"
+
+
+def test_bodies_under_another_gravity_share_their_tree():
+    one = RigidBodies(ARM)
+    other = one.with_gravity((1.0, 2.0, 3.0))
+    assert other._recursion.tree is one._recursion.tree
+    moved = one.with_displacement("rail", (0.1,) * 9)
+    assert moved._recursion.layout is one._recursion.layout
+    assert moved.parameters == one.parameters
+
+
+def test_states_of_any_layout_and_type():
+    """Integers, columns of a larger array, and Fortran's order."""
+    term, rng = RigidBodies(ARM), np.random.default_rng(0)
+    whole = rng.integers(-3, 3, (3, 9, 6))
+    parts = [one[::2, ::2] for one in whole]
+    plain = [np.array(one, dtype=float, order="C") for one in parts]
+    fortran = [np.asfortranarray(one) for one in plain]
+    expected = term.regressor(*plain)
+    np.testing.assert_array_equal(term.regressor(*parts), expected)
+    np.testing.assert_array_equal(term.regressor(*fortran), expected)
+    np.testing.assert_array_equal(term.torque(*parts, list(values(term))), term.torque(*plain, values(term)))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from dynident.kernel import kernel
 
 __all__ = ["commit", "version_text"]
 
-PACKAGES = ("numpy", "scipy", "pin", "polars", "click")
+PACKAGES = ("numpy", "scipy", "polars", "click")
 
 
 def version_text() -> str:

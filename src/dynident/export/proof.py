@@ -16,7 +16,7 @@ __all__ = ["prove", "random_states", "spread"]
 
 Array = NDArray[np.float64]
 SMALL = 1e-6  # a joint's torque counts as no smaller than this share of the largest joint's
-FOREIGN = ("Pinocchio", "MuJoCo")
+FOREIGN = {"Pinocchio": ("pinocchio", "pin"), "MuJoCo": ("mujoco", "mujoco")}  # their modules and packages
 
 
 def spread(motions: tuple[Motion, ...], count: int = 500) -> States:
@@ -42,8 +42,10 @@ def prove(written: Written, identified: Identified, states: States, exporter: Ex
     found: dict[str, float] = {}
     skipped: list[str] = []
     for name, reader in exporter.readers.items():
-        if name == "MuJoCo" and importlib.util.find_spec("mujoco") is None:
-            skipped.append("MuJoCo is not installed (the package `mujoco`)")
+        module, package = FOREIGN.get(name, ("", ""))
+        if module and importlib.util.find_spec(module) is None:
+            own = " and ".join(other for other in exporter.readers if other not in FOREIGN)
+            skipped.append(f"{name} is not installed (the package `{package}`): only {own} loaded the file")
             continue
         try:
             found[name] = _difference(reader(written.text, identified, states), expected)

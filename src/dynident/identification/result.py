@@ -232,9 +232,9 @@ def versions() -> dict[str, str]:
     Raises ConfigError, as ``dynident.kernel.kernel``.
     """
     found = {"dynident": __version__, "kernel": str(kernel()), "python": platform.python_version()}
-    for name in ("numpy", "scipy", "pin", "clarabel", "polars"):
+    for name in ("numpy", "scipy", "clarabel", "polars"):
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # pin, where there is no wheel for it, may come from elsewhere
+        except PackageNotFoundError:  # it may come from elsewhere
             found[name] = "not installed as a package"
     return {**found, "platform": platform.platform()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NoReturn
@@ -12,7 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
-from dynident.models.term import HasGravity, HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
+from dynident.models.term import (
+    HasGravity,
+    HasLimits,
+    HasMassMatrix,
+    HasNotes,
+    Joint,
+    Parameter,
+    Partials,
+    Recursive,
+    Term,
+)
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -195,13 +205,20 @@ class Model:
         return [len(term.parameters) for term in self.terms]
 
     def _linear(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
-        """Return mass matrix and bias from one call of the torque, which is linear in ddq."""
+        """Return mass matrix and bias: of each term that has them, and of all others from one call of the torque."""
         rows, n = q.shape
+        direct = self._direct if theta.ndim == 1 else []
         ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
         many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
-        tau = self._torque(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq, many)
+        tau = self._torque(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq, many, without=direct)
         tau = tau.reshape(n + 1, rows, n)
-        return (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
+        mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
+        for k in direct:
+            own = self._call(self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
+            states = q, dq, np.zeros_like(q)
+            mass = mass + self._checked(self.terms[k], "mass matrix", own[0], (rows, n, n), states)
+            bias = bias + self._checked(self.terms[k], "bias", own[1], (rows, n), states)
+        return mass, bias
 
     def _singular(self, q: Array, mass: Array, theta: Array) -> NoReturn:
         i = int(np.argmin(np.abs(np.linalg.eigvalsh(mass)).min(axis=1)))
@@ -222,17 +239,30 @@ class Model:
     def _recursive(self) -> list[bool]:
         return [isinstance(term, Recursive) for term in self.terms]
 
-    def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
-        if theta.ndim == 2 or not any(self._recursive):
+    @cached_property
+    def _direct(self) -> list[int]:
+        """The terms that have their own mass matrix."""
+        return [k for k, term in enumerate(self.terms) if isinstance(term, HasMassMatrix)]
+
+    @cached_property
+    def _parts(self) -> list[slice]:
+        """The parameters of each term."""
+        ends = np.cumsum(self._widths).tolist()
+        return [slice(end - width, end) for end, width in zip(ends, self._widths, strict=True)]
+
+    def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array, without: Sequence[int] = ()) -> Array:
+        """Return the torque of all terms, or of some."""
+        if theta.ndim == 2 or not (without or any(self._recursive)):
             return _times(self._regressor(q, dq, ddq), theta)
-        total, states, first = np.zeros(q.shape), (q, dq, ddq), 0
-        for k, width in enumerate(self._widths):
-            part, first = theta[first : first + width], first + width
+        total, states = np.zeros(q.shape), (q, dq, ddq)
+        for k, part in enumerate(self._parts):
+            if k in without:
+                continue
             if self._recursive[k]:
-                tau = self._call(self.terms[k], "torque", *states, part)
+                tau = self._call(self.terms[k], "torque", *states, theta[part])
                 total += self._checked(self.terms[k], "torque", tau, q.shape, states)
             else:
-                total += _times(self._block(k, states), part)
+                total += _times(self._block(k, states), theta[part])
         return total
 
     def _call(self, term: Term, method: str, *arguments: Array) -> Any:

@@ -1,12 +1,10 @@
-"""The rigid bodies of a robot file (URDF or MJCF), and the regressor of their inertial parameters by Pinocchio.
+"""The rigid bodies of a robot file (URDF or MJCF), and the regressor of their inertial parameters.
 
-The file is parsed here, not by Pinocchio, so that nothing in it is ignored silently; Pinocchio computes the dynamics
-with the recursive Newton-Euler algorithm (Carpentier et al. 2019, "The Pinocchio C++ library").
+The file is parsed in ``robot_file``, so that nothing in it is ignored silently; ``recursion.py`` computes the dynamics.
 """
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -15,8 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ModelError, install_command, listed
+from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
+from dynident.models.recursion import Recursion
+from dynident.models.recursion_kernel import recursion
 from dynident.models.robot_file import (
     Arm,
     ArmBody,
@@ -30,12 +30,12 @@ from dynident.models.robot_file import (
     read_urdf,
 )
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
+from dynident.models.tree import Layout, Tree
 
 __all__ = ["RigidBodies", "read_robot_file"]
 
 Array = NDArray[np.float64]
 READERS = {"robot": read_urdf, "mujoco": read_mjcf}
-WINDOWS = "on Windows, where pip has no wheel of it: conda install -c conda-forge pinocchio"
 SDF = " SDF is not read: export the robot as a URDF, from which most SDF files are made, or as an MJCF."
 UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 MEANINGS = (
@@ -57,8 +57,8 @@ class RigidBodies:
     does.
 
     Raises ModelError where the file is not well-formed or contradicts itself, joints are unknown, or a moving joint
-    is not revolute, continuous or prismatic, mimics another, or is part of a closed loop; and where Pinocchio is
-    not installed. Inconsistent inertias are no error, because they are only nominal values: see ``notes``.
+    is not revolute, continuous or prismatic, mimics another, or is part of a closed loop. Inconsistent inertias are no
+    error, because they are only nominal values: see ``notes``.
 
     >>> import dynident as dy
     >>> text = '''<robot name="door"><link name="wall"/><link name="leaf"><inertial><origin xyz="0.4 0 0"/>
@@ -87,7 +87,7 @@ class RigidBodies:
             object.__setattr__(self, "joints_used", tuple(self.joints_used))
         if len(self.gravity) != 3 or not np.isfinite(self.gravity).all():
             raise ModelError(f"{self.source}: gravity is {self.gravity}; give three numbers in m/s^2: x, y, z.")
-        _ = self._arm, self._model
+        _ = self._arm
 
     def __repr__(self) -> str:
         names = listed((joint.name for joint in self.joints), 6)
@@ -124,11 +124,7 @@ class RigidBodies:
 
         The value is None for a body with a link whose inertia the file leaves to be computed from shapes.
         """
-        return tuple(
-            Parameter(f"{body.name}.{role}", unit, f"{meaning} of {body.name}", value, role, body.name)
-            for body in self._arm.chosen
-            for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
-        )
+        return _parameters(self._assembled)
 
     @property
     def limits(self) -> dict[str, Limits]:
@@ -179,37 +175,32 @@ class RigidBodies:
 
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, 10 n), for q, dq, ddq (N, n) in rad or m, per s and s^2."""
-        pin, model, arm = _pinocchio(), self._model, self._arm
-        data, compute = model.createData(), pin.computeJointTorqueRegressor
-        rows, bodies = len(q), len(arm.bodies)
-        full = np.empty((rows, bodies, 10 * bodies))
-        for position, rate, acceleration, row in zip(*self._moved(q, dq, ddq), full, strict=True):
-            row[:] = compute(model, data, position, rate, acceleration)
-        if self._plain:
-            return full
-        # the torque of a mimic joint acts on its master
-        joints = (arm.drive.T @ full).reshape(rows, len(arm.driven), bodies, 10)
-        return joints[:, :, arm.listed].reshape(rows, len(arm.driven), 10 * len(arm.listed))
+        return self._recursion.regressor(_floats(q), _floats(dq), _floats(ddq))
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, 10 n)."""
+        return self._recursion.layout.support
+
+    def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
+        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
+        return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), joint, parameter)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
-        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not.
-
-        Pinocchio divides by masses. Where a mass is too small or negative, a larger one is used, and the torque of the
-        surplus, a point mass at the origin of the joint frame, is subtracted: the torque is linear in theta.
-        """
-        stand_in, surplus = self._with_mass(theta)
-        slopes = self._slopes(q, dq, ddq, stand_in)
-        if surplus.any():
-            slopes -= self._slopes(q, dq, ddq, surplus)
-        return Partials(*(self._arm.drive.T @ slopes @ self._arm.drive))
+        """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not."""
+        dynamics = self._recursion
+        states = _floats(q), _floats(dq), _floats(ddq)
+        return Partials(*dynamics.partials(*states, dynamics.layout.filled(theta)))
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
-        """Return Y theta, shape (N, n), by the recursion, for any theta (10 n), physical or not."""
-        stand_in, surplus = self._with_mass(theta)
-        tau = self._recursion(q, dq, ddq, stand_in)
-        if surplus.any():
-            tau -= self._recursion(q, dq, ddq, surplus)
-        return np.asarray(tau @ self._arm.drive)
+        """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
+        dynamics = self._recursion
+        return dynamics.torque(_floats(q), _floats(dq), _floats(ddq), dynamics.layout.filled(theta))
+
+    def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
+        dynamics = self._recursion
+        return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.filled(theta))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""
@@ -225,50 +216,6 @@ class RigidBodies:
         moved = np.add(known.get(joint, np.zeros(9)), by).tolist()
         return replace(self, displacements=tuple((known | {joint: tuple(moved)}).items()))
 
-    def _with_mass(self, theta: Array) -> tuple[Array, Array]:
-        """Return bodies (B, 10) in Pinocchio's order with masses large enough to divide by, and the surplus mass."""
-        values = np.zeros((len(self._arm.bodies), 10))
-        values[self._arm.listed] = np.asarray(theta, dtype=float).reshape(-1, 10)
-        stand_in, surplus = values.copy(), np.zeros_like(values)
-        # a centre of mass more than 1 m from the joint along an axis loses digits
-        stand_in[:, 0] = np.maximum(values[:, 0], np.abs(values[:, 1:4]).max(axis=1))
-        empty = stand_in[:, 0] == 0
-        stand_in[empty, 0] = np.abs(values[empty, 4:]).max(axis=1)
-        surplus[:, 0] = stand_in[:, 0] - values[:, 0]
-        return stand_in, surplus
-
-    def _slopes(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
-        """Return the derivatives (3, N, B, B) in Pinocchio's order, for bodies (B, 10) without negative masses."""
-        pin, model = _pinocchio(), self._filled(values)
-        data = model.createData()
-        count = len(values)
-        out = np.empty((3, len(q), count, count))
-        for i, state in enumerate(zip(*self._moved(q, dq, ddq), strict=True)):
-            out[:, i] = pin.computeRNEADerivatives(model, data, *state)
-        return out
-
-    def _recursion(self, q: Array, dq: Array, ddq: Array, values: Array) -> Array:
-        """Return the torque (N, B) in Pinocchio's order, for bodies (B, 10) without negative masses."""
-        model = self._filled(values)
-        data, compute = model.createData(), _pinocchio().rnea
-        out = np.empty((len(q), len(values)))
-        for position, rate, acceleration, row in zip(*self._moved(q, dq, ddq), out, strict=True):
-            row[:] = compute(model, data, position, rate, acceleration)
-        return out
-
-    def _filled(self, values: Array) -> Any:
-        """Return Pinocchio's model with the inertias of the bodies (n, 10)."""
-        pin, model = _pinocchio(), self._model
-        model = model.copy()
-        for k, body in enumerate(values):
-            model.inertias[k + 1] = pin.Inertia.FromDynamicParameters(body) if body[0] else pin.Inertia.Zero()
-        return model
-
-    def _moved(self, *states: Array) -> list[Array]:
-        """Return the states (N, B) of the bodies, in Pinocchio's order."""
-        states = states if self._plain else self._arm.moved(*states)
-        return [np.ascontiguousarray(state, dtype=float) for state in states]
-
     def _nominal(self, key: str) -> dict[str, float]:
         return {joint.name: joint.nominal[key] for joint in self._driven if key in joint.nominal}
 
@@ -277,35 +224,24 @@ class RigidBodies:
         return _parsed(self.xml, self.source)
 
     @cached_property
-    def _arm(self) -> Arm:
-        locked = tuple(self.locked)
-        return displaced(_assembled(self.xml, self.source, self.joints_used, locked), dict(self.displacements))
+    def _assembled(self) -> Arm:
+        """The bodies before they are displaced."""
+        return _assembled(self.xml, self.source, self.joints_used, tuple(self.locked))
 
     @cached_property
-    def _plain(self) -> bool:
-        """Whether each body has its parameters and a joint of its own, in the order of the bodies."""
-        arm = self._arm
-        return arm.listed == list(arm.driven) == list(range(len(arm.bodies)))
+    def _arm(self) -> Arm:
+        return displaced(self._assembled, dict(self.displacements)) if self.displacements else self._assembled
+
+    @cached_property
+    def _recursion(self) -> Recursion:
+        layout = _layout(self._assembled)  # displaced joints do not change it
+        tree = Tree.of(self._arm, layout) if self.displacements else _tree(self._arm, layout)
+        return recursion(tree, np.array(self.gravity))
 
     @property
     def _driven(self) -> list[RobotJoint]:
         """The joints, in the chosen order."""
         return [self._arm.bodies[k].joint for k in self._arm.driven]
-
-    @cached_property
-    def _model(self) -> Any:
-        """Pinocchio's model of the moving bodies, without their inertias."""
-        pin = _pinocchio()
-        model = pin.Model()
-        for k, body in enumerate(self._arm.bodies):
-            kind = (
-                pin.JointModelPrismaticUnaligned if body.joint.kind == "prismatic" else pin.JointModelRevoluteUnaligned
-            )
-            # names of the file could clash with Pinocchio's own, such as universe
-            parent = 0 if body.parent is None else body.parent + 1
-            model.addJoint(parent, kind(body.joint.axis), pin.SE3(body.placement), f"joint {k}")
-        model.gravity = pin.Motion(np.array(self.gravity), np.zeros(3))
-        return model
 
 
 def read_robot_file(xml: str, source: str) -> RobotFile:
@@ -331,20 +267,29 @@ def _assembled(xml: str, source: str, used: tuple[str, ...] | None, locked: tupl
     return assemble(_parsed(xml, source), used, dict(locked))
 
 
+@lru_cache(maxsize=8)
+def _layout(arm: Arm) -> Layout:
+    return Layout.of(arm)
+
+
+@lru_cache(maxsize=8)
+def _tree(arm: Arm, layout: Layout) -> Tree:
+    """Return the tree of an arm; kept, because bodies under another gravity have the same."""
+    return Tree.of(arm, layout)
+
+
+@lru_cache(maxsize=8)
+def _parameters(arm: Arm) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(f"{body.name}.{role}", unit, f"{meaning} of {body.name}", value, role, body.name)
+        for body in arm.chosen
+        for role, unit, meaning, value in zip(INERTIAL, UNITS, MEANINGS, _values(body), strict=True)
+    )
+
+
 def _values(body: ArmBody) -> list[float | None]:
     return [None] * 10 if np.isnan(body.theta).any() else body.theta.tolist()
 
 
-def _pinocchio() -> Any:
-    """Import Pinocchio; ModelError where it is missing, or is the other package of that name."""
-    try:
-        module = importlib.import_module("pinocchio")
-    except ImportError as error:
-        raise ModelError(f"Robot files need Pinocchio, which cannot be imported ({error}). {_advice()}") from error
-    if not hasattr(module, "computeJointTorqueRegressor"):
-        raise ModelError(f"The installed package 'pinocchio' is not the robotics library. {_advice()}")
-    return module
-
-
-def _advice() -> str:
-    return f"Install it, {WINDOWS}; elsewhere: {install_command('pin')}"
+def _floats(states: Array) -> Array:
+    return np.ascontiguousarray(states, dtype=float)

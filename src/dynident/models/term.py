@@ -19,6 +19,7 @@ __all__ = [
     "HasGeometry",
     "HasGravity",
     "HasLimits",
+    "HasMassMatrix",
     "HasNotes",
     "HasNumpySource",
     "HasRobotFile",
@@ -115,6 +116,14 @@ class Recursive(Protocol):
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for one theta (p)."""
+
+
+@runtime_checkable
+class HasMassMatrix(Protocol):
+    """A term that computes its mass matrix faster than by torques at unit accelerations."""
+
+    def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration, for one theta (p)."""
 
 
 @runtime_checkable

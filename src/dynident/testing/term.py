@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
-from dynident.models import HasGravity, HasNumpySource, HasSign, Model, Term
+from dynident.models import HasGravity, HasMassMatrix, HasNumpySource, HasSign, Model, Term
 
 __all__ = ["TERM_CHECKS", "check_term", "states"]
 
@@ -62,6 +62,20 @@ def has_the_torque_of_its_regressor(term: Term) -> None:
     np.testing.assert_allclose(model.torque(*state, theta), whole, rtol=1e-11, atol=allowed)
     many = np.tile(theta, (len(whole), 1))
     np.testing.assert_allclose(model.torque(*state, many), whole, rtol=1e-11, atol=allowed)
+
+
+def has_the_mass_matrix_of_its_regressor(term: Term) -> None:
+    """A mass matrix of its own, with the torque without acceleration, is that of the regressor."""
+    if not isinstance(term, HasMassMatrix):
+        return
+    (q, dq, _), theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    mass, bias = term.mass_and_bias(q, dq, theta)
+    still = term.regressor(q, dq, np.zeros_like(q)) @ theta
+    allowed = 1e-11 * max(np.abs(still).max(), np.abs(mass).max())
+    np.testing.assert_allclose(bias, still, rtol=1e-11, atol=allowed)
+    for k, unit in enumerate(np.eye(q.shape[1])):
+        column = term.regressor(q, dq, np.tile(unit, (len(q), 1))) @ theta - still
+        np.testing.assert_allclose(mass[:, :, k], column, rtol=1e-11, atol=allowed)
 
 
 def works_row_by_row(term: Term) -> None:
@@ -163,6 +177,7 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     describes_its_parameters,
     returns_finite_arrays,
     has_the_torque_of_its_regressor,
+    has_the_mass_matrix_of_its_regressor,
     works_row_by_row,
     does_not_change_its_arguments,
     survives_pickling,

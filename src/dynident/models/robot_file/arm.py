@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, brief
 from dynident.models.inertia import moved
-from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion
+from dynident.models.robot_file.xml import HUGE, Coupled, RobotFile, RobotJoint, Tied, known, motion, rotation
 
 __all__ = ["Arm", "ArmBody", "assemble", "displaced"]
 
@@ -140,14 +140,17 @@ def displaced(arm: Arm, displacements: Mapping[str, Sequence[float]]) -> Arm:
 
 
 def _displaced(body: ArmBody, by: Array) -> ArmBody:
-    from scipy.spatial.transform import Rotation
-
     placement = body.placement.copy()
     link = placement[:3, :3] @ body.joint.placement[:3, :3].T  # axes of the parent link's frame in its body's
     placement[:3, 3] += link @ by[:3]
-    placement[:3, :3] = placement[:3, :3] @ Rotation.from_rotvec(by[3:6]).as_matrix()
-    axis = Rotation.from_rotvec(by[6:]).apply(body.joint.axis)
-    return replace(body, placement=placement, joint=replace(body.joint, axis=axis))
+    placement[:3, :3] = placement[:3, :3] @ _turned(by[3:6])
+    return replace(body, placement=placement, joint=replace(body.joint, axis=_turned(by[6:]) @ body.joint.axis))
+
+
+def _turned(by: Array) -> Array:
+    """Return the matrix (3, 3) of a rotation vector in rad."""
+    angle = float(np.linalg.norm(by))
+    return rotation(by / angle, angle) if angle else np.eye(3)
 
 
 def _used(file: RobotFile, used: Sequence[str] | None, locked: Mapping[str, float]) -> list[str]:

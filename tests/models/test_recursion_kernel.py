@@ -1,0 +1,109 @@
+"""The kernel's recursion is that of NumPy, on every level of this CPU with the same bits."""
+
+import numpy as np
+import pytest
+
+from dynident import kernel
+from dynident.kernel.build import LEVELS, architecture
+from dynident.models import recursion_kernel
+from dynident.models.recursion import Recursion
+from dynident.models.recursion_kernel import CompiledRecursion
+from tests.models.judge import assert_same, random_bodies, random_states, recursion_of
+
+LIBRARY = kernel._loaded()[0]
+NAMES = [name for name, _, _ in LEVELS[architecture()]]
+BEST = [] if LIBRARY is None else NAMES[: LIBRARY.dynident_best() + 1]
+pytestmark = pytest.mark.skipif(LIBRARY is None, reason=f"no kernel: {kernel.kernel()}")
+SAMPLES = (1, 2, 7, 8, 33, 200)  # whole vectors, and not
+
+
+@pytest.fixture(params=NAMES)
+def level(request, monkeypatch):
+    if request.param not in BEST:
+        pytest.skip(f"this CPU has no {request.param}")
+
+    def function(name, *types):
+        made = getattr(LIBRARY, f"dynident_{name}_{request.param}")
+        made.argtypes, made.restype = types, None
+        return made
+
+    monkeypatch.setattr(recursion_kernel, "function", function)
+    return request.param
+
+
+def everything(mine, state, values):
+    joint, parameter = np.nonzero(mine.layout.support)
+    return [
+        mine.regressor(*state), mine.entries(*state, joint, parameter), mine.torque(*state, values),
+        mine.partials(*state, values), *mine.mass_and_bias(*state[:2], values),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_kernel_is_numpy(level, seed):
+    bodies, theta = random_bodies(seed, 1 + seed)
+    values = recursion_of(bodies).layout.filled(theta)
+    for samples in SAMPLES:
+        state = random_states(bodies, seed, samples)
+        found = everything(recursion_of(bodies, CompiledRecursion), state, values)
+        for one, other in zip(found, everything(recursion_of(bodies), state, values), strict=True):
+            assert_same(one, other, 1e-13)
+
+
+def test_all_levels_give_the_same_bits(monkeypatch):
+    bodies, theta = random_bodies(3, 9)
+    values, state = recursion_of(bodies).layout.filled(theta), random_states(bodies, 1, 45)
+    found = []
+    for name in BEST:
+        monkeypatch.setattr(
+            recursion_kernel, "function", lambda which, *types, name=name: typed(f"dynident_{which}_{name}", types)
+        )
+        found.append(everything(recursion_of(bodies, CompiledRecursion), state, values))
+    for other in found[1:]:
+        for one, same in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(one, same)
+
+
+def typed(name, types):
+    made = getattr(LIBRARY, name)
+    made.argtypes, made.restype = types, None
+    return made
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-8, 1.0, 100.0, 4.9e5, 6e5, 1e15])
+def test_angles_of_any_size(level, size):
+    bodies, _ = random_bodies(7, 1, ("continuous",))
+    rng = np.random.default_rng(0)
+    q = np.concatenate((rng.uniform(-size, size, 400), size * rng.choice([-1, 1], 7), np.arange(-40, 40) * np.pi / 2))
+    rest = np.zeros((len(q), 1))
+    found, expected = (
+        recursion_of(bodies, kind).regressor(q[:, None], rest, rest) for kind in (CompiledRecursion, Recursion)
+    )
+    assert_same(found, expected, 1e-15)
+
+
+def test_what_is_not_a_number_stays_in_its_sample(level):
+    bodies, theta = random_bodies(4, 5, mimics=0.0)
+    state, mine = random_states(bodies, 2, 11), recursion_of(bodies, CompiledRecursion)
+    values = mine.layout.filled(theta)
+    good = mine.torque(*state, values)
+    for which in range(3):
+        bad = [one.copy() for one in state]
+        bad[which][3, 2] = np.nan
+        tau = mine.torque(*bad, values)
+        assert np.isnan(tau[3]).any()
+        assert_same(np.delete(tau, 3, axis=0), np.delete(good, 3, axis=0), 1e-15)
+
+
+def test_entries_in_any_order_and_twice(level):
+    bodies, _ = random_bodies(2, 4, mimics=0.0)
+    state, mine = random_states(bodies, 3, 7), recursion_of(bodies, CompiledRecursion)
+    joint, parameter = np.array([0, 3, 0, 1, 0, 3]), np.array([39, 1, 39, 12, 5, 0])
+    assert_same(mine.entries(*state, joint, parameter), mine.regressor(*state)[:, joint, parameter].T, 1e-15)
+
+
+def test_no_samples(level):
+    bodies, theta = random_bodies(1, 3, mimics=0.0)
+    none, mine = np.zeros((0, 3)), recursion_of(bodies, CompiledRecursion)
+    assert mine.regressor(none, none, none).shape == (0, 3, 30)
+    assert mine.torque(none, none, none, mine.layout.filled(theta)).shape == (0, 3)

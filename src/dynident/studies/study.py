@@ -100,7 +100,7 @@ def _outcome(estimate: Estimate) -> Outcome:
 def code_version() -> str:
     """Return the version of the code: that of the package, and a digest of its sources."""
     root = Path(__file__).parents[1]
-    sources = sorted(one for one in root.rglob("*") if one.suffix in (".py", ".c", ".h"))
+    sources = sorted(root.rglob("*.py"))
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
     return f"{version('dynident')}+{digest[:12]}"
 

@@ -117,3 +117,21 @@ def test_a_model_that_fails_on_the_way_says_so_and_one_that_runs_away_stops() ->
     assert q[np.isfinite(q)].max() > FAR
     np.testing.assert_array_equal(np.isfinite(q), np.isfinite(q_arrays))
     assert not np.isfinite(q[0, -1, 0])
+
+
+def test_a_run_that_overflows_in_one_step_stops_as_well() -> None:
+    """The model has no value there, and is not asked for any."""
+    run = motion(pendulum(), np.arange(50) * 0.001, np.full(50, 1e305))
+    q, tau, q_arrays, tau_arrays = both(pendulum(), (1e-9, 0.25), run, None)
+    assert not np.isfinite(q[0, 1:]).any()
+    np.testing.assert_array_equal(q[0, 0], q_arrays[0, 0])
+    np.testing.assert_array_equal(tau[0, 0], tau_arrays[0, 0])
+
+
+def test_the_model_is_not_asked_after_the_end() -> None:
+    """The last position lies where the model fails, and none of the middles of the steps does."""
+    rail = slider().joints
+    model = Model((*slider().terms, EndStop(1.8999, rail, [])))
+    run = motion(model, np.arange(11) * 0.2, np.zeros(11), dq=1.0)
+    q, *_ = both(model, (5.0, 0.0, 0.0, 0.0, 1e-12), run, None)
+    assert q[0, -1, 0] == pytest.approx(2.1)

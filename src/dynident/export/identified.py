@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, brief
@@ -224,12 +223,14 @@ def _others(bodies: RigidBodies, body: ArmBody) -> dict[str, tuple[Array | None,
 
 def _share(theta: Array, others: Mapping[str, tuple[Array | None, Array]]) -> float:
     """Return t so that theta - t (sum of the others) is consistent; 0 where one of the others is not."""
+    from scipy.linalg import eigh
+
     known = [moved(nominal, frame) for nominal, frame in others.values() if nominal is not None and nominal.any()]
     if not known:
         return 1.0
     if any(consistency_violations(nominal) for nominal in known):
         return 0.0
-    largest = float(scipy.linalg.eigh(to_pseudo(sum(known, np.zeros(10))), to_pseudo(theta), eigvals_only=True)[-1])
+    largest = float(eigh(to_pseudo(sum(known, np.zeros(10))), to_pseudo(theta), eigvals_only=True)[-1])
     return 1.0 if largest <= ALL else 0.5 / largest
 
 

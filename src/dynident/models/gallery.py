@@ -9,6 +9,7 @@ from types import MappingProxyType
 from dynident.models.friction import Coulomb, Offset, Viscous
 from dynident.models.lagrangian import Lagrangian, Unknown
 from dynident.models.model import Model
+from dynident.models.motor import RotorInertia
 from dynident.models.term import Joint
 
 __all__ = ["MODELS", "pendulum", "slider", "two_link_arm"]
@@ -69,13 +70,10 @@ def slider(width: float = 0.0, values: tuple[float, float, float, float] | None 
     ``width`` (m/s) is that of the smooth sign tanh(dq / width) in the Coulomb friction; 0 gives the discontinuous sign,
     which fits measurements best but cannot be simulated. ``values`` are M (kg), Fv (N s/m), Fc (N) and offset (N).
     """
-    import sympy as sp
-
-    x, dx, M = sp.symbols("x dx M")
     joints = (Joint("slider", "prismatic"),)
-    mass_value, *known = values or (None,) * 4
-    viscous_value, coulomb_value, offset_value = (None if value is None else (value,) for value in known)
-    mass = Lagrangian(joints, (x,), (dx,), M * dx**2 / 2, 0, (Unknown(M, "kg", mass_value),), names=("M",))
+    known = (None if value is None else (value,) for value in values or (None,) * 4)
+    mass_value, viscous_value, coulomb_value, offset_value = known
+    mass = RotorInertia(joints, names=("M",), expressions=("M",), values=mass_value)  # a mass on a rail is no more
     viscous = Viscous(joints, names=("Fv",), values=viscous_value)
     coulomb = Coulomb(joints, names=("Fc",), values=coulomb_value, width=width)
     offset = Offset(joints, names=("offset",), values=offset_value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -58,9 +59,7 @@ class ArmScenario:
 
     def bound(self, level: float) -> Array:
         """Return the least variances (7) of any unbiased method, with a known start from rest."""
-        model = two_link_arm()
-        theta = np.asarray(model.values, dtype=float)
-        return np.diag(cramer_rao_bound(model, theta, self.truth(), np.sqrt(level), self.sigma_tau, rest=True))
+        return _bound(self, level)
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return the recording with the noise of eqs. (44)-(46)."""
@@ -76,6 +75,13 @@ def _simulated(amplitudes: tuple[float, float]) -> Motion:
     t = np.arange(SAMPLES) * PERIOD
     theta = np.asarray(model.values, dtype=float)
     return simulate(model, theta, lambda s: np.array([first * np.sin(s), second * np.cos(s)]), t)
+
+
+@cache
+def _bound(scenario: ArmScenario, level: float) -> Array:
+    model = two_link_arm()
+    theta = np.asarray(model.values, dtype=float)
+    return np.diag(cramer_rao_bound(model, theta, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True))
 
 
 SCENARIOS: Mapping[str, ArmScenario] = {

@@ -138,7 +138,7 @@ def _arrays(
 
 
 class _OneJoint:
-    """The same steps for one joint and one piece, in plain numbers: arrays of one element take ten times as long.
+    """The same steps to rounding, for one joint and one piece, in plain numbers: arrays of one take ten times as long.
 
     Mass and bias are taken to stay as they are for some steps, then the model is asked at all of these at once. The
     steps before the first where it says otherwise are those of a model asked at each, and stay. The number of steps
@@ -152,7 +152,7 @@ class _OneJoint:
         begins = np.full(parts.sum() + 1, -1)
         begins[np.cumsum(np.append(0, parts))] = np.arange(len(t))
         self.begins: list[int] = begins.tolist()  # by step: the sample that it begins with, or -1
-        self.h: list[float] = [*np.repeat(lengths / parts, parts).tolist(), 0.0]  # of the steps, s, and after the last
+        self.h: list[float] = np.repeat(lengths / parts, parts).tolist()  # of the steps, s
         self.gaps: list[float] = [float(lengths[0]), *lengths.tolist()]  # before each sample, s
         self.held: list[float] = [*(0.5 * (tau[:-1] + tau[1:])).tolist(), float(tau[-1])]
         self.drive = None if controller is None else _of_numbers(controller, t)
@@ -166,8 +166,12 @@ class _OneJoint:
         """Return q and tau (1, K, 1)."""
         s, state, ahead = 0, self.start, 1
         known = self._asked(s, [state])[0]
-        while states := self._ahead(s, state, ahead, *known):
-            asked = self._asked(s + 1, states)
+        while not self._over(s, state):
+            states = self._ahead(s, state, ahead, *known)
+            ends = self._over(s + len(states), states[-1])  # there, no model is needed
+            asked = self._asked(s + 1, states[: len(states) - ends])
+            if ends and len(asked) == len(states) - 1:
+                asked.append(known)
             last = next((i for i, one in enumerate(asked) if one != known), len(asked) - 1)
             same = asked[last] == known and len(asked) == len(states)
             s, state, known, ahead = s + last + 1, states[last], asked[last], min(2 * ahead, AHEAD) if same else 1
@@ -176,11 +180,15 @@ class _OneJoint:
         self.path[k + 1 :] = [np.inf] * (len(self.path) - k - 1)  # what was tried beyond
         return np.reshape(self.path, (1, -1, 1)), np.reshape(self.applied, (1, -1, 1))
 
+    def _over(self, s: int, state: _State) -> bool:
+        """Whether the run ends before step s: after the last one, or at a sample that is too far away."""
+        return s == len(self.h) or (self.begins[s] >= 0 and not abs(state[0]) < FAR)
+
     def _ahead(self, s: int, state: _State, count: int, mass: float, bias: float) -> list[_State]:
-        """Return the states after each of ``count`` steps from the step s on, of fewer at the end and far away."""
+        """Return the states after each of ``count`` steps from the step s on, of fewer where the run ends."""
         states = list[_State]()
         q, dq, ddq, before, tau = state
-        for i in range(s, min(s + count, len(self.h) - 1)):
+        for i in range(s, min(s + count, len(self.h))):
             if (k := self.begins[i]) >= 0:
                 if not abs(q) < FAR:
                     break
@@ -207,6 +215,8 @@ class _OneJoint:
 
         Only those of the first where the model fails: a wrong guess may lead to where it has no value.
         """
+        if not states:
+            return []
         q, dq, ddq = np.array([state[:3] for state in states]).T
         half = 0.5 * np.array(self.h[s : s + len(states)])
         try:

@@ -231,11 +231,17 @@ FORCED void NAME(evaluate)(const NAME(job) *q, int weighted, int criterion, doub
     out[7 * COUNT] = (double)(written + 1);
 }
 
-/* v = D^2 Q u (m + 2, COUNT), and the norms squared of the residual z - Q' v - p N u, which g becomes, and of v over D
-   in out (2, COUNT). */
-FORCED void NAME(remainder)(const NAME(job) *q, int weighted, double *restrict v, double *out) {
+/* Add to u the correction in g where `used` (COUNT) is one, not zero, unless it is null. Then v = D^2 Q u
+   (m + 2, COUNT), and g the residual z - Q' v - p N u; out (3, COUNT): squares of v over D, of the residual and of u. */
+FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used, double *restrict v, double *out) {
     const int64_t m = q->m;
-    const double *u = q->u, *r = q->r;
+    double *restrict u = q->u, *restrict g = q->g;
+    const double *r = q->r;
+    if (used) {
+        V part;
+        for (int k = 0; k < COUNT; k++) ((double *)&part)[k] = used[k];
+        for (int64_t j = 0; j < m; j++) NAME(write)(u, j, NAME(read)(u, j) + part * NAME(read)(g, j));
+    }
     const int side = 1;
     NAME(write)(v, 0, NAME(read)(u, 0) * NAME(all)(r[0]));
     for (int64_t j = 1; j <= m; j++) {
@@ -243,8 +249,8 @@ FORCED void NAME(remainder)(const NAME(job) *q, int weighted, double *restrict v
         NAME(write)(v, j, (after - here) * NAME(all)(r[j]) - (here - before) * NAME(all)(r[j - 1]));
     }
     NAME(write)(v, m + 1, NAME(read)(u, m - 1) * NAME(all)(r[m]));
-    V sum[4], rest[4];
-    for (int k = 0; k < 4; k++) sum[k] = rest[k] = NAME(all)(0.0);
+    V sum[4], rest[4], size[4];
+    for (int k = 0; k < 4; k++) sum[k] = rest[k] = size[k] = NAME(all)(0.0);
     for (int64_t j = 0; j < m + 2; j++) {
         V x = NAME(read)(v, j), away = x;
         if (weighted) x *= D(j), NAME(write)(v, j, x);
@@ -256,11 +262,13 @@ FORCED void NAME(remainder)(const NAME(job) *q, int weighted, double *restrict v
         NAME(write)(q->g, j, NAME(gather)(q->z, j) - bend - q->third * NAME(massive)(q, 1, j));
     }
     for (int64_t j = 0; j < m; j++) {
-        V x = NAME(read)(q->g, j);
+        V x = NAME(read)(g, j), y = NAME(read)(u, j);
         rest[j & 3] += x * x;
+        size[j & 3] += y * y;
     }
     NAME(write)(out, 0, (sum[0] + sum[1]) + (sum[2] + sum[3]));
     NAME(write)(out, 1, (rest[0] + rest[1]) + (rest[2] + rest[3]));
+    NAME(write)(out, 2, (size[0] + size[1]) + (size[2] + size[3]));
 }
 
 FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int64_t i, V *f, V *f1) {
@@ -270,15 +278,13 @@ FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int64_t 
     *f = next;
 }
 
-FORCED void NAME(add)(const NAME(job) *q, int64_t row, V x, V used, V *change, V *size) {
-    V u = NAME(read)(q->u, row) + used * x;
-    NAME(write)(q->u, row, u);
+FORCED void NAME(keep)(const NAME(job) *q, int64_t row, V x, V *change) {
+    NAME(write)(q->g, row, x);
     *change += x * x;
-    *size += u * u;
 }
 
-/* Solve A x = g by the factor and add x to u where `used` is one, not zero. out (2, COUNT): squares of x and of u. */
-FORCED void NAME(correct)(const NAME(job) *q, int weighted, V used, double *out) {
+/* Solve A x = g by the factor, into g. out (COUNT): squares of x. */
+FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
     const int64_t m = q->m, a = q->a, b = m - 2 - a;
     V middle = NAME(read)(q->g, a), middle1 = NAME(read)(q->g, a + 1);
     V f = NAME(read)(q->g, 0), f1 = NAME(read)(q->g, 1), h = NAME(read)(q->g, m - 1), h1 = NAME(read)(q->g, m - 2);
@@ -289,24 +295,23 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, V used, double *out)
     if (a > b) NAME(eliminate)(q, 1, weighted, b, &f, &f1);
     f = f + (h1 - middle), f1 = h + (f1 - middle1);
     V ix = NAME(read)(q->rd, a), iy = NAME(read)(q->rd, a + 1), iw = NAME(read)(q->l, a);
-    V x = ix * f + iw * f1, x1 = iw * f + iy * f1, change = NAME(all)(0.0), size = change, change2 = change, size2 = change;
-    NAME(add)(q, a, x, used, &change, &size);
-    NAME(add)(q, a + 1, x1, used, &change2, &size2);
+    V x = ix * f + iw * f1, x1 = iw * f + iy * f1, change = NAME(all)(0.0), change2 = change;
+    NAME(keep)(q, a, x, &change);
+    NAME(keep)(q, a + 1, x1, &change2);
     NAME(back) up = {x, x1}, down = {x1, x};
     if (a > b) {
         x = NAME(solved)(q, 1, weighted, a - 1, &up);
-        NAME(add)(q, a - 1, x, used, &change, &size);
+        NAME(keep)(q, a - 1, x, &change);
         up.u2 = up.u1, up.u1 = x;
     }
     for (int64_t i = b - 1; i >= 0; i--) {
         x = NAME(solved)(q, 1, weighted, i, &up), x1 = NAME(solved)(q, -1, weighted, i, &down);
-        NAME(add)(q, i, x, used, &change, &size);
-        NAME(add)(q, m - 1 - i, x1, used, &change2, &size2);
+        NAME(keep)(q, i, x, &change);
+        NAME(keep)(q, m - 1 - i, x1, &change2);
         up.u2 = up.u1, up.u1 = x;
         down.u2 = down.u1, down.u1 = x1;
     }
     NAME(write)(out, 0, change + change2);
-    NAME(write)(out, 1, size + size2);
 }
 
 FORCED NAME(job) NAME(made)(int64_t m, const double *step, const double *r, const double *const *z,
@@ -329,19 +334,18 @@ EXPORTED void API(NAME(spline_evaluate))(ARGUMENTS, int32_t criterion, double *o
     else NAME(evaluate)(&q, 0, 0, out, products);
 }
 
-EXPORTED void API(NAME(spline_remainder))(ARGUMENTS, double *v, double *out) {
+EXPORTED void API(NAME(spline_remainder))(ARGUMENTS, const double *used, double *v, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance) NAME(remainder)(&q, 1, v, out);
-    else NAME(remainder)(&q, 0, v, out);
+    if (variance) NAME(remainder)(&q, 1, used, v, out);
+    else NAME(remainder)(&q, 0, used, v, out);
 }
 
-EXPORTED void API(NAME(spline_correct))(ARGUMENTS, const double *used, double *out) {
+EXPORTED void API(NAME(spline_correct))(ARGUMENTS, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    V mask;
-    for (int k = 0; k < COUNT; k++) ((double *)&mask)[k] = used[k];
-    if (variance) NAME(correct)(&q, 1, mask, out);
-    else NAME(correct)(&q, 0, mask, out);
+    if (variance) NAME(correct)(&q, 1, out);
+    else NAME(correct)(&q, 0, out);
 }
+
 #undef ROW
 #undef R
 #undef H

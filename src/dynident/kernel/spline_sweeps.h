@@ -11,20 +11,23 @@ typedef struct {
     const double *const *z;          /* COUNT pointers to (m) */
     const double *const *variance;   /* COUNT pointers to (m + 2), or null */
     V third;
-    double *restrict rd, *restrict l, *restrict g; /* (m, COUNT): 1 / d; first off-diagonal of L; see each sweep */
-    double *restrict u;              /* (m, COUNT), with a zero row before and after it */
+    double *restrict rd, *restrict l, *g; /* (m, COUNT): 1 / d; first off-diagonal of L; see each sweep */
+    double *u;                       /* (m, COUNT), with a zero row before and after it */
 } NAME(job);
 
 /* What one sweep inwards hands on: the next diagonal entry, the entry beside it and the next but one diagonal entry,
-   as the rows so far leave them; their derivatives by log p; the right-hand side of both rows. */
+   as the rows so far leave them, and the right-hand side of the first two; their derivatives by log p (x, xx). */
 typedef struct {
     V d, e, d1, f, f1;
-    V dx, ex, d1x, dxx, exx, d1xx;
+    V dx, ex, d1x, fx, f1x;
+    V dxx, exx, d1xx, fxx, f1xx;
 } NAME(front);
 
 typedef struct {
-    V rise, bend, product; /* of log det: the derivatives by log p; product of the diagonal of the last rows */
-    MASK bad;
+    V rise, bend;           /* derivatives by log p of log det */
+    V work, rate, rate2;    /* z' A^-1 z and its derivatives by log p */
+    V product;              /* of the diagonal, of the last rows */
+    MASK bad;               /* whether the factorisation broke down */
 } NAME(total);
 
 #if COUNT == 1
@@ -78,164 +81,176 @@ FORCED void NAME(begin)(const NAME(job) *q, int side, int weighted, NAME(front) 
     s->d1 = NAME(diagonal)(q, side, weighted, 1) + s->d1x;
     s->f = NAME(gather)(q->z, ROW(0));
     s->f1 = NAME(gather)(q->z, ROW(1));
+    s->fx = s->f1x = s->fxx = s->f1xx = NAME(all)(0.0);
 }
 
-/* Eliminate row i of a side: g becomes 1 / d times the right-hand side that the rows before have left. */
-FORCED void NAME(inwards)(const NAME(job) *q, int side, int weighted, int criterion, int64_t i, NAME(front) *s,
+/* Eliminate row i of a side. Without `figures` l and 1 / d are kept, and g = 1 / d times the right-hand side that the
+   rows before have left; with them nothing is kept but sums. */
+FORCED void NAME(inwards)(const NAME(job) *q, int side, int weighted, int figures, int64_t i, NAME(front) *s,
                           NAME(total) *sum) {
-    V rd = NAME(all)(1.0) / s->d, b2 = NAME(beyond)(q, side, weighted, i), l = s->e * rd, l2 = b2 * rd;
+    V rd = NAME(all)(1.0) / s->d, b2 = NAME(beyond)(q, side, weighted, i), l = s->e * rd, l2 = b2 * rd, g = s->f * rd;
     V mass = NAME(mass)(q, side, i + 2), mass1 = NAME(mass_beside)(q, side, i + 1);
     V b0 = NAME(diagonal)(q, side, weighted, i + 2) + mass, b1 = NAME(beside)(q, side, weighted, i + 1) + mass1;
-    NAME(write)(q->rd, ROW(i), rd);
-    NAME(write)(q->l, ROW(i), l);
-    NAME(write)(q->g, ROW(i), s->f * rd);
+    V f = s->f1 - l * s->f, f1 = NAME(gather)(q->z, ROW(i + 2)) - b2 * g;
+    V d = s->d1 - l * s->e, e = b1 - l * b2, d1 = b0 - l2 * b2;
     sum->bad |= (MASK)(s->d <= NAME(all)(0.0));
-    V f = s->f1 - l * s->f;
-    s->f1 = NAME(gather)(q->z, ROW(i + 2)) - l2 * s->f;
-    s->f = f;
-    if (criterion) {
-        V rate = s->dx * rd, rate2 = s->dxx * rd;
-        V lx = s->ex * rd - l * rate, l2x = -l2 * rate;
-        V lxx = s->exx * rd - NAME(all)(2.0) * lx * rate - l * rate2;
-        V l2xx = -NAME(all)(2.0) * l2x * rate - l2 * rate2;
+    if (figures) {
+        const V two = NAME(all)(2.0);
+        V rate = s->dx * rd, rate2 = s->dxx * rd, tilt = s->fx - s->f * rate;
+        V lx = s->ex * rd - l * rate, lxx = s->exx * rd - two * lx * rate - l * rate2;
+        V l2x = -l2 * rate, l2xx = -two * l2x * rate - l2 * rate2;
         sum->rise += rate;
         sum->bend += rate2 - rate * rate;
+        sum->work += s->f * g;
+        sum->rate += g * (s->fx + tilt);
+        sum->rate2 += two * (rd * tilt * tilt + g * s->fxx) - s->f * g * rate2;
         sum->product *= s->d;
-        V dx = s->d1x - lx * s->e - l * s->ex;
-        V dxx = s->d1xx - lxx * s->e - NAME(all)(2.0) * lx * s->ex - l * s->exx;
-        s->dx = dx, s->dxx = dxx;
+        V fx = s->f1x - lx * s->f - l * s->fx, fxx = s->f1xx - lxx * s->f - two * lx * s->fx - l * s->fxx;
+        V dx = s->d1x - lx * s->e - l * s->ex, dxx = s->d1xx - lxx * s->e - two * lx * s->ex - l * s->exx;
+        s->f1x = -l2x * s->f - l2 * s->fx, s->f1xx = -l2xx * s->f - two * l2x * s->fx - l2 * s->fxx;
+        s->fx = fx, s->fxx = fxx, s->dx = dx, s->dxx = dxx;
         s->ex = mass1 - lx * b2, s->exx = mass1 - lxx * b2;
         s->d1x = mass - l2x * b2, s->d1xx = mass - l2xx * b2;
+    } else {
+        NAME(write)(q->rd, ROW(i), rd);
+        NAME(write)(q->l, ROW(i), l);
+        NAME(write)(q->g, ROW(i), g);
     }
-    s->d = s->d1 - l * s->e;
-    s->e = b1 - l * b2;
-    s->d1 = b0 - l2 * b2;
+    s->f = f, s->f1 = f1, s->d = d, s->e = e, s->d1 = d1;
 }
 
-/* What one sweep outwards hands on: u of the two rows before, and the slope between them. */
+/* The two rows in the middle: what both sides leave of them, counted once. The entries of the matrix are x w; w y. */
 typedef struct {
-    V u1, u2, slope, rss, energy;
-} NAME(back);
+    V x, w, y, det, ix, iw, iy; /* and those of its inverse */
+    V mass, mass1, off;
+} NAME(middle);
 
-FORCED void NAME(count)(const NAME(job) *q, int side, int weighted, int64_t i, V u, NAME(back) *s) {
-    V slope = (s->u1 - u) * NAME(all)(R(i + 1)), bend = s->slope - slope, square = bend * bend;
-    s->rss += weighted ? D(i + 2) * square : square;
-    s->energy += NAME(all)(H(i + 1)) * (s->u1 * s->u1 + s->u1 * u + u * u);
-    s->u2 = s->u1, s->u1 = u, s->slope = slope;
-}
-FORCED V NAME(solved)(const NAME(job) *q, int side, int weighted, int64_t i, const NAME(back) *s) {
-    V rd = NAME(read)(q->rd, ROW(i)), l2 = NAME(beyond)(q, side, weighted, i) * rd;
-    return NAME(read)(q->g, ROW(i)) - l2 * s->u2 - NAME(read)(q->l, ROW(i)) * s->u1;
-}
-
-/* N u times 3, row i of a side. */
-FORCED V NAME(massive)(const NAME(job) *q, int side, int64_t i) {
-    double h0 = H(i), h1 = H(i + 1);
-    const double *u = q->u;
-    V before = NAME(read)(u, ROW(i - 1)), here = NAME(read)(u, ROW(i)), after = NAME(read)(u, ROW(i + 1));
-    return NAME(all)(h0) * before + NAME(all)(2.0 * (h0 + h1)) * here + NAME(all)(h1) * after;
+FORCED NAME(middle) NAME(met)(const NAME(job) *q, int weighted, const NAME(front) *s, const NAME(front) *t) {
+    NAME(middle) o;
+    const int64_t a = q->a;
+    o.mass = NAME(mass)(q, 1, a), o.mass1 = NAME(mass)(q, 1, a + 1), o.off = NAME(mass_beside)(q, 1, a);
+    o.x = s->d + (t->d1 - (NAME(diagonal)(q, 1, weighted, a) + o.mass));
+    o.y = t->d + (s->d1 - (NAME(diagonal)(q, 1, weighted, a + 1) + o.mass1));
+    o.w = s->e + (t->e - (NAME(beside)(q, 1, weighted, a) + o.off));
+    o.det = o.x * o.y - o.w * o.w;
+    V over = NAME(all)(1.0) / o.det;
+    o.ix = o.y * over, o.iy = o.x * over, o.iw = -o.w * over;
+    return o;
 }
 
-/* Add row i of a side to w' A^-1 w for w = 3 N u, without a change of the arrays. */
-FORCED void NAME(weigh)(const NAME(job) *q, int side, int weighted, int64_t i, V *f, V *f1, V *sum) {
-    V rd = NAME(read)(q->rd, ROW(i)), g = *f * rd;
-    *sum += *f * g;
-    V next = *f1 - NAME(read)(q->l, ROW(i)) * *f;
-    *f1 = NAME(massive)(q, side, i + 2) - NAME(beyond)(q, side, weighted, i) * g;
-    *f = next;
-}
-
-/* out (8, COUNT): rss, u'Nu, (Nu)' A^-1 Nu, whether the factorisation broke down, the derivatives of log det by log p,
-   the determinant of the middle, number of products; and `products` (m / 8 + 1, COUNT) of the diagonal of at most nine
-   rows each, whose logarithms add up to log det */
-FORCED void NAME(evaluate)(const NAME(job) *q, int weighted, int criterion, double *out, double *products) {
-    const int64_t m = q->m, a = q->a, b = m - 2 - a; /* rows of the other side */
-    const V zero = NAME(all)(0.0);
-    NAME(front) s, t;
-    NAME(total) sum = {zero, zero, NAME(all)(1.0), (MASK){0}};
-    NAME(begin)(q, 1, weighted, &s);
-    NAME(begin)(q, -1, weighted, &t);
-    int64_t written = 0;
+/* Eliminate from both ends, and return the middle. */
+FORCED NAME(middle) NAME(eliminated)(const NAME(job) *q, int weighted, int figures, NAME(front) *s, NAME(front) *t,
+                                     NAME(total) *up, NAME(total) *down, double *products, int64_t *written) {
+    const int64_t b = q->m - 2 - q->a; /* rows of the other side */
+    NAME(total) none = {0};
+    *up = *down = none;
+    up->product = down->product = NAME(all)(1.0);
+    NAME(begin)(q, 1, weighted, s);
+    NAME(begin)(q, -1, weighted, t);
     for (int64_t i = 0; i < b; i++) {
-        NAME(inwards)(q, 1, weighted, criterion, i, &s, &sum);
-        NAME(inwards)(q, -1, weighted, criterion, i, &t, &sum);
-        if (criterion && (i & 3) == 3) NAME(write)(products, written++, sum.product), sum.product = NAME(all)(1.0);
+        NAME(inwards)(q, 1, weighted, figures, i, s, up);
+        NAME(inwards)(q, -1, weighted, figures, i, t, down);
+        if (figures && (i & 3) == 3) {
+            NAME(write)(products, (*written)++, up->product * down->product);
+            up->product = down->product = NAME(all)(1.0);
+        }
     }
-    if (a > b) NAME(inwards)(q, 1, weighted, criterion, b, &s, &sum);
-    NAME(write)(products, written, sum.product);
+    if (q->a > b) NAME(inwards)(q, 1, weighted, figures, b, s, up);
+    NAME(middle) o = NAME(met)(q, weighted, s, t);
+    up->bad |= down->bad | (MASK)(o.det <= NAME(all)(0.0)) | (MASK)(o.x <= NAME(all)(0.0));
+    return o;
+}
 
-    /* The two rows in the middle: what both sides leave of them, counted once. */
-    V mass = NAME(mass)(q, 1, a), mass1 = NAME(mass)(q, 1, a + 1), off = NAME(mass_beside)(q, 1, a);
-    V x = s.d + (t.d1 - (NAME(diagonal)(q, 1, weighted, a) + mass));
-    V y = t.d + (s.d1 - (NAME(diagonal)(q, 1, weighted, a + 1) + mass1));
-    V w = s.e + (t.e - (NAME(beside)(q, 1, weighted, a) + off));
-    V det = x * y - w * w, over = NAME(all)(1.0) / det;
-    sum.bad |= (MASK)(det <= zero) | (MASK)(x <= zero);
-    V ix = y * over, iy = x * over, iw = -w * over;
-    NAME(write)(q->rd, a, ix);
-    NAME(write)(q->rd, a + 1, iy);
-    NAME(write)(q->l, a, iw);
-    if (criterion) {
-        V xx = s.dx + (t.d1x - mass), yx = t.dx + (s.d1x - mass1), wx = s.ex + (t.ex - off);
-        V xxx = s.dxx + (t.d1xx - mass), yxx = t.dxx + (s.d1xx - mass1), wxx = s.exx + (t.exx - off);
-        const V two = NAME(all)(2.0);
-        V rise = (xx * y + x * yx - two * w * wx) * over;
-        V bend = (xxx * y + two * xx * yx + x * yxx - two * (wx * wx + w * wxx)) * over;
-        sum.rise += rise;
-        sum.bend += bend - rise * rise;
-    }
+/* out (8, COUNT): z' A^-1 z with its first and second derivative by log p, the first two derivatives of log det,
+   whether the factorisation broke down, the determinant of the middle, the number of products; and `products`
+   (m / 8 + 1, COUNT) of the diagonal, at most nine rows each: with the determinant, the logarithms add up to log det. */
+FORCED void NAME(figures)(const NAME(job) *q, int weighted, double *products, double *out) {
+    NAME(front) s, t;
+    NAME(total) up, down;
+    int64_t written = 0;
+    NAME(middle) o = NAME(eliminated)(q, weighted, 1, &s, &t, &up, &down, products, &written);
+    NAME(write)(products, written, up.product * down.product);
+    const V two = NAME(all)(2.0), over = NAME(all)(1.0) / o.det;
+    V xx = s.dx + (t.d1x - o.mass), yx = t.dx + (s.d1x - o.mass1), wx = s.ex + (t.ex - o.off);
+    V xxx = s.dxx + (t.d1xx - o.mass), yxx = t.dxx + (s.d1xx - o.mass1), wxx = s.exx + (t.exx - o.off);
+    V rise = (xx * o.y + o.x * yx - two * o.w * wx) * over;
+    V bend = (xxx * o.y + two * xx * yx + o.x * yxx - two * (wx * wx + o.w * wxx)) * over;
+    /* u = M^-1 f of the middle: f' u, and its derivatives with those of u */
+    V f = s.f + (t.f1 - NAME(gather)(q->z, q->a)), f1 = t.f + (s.f1 - NAME(gather)(q->z, q->a + 1));
+    V fx = s.fx + t.f1x, f1x = t.fx + s.f1x, fxx = s.fxx + t.f1xx, f1xx = t.fxx + s.f1xx;
+    V u = o.ix * f + o.iw * f1, u1 = o.iw * f + o.iy * f1;
+    V g = fx - xx * u - wx * u1, g1 = f1x - wx * u - yx * u1;
+    V ux = o.ix * g + o.iw * g1, u1x = o.iw * g + o.iy * g1;
+    V rate = two * (u * fx + u1 * f1x) - (u * u * xx + two * u * u1 * wx + u1 * u1 * yx);
+    V rate2 = two * (g * ux + g1 * u1x) + two * (u * fxx + u1 * f1xx) - (u * u * xxx + two * u * u1 * wxx + u1 * u1 * yxx);
+    NAME(write)(out, 0, up.work + down.work + (u * f + u1 * f1));
+    NAME(write)(out, 1, up.rate + down.rate + rate);
+    NAME(write)(out, 2, up.rate2 + down.rate2 + rate2);
+    NAME(write)(out, 3, up.rise + down.rise + rise);
+    NAME(write)(out, 4, up.bend + down.bend + (bend - rise * rise));
+    for (int k = 0; k < COUNT; k++) out[5 * COUNT + k] = (double)(((int64_t *)&up.bad)[k] != 0);
+    NAME(write)(out, 6, o.det);
+    for (int k = 0; k < COUNT; k++) out[7 * COUNT + k] = (double)(written + 1);
+}
 
-    V f = s.f + (t.f1 - NAME(gather)(q->z, a)), f1 = t.f + (s.f1 - NAME(gather)(q->z, a + 1));
-    V u = ix * f + iw * f1, u1 = iw * f + iy * f1, slope = (u1 - u) * NAME(all)(q->r[a + 1]);
-    NAME(write)(q->u, -1, zero);
-    NAME(write)(q->u, m, zero);
-    NAME(write)(q->u, a, u);
-    NAME(write)(q->u, a + 1, u1);
-    V energy = NAME(all)(q->step[a + 1]) * (u * u + u * u1 + u1 * u1);
-    NAME(back) up = {u, u1, slope, zero, energy}, down = {u1, u, -slope, zero, zero};
+/* Row i of a side of the solution, from the two rows before on the way outwards. */
+FORCED V NAME(solved)(const NAME(job) *q, int side, int weighted, int64_t i, V before, V before2) {
+    V l2 = NAME(beyond)(q, side, weighted, i) * NAME(read)(q->rd, ROW(i));
+    return NAME(read)(q->g, ROW(i)) - l2 * before2 - NAME(read)(q->l, ROW(i)) * before;
+}
+
+/* From g to the solution in `to`, outwards from the rows x, y in the middle; returns the sum of squares. */
+FORCED V NAME(outwards)(const NAME(job) *q, int weighted, V x, V y, double *to) {
+    const int64_t m = q->m, a = q->a, b = m - 2 - a;
+    V x1 = y, y1 = x, sum = x * x, sum1 = y * y;
+    NAME(write)(to, a, x);
+    NAME(write)(to, a + 1, y);
     if (a > b) {
-        V next = NAME(solved)(q, 1, weighted, a - 1, &up);
-        NAME(write)(q->u, a - 1, next);
-        NAME(count)(q, 1, weighted, a - 1, next, &up);
+        V next = NAME(solved)(q, 1, weighted, b, x, x1);
+        NAME(write)(to, b, next);
+        sum += next * next;
+        x1 = x, x = next;
     }
     for (int64_t i = b - 1; i >= 0; i--) {
-        V high = NAME(solved)(q, 1, weighted, i, &up), low = NAME(solved)(q, -1, weighted, i, &down);
-        NAME(write)(q->u, i, high);
-        NAME(write)(q->u, m - 1 - i, low);
-        NAME(count)(q, 1, weighted, i, high, &up);
-        NAME(count)(q, -1, weighted, i, low, &down);
+        V up = NAME(solved)(q, 1, weighted, i, x, x1), down = NAME(solved)(q, -1, weighted, i, y, y1);
+        NAME(write)(to, i, up);
+        NAME(write)(to, m - 1 - i, down);
+        sum += up * up;
+        sum1 += down * down;
+        x1 = x, x = up;
+        y1 = y, y = down;
     }
-    NAME(count)(q, 1, weighted, -1, zero, &up);
-    NAME(count)(q, -1, weighted, -1, zero, &down);
-    V first = up.slope * up.slope, last = down.slope * down.slope;
-    if (weighted) first *= NAME(gather)(q->variance, 0), last *= NAME(gather)(q->variance, m + 1);
+    return sum + sum1;
+}
 
-    V square = zero, square2 = zero;
-    f = NAME(massive)(q, 1, 0), f1 = NAME(massive)(q, 1, 1);
-    V h = NAME(massive)(q, -1, 0), h1 = NAME(massive)(q, -1, 1);
-    for (int64_t i = 0; i < b; i++) {
-        NAME(weigh)(q, 1, weighted, i, &f, &f1, &square);
-        NAME(weigh)(q, -1, weighted, i, &h, &h1, &square2);
-    }
-    if (a > b) NAME(weigh)(q, 1, weighted, b, &f, &f1, &square);
-    f = f + (h1 - NAME(massive)(q, 1, a)), f1 = h + (f1 - NAME(massive)(q, 1, a + 1));
-    square = square + square2 + (ix * f * f + NAME(all)(2.0) * iw * f * f1 + iy * f1 * f1);
+/* Factorise and solve A u = z. out (COUNT): whether the factorisation broke down. */
+FORCED void NAME(solve)(const NAME(job) *q, int weighted, double *out) {
+    const int64_t a = q->a;
+    NAME(front) s, t;
+    NAME(total) up, down;
+    NAME(middle) o = NAME(eliminated)(q, weighted, 0, &s, &t, &up, &down, 0, 0);
+    NAME(write)(q->rd, a, o.ix);
+    NAME(write)(q->rd, a + 1, o.iy);
+    NAME(write)(q->l, a, o.iw);
+    V f = s.f + (t.f1 - NAME(gather)(q->z, a)), f1 = t.f + (s.f1 - NAME(gather)(q->z, a + 1));
+    NAME(write)(q->u, -1, NAME(all)(0.0));
+    NAME(write)(q->u, q->m, NAME(all)(0.0));
+    NAME(outwards)(q, weighted, o.ix * f + o.iw * f1, o.iw * f + o.iy * f1, q->u);
+    for (int k = 0; k < COUNT; k++) out[k] = (double)(((int64_t *)&up.bad)[k] != 0);
+}
 
-    NAME(write)(out, 0, (up.rss + down.rss) + (first + last));
-    NAME(write)(out, 1, (up.energy + down.energy) * NAME(all)(2.0 / 3.0));
-    NAME(write)(out, 2, square * NAME(all)(1.0 / 9.0));
-    for (int k = 0; k < COUNT; k++) out[3 * COUNT + k] = (double)(((int64_t *)&sum.bad)[k] != 0);
-    NAME(write)(out, 4, sum.rise);
-    NAME(write)(out, 5, sum.bend);
-    NAME(write)(out, 6, det);
-    out[7 * COUNT] = (double)(written + 1);
+/* N u times 3, row i. */
+FORCED V NAME(massive)(const NAME(job) *q, const double *u, int64_t i) {
+    double h0 = q->step[i], h1 = q->step[i + 1];
+    V before = NAME(read)(u, i - 1), here = NAME(read)(u, i), after = NAME(read)(u, i + 1);
+    return NAME(all)(h0) * before + NAME(all)(2.0 * (h0 + h1)) * here + NAME(all)(h1) * after;
 }
 
 /* Add to u the correction in g where `used` (COUNT) is one, not zero, unless it is null. Then v = D^2 Q u
    (m + 2, COUNT), and g the residual z - Q' v - p N u; out (3, COUNT): squares of v over D, of the residual and of u. */
 FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used, double *restrict v, double *out) {
     const int64_t m = q->m;
-    double *restrict u = q->u, *restrict g = q->g;
+    double *u = q->u, *g = q->g;
     const double *r = q->r;
     if (used) {
         V part;
@@ -253,13 +268,13 @@ FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used
     for (int k = 0; k < 4; k++) sum[k] = rest[k] = size[k] = NAME(all)(0.0);
     for (int64_t j = 0; j < m + 2; j++) {
         V x = NAME(read)(v, j), away = x;
-        if (weighted) x *= D(j), NAME(write)(v, j, x);
+        if (weighted) x *= NAME(gather)(q->variance, j), NAME(write)(v, j, x);
         sum[j & 3] += x * away;
     }
     for (int64_t j = 0; j < m; j++) {
         V here = NAME(read)(v, j + 1);
         V bend = (NAME(read)(v, j + 2) - here) * NAME(all)(r[j + 1]) - (here - NAME(read)(v, j)) * NAME(all)(r[j]);
-        NAME(write)(q->g, j, NAME(gather)(q->z, j) - bend - q->third * NAME(massive)(q, 1, j));
+        NAME(write)(q->g, j, NAME(gather)(q->z, j) - bend - q->third * NAME(massive)(q, u, j));
     }
     for (int64_t j = 0; j < m; j++) {
         V x = NAME(read)(g, j), y = NAME(read)(u, j);
@@ -278,11 +293,6 @@ FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int64_t 
     *f = next;
 }
 
-FORCED void NAME(keep)(const NAME(job) *q, int64_t row, V x, V *change) {
-    NAME(write)(q->g, row, x);
-    *change += x * x;
-}
-
 /* Solve A x = g by the factor, into g. out (COUNT): squares of x. */
 FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
     const int64_t m = q->m, a = q->a, b = m - 2 - a;
@@ -295,30 +305,14 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
     if (a > b) NAME(eliminate)(q, 1, weighted, b, &f, &f1);
     f = f + (h1 - middle), f1 = h + (f1 - middle1);
     V ix = NAME(read)(q->rd, a), iy = NAME(read)(q->rd, a + 1), iw = NAME(read)(q->l, a);
-    V x = ix * f + iw * f1, x1 = iw * f + iy * f1, change = NAME(all)(0.0), change2 = change;
-    NAME(keep)(q, a, x, &change);
-    NAME(keep)(q, a + 1, x1, &change2);
-    NAME(back) up = {x, x1}, down = {x1, x};
-    if (a > b) {
-        x = NAME(solved)(q, 1, weighted, a - 1, &up);
-        NAME(keep)(q, a - 1, x, &change);
-        up.u2 = up.u1, up.u1 = x;
-    }
-    for (int64_t i = b - 1; i >= 0; i--) {
-        x = NAME(solved)(q, 1, weighted, i, &up), x1 = NAME(solved)(q, -1, weighted, i, &down);
-        NAME(keep)(q, i, x, &change);
-        NAME(keep)(q, m - 1 - i, x1, &change2);
-        up.u2 = up.u1, up.u1 = x;
-        down.u2 = down.u1, down.u1 = x1;
-    }
-    NAME(write)(out, 0, change + change2);
+    NAME(write)(out, 0, NAME(outwards)(q, weighted, ix * f + iw * f1, iw * f + iy * f1, q->g));
 }
 
 FORCED NAME(job) NAME(made)(int64_t m, const double *step, const double *r, const double *const *z,
                             const double *const *variance, const double *p, double *rd, double *l, double *g, double *u) {
     V third;
     for (int k = 0; k < COUNT; k++) ((double *)&third)[k] = p[k] / 3.0;
-    NAME(job) out = {m, m - 2 - (m - 2) / 2, step, r, z, variance, third, rd, l, g, u + COUNT};
+    NAME(job) out = {m, m - 2 - (m - 2) / 2, step, r, z, variance, third, rd, l, g, u ? u + COUNT : 0};
     return out;
 }
 
@@ -326,12 +320,17 @@ FORCED NAME(job) NAME(made)(int64_t m, const double *step, const double *r, cons
     int64_t m, const double *step, const double *r, const double *const *z, const double *const *variance,             \
         const double *p, double *rd, double *l, double *g, double *u
 
-EXPORTED void API(NAME(spline_evaluate))(ARGUMENTS, int32_t criterion, double *out, double *products) {
+EXPORTED void API(NAME(spline_figures))(int64_t m, const double *step, const double *r, const double *const *z,
+                                        const double *const *variance, const double *p, double *products, double *out) {
+    NAME(job) q = NAME(made)(m, step, r, z, variance, p, 0, 0, 0, 0);
+    if (variance) NAME(figures)(&q, 1, products, out);
+    else NAME(figures)(&q, 0, products, out);
+}
+
+EXPORTED void API(NAME(spline_solve))(ARGUMENTS, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance && criterion) NAME(evaluate)(&q, 1, 1, out, products);
-    else if (variance) NAME(evaluate)(&q, 1, 0, out, products);
-    else if (criterion) NAME(evaluate)(&q, 0, 1, out, products);
-    else NAME(evaluate)(&q, 0, 0, out, products);
+    if (variance) NAME(solve)(&q, 1, out);
+    else NAME(solve)(&q, 0, out);
 }
 
 EXPORTED void API(NAME(spline_remainder))(ARGUMENTS, const double *used, double *v, double *out) {

@@ -20,9 +20,11 @@ __all__ = ["Answer", "Data", "Solver", "Trial", "finished", "scaled", "slopes", 
 
 Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
-GIVEN = (c_int64, *(c_void_p,) * 9)
-RESULTS = 8  # rows of figures that the kernel returns
-PRODUCTS = 8  # rows of a product of pivots
+GIVEN = (c_int64, *(c_void_p,) * 5)
+WORK = (*GIVEN, *(c_void_p,) * 4)
+FIGURES = 8  # that the kernel returns of each series
+PRODUCTS = 8  # pivots in a product
+BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
 
 class Data(Protocol):
@@ -57,7 +59,7 @@ class Solver:
     def __init__(self) -> None:
         width = function("spline_lanes", result=c_int32)
         self.lanes = 0 if width is None else int(width())
-        self._work: dict[tuple[int, int], tuple[Array, ...]] = {}
+        self._work: dict[tuple[str, int, int], Array] = {}
 
     def __call__(self, trials: Sequence[Trial]) -> list[Answer]:
         """Return the solution of each, or the error where double precision is not enough for it."""
@@ -83,58 +85,68 @@ class Solver:
             parts[-1:] = [[k] for k in parts[-1]]
         return parts
 
-    def _arrays(self, size: int, count: int) -> tuple[Array, ...]:
-        """Return 1 / d, l, g, u with a row before and after, v, and products of pivots."""
-        if (size, count) not in self._work:
-            rows = (size, size, size, size + 2, size + 2, size // PRODUCTS + 2)
-            self._work[size, count] = tuple(np.empty((n, count)) for n in rows)
-        return self._work[size, count]
+    def _array(self, key: str, rows: int, count: int) -> Array:
+        """Return a work array (rows, count), the same one for the same key and shape."""
+        if (key, rows, count) not in self._work:
+            self._work[key, rows, count] = np.empty((rows, count))
+        return self._work[key, rows, count]
 
     def _solve(self, trials: list[Trial]) -> list[Answer]:
+        """Solve trials of one grid side by side."""
         count, name = (1, "one") if len(trials) == 1 else (self.lanes, "many")
         filled = trials + trials[:1] * (count - len(trials))
-        system, first = trials[0].series.system, trials[0]
-        work = self._arrays(system.size, count)
+        system = trials[0].series.system
         p = np.array([trial.p for trial in filled])
         z = _addresses([trial.series.z for trial in filled])
         variances = [trial.series.system.variance for trial in filled]
         variance = None if variances[0] is None else _addresses([x for x in variances if x is not None])
-        step, r = system.grid.step, system.grid.reciprocal
-        given = (system.size, *map(_address, (step, r, z, variance, p, *work[:4])))
-        out = np.empty((RESULTS, count))
-        evaluate = _function(f"spline_evaluate_{name}", *GIVEN, c_int32, c_void_p, c_void_p)
-        evaluate(*given, int(first.trace), _address(out), _address(work[5]))
-        rss, energy, square, bad, rise, bend, middle = out[:7, : len(trials)]
+        given = (system.size, *map(_address, (system.grid.step, system.grid.reciprocal, z, variance, p)))
+        found = self._refined if trials[0].refine else self._figures
+        return found(trials, given, count, name)
+
+    def _figures(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
+        """Return what one sweep inwards shows: with E = z' A^-1 z, rss is E + dE / d log p."""
+        products, out = self._array("products", given[0] // PRODUCTS + 2, count), np.empty((FIGURES, count))
+        _function(f"spline_figures_{name}", *GIVEN, *(c_void_p,) * 2)(*given, _address(products), _address(out))
+        whole, rate, rate2, rise, bend, bad, middle = out[:7]
         with np.errstate(all="ignore"):
-            slope = -2.0 * p[: len(trials)] * (energy - p[: len(trials)] * square) / np.maximum(rss, TINY)
-            log_det = np.full(len(trials), np.nan)
-            if first.trace:
-                log_det = (np.log(work[5][: int(out[7, 0])]).sum(axis=0) + np.log(out[6]))[: len(trials)]
-        errors = [
-            IllConditionedError("the Cholesky factorisation broke down") if bad[k] or not np.isfinite(rss[k]) else None
-            for k in range(len(trials))
-        ]
-        residual = accuracy = np.full(len(trials), np.nan)
-        u: list[Array | None] = [None] * len(trials)
-        if first.refine:
-            norm = np.array([trial.series.norm for trial in filled])
-            rss, residual, accuracy = self._refine(given, work[4], name, norm, errors)
-            u = [np.ascontiguousarray(work[3][1:-1, k]) if count > 1 else work[3][1:-1, 0].copy()
-                 for k in range(len(trials))]  # fmt: skip
+            rss = whole + rate
+            slope = (rate + rate2) / rss
+            log_det = np.full(count, np.nan)
+            if trials[0].trace:
+                log_det = np.log(products[: int(out[7, 0])]).sum(axis=0) + np.log(middle)
         return [
-            error
-            or Solution(trial.p, u[k], float(rss[k]), float(residual[k]), float(accuracy[k]), float(slope[k]),
-                        float(energy[k]), float(log_det[k]), float(rise[k]), float(bend[k]))
-            for k, (trial, error) in enumerate(zip(trials, errors, strict=True))
+            BROKEN
+            if bad[k] or not np.isfinite(rss[k])
+            else Solution(
+                trial.p, None, *map(float, (rss[k], np.nan, np.nan, slope[k], -rate[k] / trial.p)),
+                *map(float, (log_det[k], rise[k], bend[k])),
+            )
+            for k, trial in enumerate(trials)
         ]  # fmt: skip
+
+    def _refined(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
+        """Return u, refined as ``System`` does."""
+        size, out = given[0], np.empty(count)
+        rd, l, g, v = (self._array(key, size + 2, count) for key in ("rd", "l", "g", "v"))
+        u = self._array("u", size + 2, count)
+        given = (*given, *map(_address, (rd, l, g, u)))
+        _function(f"spline_solve_{name}", *WORK, c_void_p)(*given, _address(out))
+        norm = np.array([trial.series.norm for trial in trials] + [1.0] * (count - len(trials)))
+        errors: list[IllConditionedError | None] = [BROKEN if bad else None for bad in out[: len(trials)]]
+        rss, residual, accuracy = self._refine(given, v, name, norm, errors)
+        return [
+            error or Solution(trial.p, u[1:-1, k].copy(), *map(float, (rss[k], residual[k], accuracy[k])))
+            for k, (trial, error) in enumerate(zip(trials, errors, strict=True))
+        ]
 
     @staticmethod
     def _refine(
         given: tuple[int | None, ...], v: Array, name: str, norm: Array, errors: list[IllConditionedError | None]
     ) -> tuple[Array, Array, Array]:
         """Refine u of all lanes as ``System`` does; return rss, residual and accuracy, and note ``errors``."""
-        remainder = _function(f"spline_remainder_{name}", *GIVEN, c_void_p, c_void_p, c_void_p)
-        correct = _function(f"spline_correct_{name}", *GIVEN, c_void_p)
+        remainder = _function(f"spline_remainder_{name}", *WORK, c_void_p, c_void_p, c_void_p)
+        correct = _function(f"spline_correct_{name}", *WORK, c_void_p)
         count = v.shape[1]
         last, left, used = np.ones(count), np.full(count, np.inf), np.zeros(count)
         rss, residual, accuracy = np.full((3, count), np.nan)

@@ -83,11 +83,13 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
     low, high = -np.inf, np.inf  # bracket of the root in log p
     x, refine = float(np.log(p)), False
     before: Point | None = None
+    slope = -1.0
     best: tuple[float, Solution] | None = None
     for _ in range(200):
         now = yield from once(series, float(np.exp(x)), refine=refine)
         if not np.isfinite(now.rss):
             raise IllConditionedError("the search for p left the range of numbers")
+        slope = slope if np.isnan(now.slope) else now.slope  # that of a refined solution is the one before
         error = float(np.log(max(now.rss, TINY) / target))
         if abs(error) <= tolerance and (refine or tolerance >= NEAR):
             return now
@@ -99,7 +101,7 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
             best = (error, now)
         refine = refine or abs(error) < NEAR
         low, high = (max(x, low), high) if error > 0 else (low, min(x, high))
-        here = (x, error, now.slope)
+        here = (x, error, slope)
         x = _next(here, before, low, high)
         before = here
     raise IllConditionedError("the search for p does not converge")

@@ -5,6 +5,9 @@
 #include "lanes.h"
 
 #define FORCED static inline __attribute__((always_inline))
+#define EPS 2.220446049250313e-16
+#define TINY 2.2250738585072014e-308
+#define LARGE 1e-8 /* the relative correction at which refinement has failed */
 
 #define V double
 #define MASK int64_t
@@ -66,21 +69,28 @@ EXPORTED void API(spline_survey)(int64_t n, int64_t k, const double *restrict y,
         }
 }
 
-/* Columns (n, k) to rows, each less its first value and times `inverse` (k): y (k, n); and their second differences
-   z (k, n - 2), by the reciprocal steps r (n - 1). Differences are taken of the values as they are, mostly exact. */
+/* Second differences z (k, n - 2) of columns (n, k) times `inverse` (k), by the reciprocal steps r (n - 1); and
+   moments (5, k) of y = (column less its first value) times `inverse` and of x = (t - middle) * rate: sums of y, x y,
+   y y, x and x x. */
 EXPORTED void API(spline_scale)(int64_t n, int64_t k, const double *restrict from, const double *restrict r,
-                                const double *restrict inverse, double *restrict y, double *restrict z) {
+                                const double *restrict inverse, const double *restrict t, double middle, double rate,
+                                double *restrict z, double *restrict moments) {
+    for (int64_t j = 0; j < 5 * k; j++) moments[j] = 0.0;
     for (int64_t start = 0; start < n; start += BLOCK) {
-        int64_t end = start + BLOCK < n ? start + BLOCK : n;
+        int64_t end = start + BLOCK < n ? start + BLOCK : n, last = end < n - 2 ? end : n - 2;
         for (int64_t j = 0; j < k; j++) {
-            const double *x = from + j;
-            double first = x[0], unit = inverse[j], *to = y + j * n, *bend = z + j * (n - 2);
-            for (int64_t i = start; i < end; i++) to[i] = (x[i * k] - first) * unit;
-            int64_t last = end < n - 2 ? end : n - 2;
+            const double *y = from + j;
+            const double first = y[0], unit = inverse[j];
+            double *bend = z + j * (n - 2), sum[5][4] = {{0}};
             for (int64_t i = start; i < last; i++) {
-                double a = x[i * k], b = x[(i + 1) * k], c = x[(i + 2) * k];
+                double a = y[i * k], b = y[(i + 1) * k], c = y[(i + 2) * k];
                 bend[i] = ((c - b) * r[i + 1] - (b - a) * r[i]) * unit;
             }
+            for (int64_t i = start; i < end; i++) {
+                double a = (y[i * k] - first) * unit, x = (t[i] - middle) * rate;
+                sum[0][i & 3] += a, sum[1][i & 3] += x * a, sum[2][i & 3] += a * a, sum[3][i & 3] += x, sum[4][i & 3] += x * x;
+            }
+            for (int c = 0; c < 5; c++) moments[c * k + j] += (sum[c][0] + sum[c][1]) + (sum[c][2] + sum[c][3]);
         }
     }
 }

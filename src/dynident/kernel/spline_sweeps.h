@@ -150,7 +150,7 @@ FORCED NAME(middle) NAME(eliminated)(const NAME(job) *q, int weighted, int figur
     for (int64_t i = 0; i < b; i++) {
         NAME(inwards)(q, 1, weighted, figures, i, s, up);
         NAME(inwards)(q, -1, weighted, figures, i, t, down);
-        if (figures && (i & 3) == 3) {
+        if (products && (i & 3) == 3) {
             NAME(write)(products, (*written)++, up->product * down->product);
             up->product = down->product = NAME(all)(1.0);
         }
@@ -163,13 +163,14 @@ FORCED NAME(middle) NAME(eliminated)(const NAME(job) *q, int weighted, int figur
 
 /* out (8, COUNT): z' A^-1 z with its first and second derivative by log p, the first two derivatives of log det,
    whether the factorisation broke down, the determinant of the middle, the number of products; and `products`
-   (m / 8 + 1, COUNT) of the diagonal, at most nine rows each: with the determinant, the logarithms add up to log det. */
+   (m / 8 + 1, COUNT) of the diagonal, at most nine rows each: with the determinant, the logarithms add up to log det.
+   `products` may be null. */
 FORCED void NAME(figures)(const NAME(job) *q, int weighted, double *products, double *out) {
     NAME(front) s, t;
     NAME(total) up, down;
     int64_t written = 0;
     NAME(middle) o = NAME(eliminated)(q, weighted, 1, &s, &t, &up, &down, products, &written);
-    NAME(write)(products, written, up.product * down.product);
+    if (products) NAME(write)(products, written, up.product * down.product);
     const V two = NAME(all)(2.0), over = NAME(all)(1.0) / o.det;
     V xx = s.dx + (t.d1x - o.mass), yx = t.dx + (s.d1x - o.mass1), wx = s.ex + (t.ex - o.off);
     V xxx = s.dxx + (t.d1xx - o.mass), yxx = t.dxx + (s.d1xx - o.mass1), wxx = s.exx + (t.exx - o.off);
@@ -239,51 +240,43 @@ FORCED void NAME(solve)(const NAME(job) *q, int weighted, double *out) {
     for (int k = 0; k < COUNT; k++) out[k] = (double)(((int64_t *)&up.bad)[k] != 0);
 }
 
-/* N u times 3, row i. */
-FORCED V NAME(massive)(const NAME(job) *q, const double *u, int64_t i) {
-    double h0 = q->step[i], h1 = q->step[i + 1];
-    V before = NAME(read)(u, i - 1), here = NAME(read)(u, i), after = NAME(read)(u, i + 1);
-    return NAME(all)(h0) * before + NAME(all)(2.0 * (h0 + h1)) * here + NAME(all)(h1) * after;
-}
-
-/* Add to u the correction in g where `used` (COUNT) is one, not zero, unless it is null. Then v = D^2 Q u
-   (m + 2, COUNT), and g the residual z - Q' v - p N u; out (3, COUNT): squares of v over D, of the residual and of u. */
-FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used, double *restrict v, double *out) {
+/* Add to u the correction in g where `used` (COUNT) is one, not zero, and let g be the residual z - Q' v - p N u with
+   v = D^2 Q u. out (4, COUNT): squares of v over D, of the residual, of u and of z. */
+FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used, double *out) {
     const int64_t m = q->m;
+    const double *r = q->r, *h = q->step;
     double *u = q->u, *g = q->g;
-    const double *r = q->r;
-    if (used) {
-        V part;
-        for (int k = 0; k < COUNT; k++) ((double *)&part)[k] = used[k];
-        for (int64_t j = 0; j < m; j++) NAME(write)(u, j, NAME(read)(u, j) + part * NAME(read)(g, j));
-    }
-    const int side = 1;
-    NAME(write)(v, 0, NAME(read)(u, 0) * NAME(all)(r[0]));
-    for (int64_t j = 1; j <= m; j++) {
-        V before = NAME(read)(u, j - 2), here = NAME(read)(u, j - 1), after = NAME(read)(u, j);
-        NAME(write)(v, j, (after - here) * NAME(all)(r[j]) - (here - before) * NAME(all)(r[j - 1]));
-    }
-    NAME(write)(v, m + 1, NAME(read)(u, m - 1) * NAME(all)(r[m]));
-    V sum[4], rest[4], size[4];
-    for (int k = 0; k < 4; k++) sum[k] = rest[k] = size[k] = NAME(all)(0.0);
-    for (int64_t j = 0; j < m + 2; j++) {
-        V x = NAME(read)(v, j), away = x;
-        if (weighted) x *= NAME(gather)(q->variance, j), NAME(write)(v, j, x);
-        sum[j & 3] += x * away;
-    }
+    V part, sum = NAME(all)(0.0), rest = sum, size = sum, whole = sum, before = sum;
+    for (int k = 0; k < COUNT; k++) ((double *)&part)[k] = used[k];
+    V here = NAME(read)(u, 0) + part * NAME(read)(g, 0), after = NAME(read)(u, 1) + part * NAME(read)(g, 1);
+    NAME(write)(u, 0, here);
+    NAME(write)(u, 1, after);
+    V slope = (after - here) * NAME(all)(r[1]), v = here * NAME(all)(r[0]), v1 = slope - v;
+    sum = weighted ? NAME(gather)(q->variance, 0) * v * v + NAME(gather)(q->variance, 1) * v1 * v1 : v * v + v1 * v1;
+    if (weighted) v *= NAME(gather)(q->variance, 0), v1 *= NAME(gather)(q->variance, 1);
     for (int64_t j = 0; j < m; j++) {
-        V here = NAME(read)(v, j + 1);
-        V bend = (NAME(read)(v, j + 2) - here) * NAME(all)(r[j + 1]) - (here - NAME(read)(v, j)) * NAME(all)(r[j]);
-        NAME(write)(q->g, j, NAME(gather)(q->z, j) - bend - q->third * NAME(massive)(q, u, j));
+        V next = NAME(all)(0.0), slope1 = next;
+        if (j + 2 < m) {
+            next = NAME(read)(u, j + 2) + part * NAME(read)(g, j + 2);
+            NAME(write)(u, j + 2, next);
+        }
+        if (j + 2 <= m) slope1 = (next - after) * NAME(all)(r[j + 2]);
+        V v2 = slope1 - slope, away = v2;
+        if (weighted) v2 *= NAME(gather)(q->variance, j + 2);
+        V bend = (v2 - v1) * NAME(all)(r[j + 1]) - (v1 - v) * NAME(all)(r[j]), z = NAME(gather)(q->z, j);
+        V mass = NAME(all)(h[j]) * before + NAME(all)(2.0 * (h[j] + h[j + 1])) * here + NAME(all)(h[j + 1]) * after;
+        V left = z - bend - q->third * mass;
+        NAME(write)(g, j, left);
+        sum += v2 * away;
+        rest += left * left;
+        size += here * here;
+        whole += z * z;
+        before = here, here = after, after = next, slope = slope1, v = v1, v1 = v2;
     }
-    for (int64_t j = 0; j < m; j++) {
-        V x = NAME(read)(g, j), y = NAME(read)(u, j);
-        rest[j & 3] += x * x;
-        size[j & 3] += y * y;
-    }
-    NAME(write)(out, 0, (sum[0] + sum[1]) + (sum[2] + sum[3]));
-    NAME(write)(out, 1, (rest[0] + rest[1]) + (rest[2] + rest[3]));
-    NAME(write)(out, 2, (size[0] + size[1]) + (size[2] + size[3]));
+    NAME(write)(out, 0, sum);
+    NAME(write)(out, 1, rest);
+    NAME(write)(out, 2, size);
+    NAME(write)(out, 3, whole);
 }
 
 FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int64_t i, V *f, V *f1) {
@@ -308,6 +301,38 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
     NAME(write)(out, 0, NAME(outwards)(q, weighted, ix * f + iw * f1, iw * f + iy * f1, q->g));
 }
 
+/* Solve, then refine until the error left is EPS or no correction is half the one before, which is then not made.
+   out (4, COUNT): |D^-1 v|^2; squares of the residual over z and of the error estimated over u; and what came out:
+   0 solved, 1 the factorisation broke down, 2 the corrections stay large. */
+FORCED void NAME(refined)(const NAME(job) *q, int weighted, double *out) {
+    double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
+    NAME(solve)(q, weighted, state);
+    int active = 0;
+    for (int k = 0; k < COUNT; k++) {
+        used[k] = 0.0, last[k] = left[k] = 1.0;
+        out[2 * COUNT + k] = -1.0; /* not known yet */
+        active += state[k] == 0.0;
+    }
+    while (active) {
+        NAME(remainder)(q, weighted, used, sums);
+        for (int k = 0; k < COUNT; k++) {
+            if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
+            out[k] = sums[k];
+            out[COUNT + k] = sums[COUNT + k] / (sums[3 * COUNT + k] > TINY ? sums[3 * COUNT + k] : TINY);
+            if (left[k] <= EPS * EPS) out[2 * COUNT + k] = EPS * EPS, active--;
+        }
+        if (!active) break;
+        NAME(correct)(q, weighted, change);
+        for (int k = 0; k < COUNT; k++) {
+            used[k] = 0.0;
+            if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
+            double now = change[k] / (sums[2 * COUNT + k] > TINY ? sums[2 * COUNT + k] : TINY);
+            if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * now / last[k], last[k] = now;
+            else out[2 * COUNT + k] = now, state[k] = now < LARGE * LARGE ? 0.0 : 2.0, active--;
+        }
+    }
+}
+
 FORCED NAME(job) NAME(made)(int64_t m, const double *step, const double *r, const double *const *z,
                             const double *const *variance, const double *p, double *rd, double *l, double *g, double *u) {
     V third;
@@ -316,10 +341,6 @@ FORCED NAME(job) NAME(made)(int64_t m, const double *step, const double *r, cons
     return out;
 }
 
-#define ARGUMENTS                                                                                                      \
-    int64_t m, const double *step, const double *r, const double *const *z, const double *const *variance,             \
-        const double *p, double *rd, double *l, double *g, double *u
-
 EXPORTED void API(NAME(spline_figures))(int64_t m, const double *step, const double *r, const double *const *z,
                                         const double *const *variance, const double *p, double *products, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, 0, 0, 0, 0);
@@ -327,26 +348,15 @@ EXPORTED void API(NAME(spline_figures))(int64_t m, const double *step, const dou
     else NAME(figures)(&q, 0, products, out);
 }
 
-EXPORTED void API(NAME(spline_solve))(ARGUMENTS, double *out) {
+EXPORTED void API(NAME(spline_refined))(int64_t m, const double *step, const double *r, const double *const *z,
+                                       const double *const *variance, const double *p, double *rd, double *l, double *g,
+                                       double *u, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance) NAME(solve)(&q, 1, out);
-    else NAME(solve)(&q, 0, out);
-}
-
-EXPORTED void API(NAME(spline_remainder))(ARGUMENTS, const double *used, double *v, double *out) {
-    NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance) NAME(remainder)(&q, 1, used, v, out);
-    else NAME(remainder)(&q, 0, used, v, out);
-}
-
-EXPORTED void API(NAME(spline_correct))(ARGUMENTS, double *out) {
-    NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance) NAME(correct)(&q, 1, out);
-    else NAME(correct)(&q, 0, out);
+    if (variance) NAME(refined)(&q, 1, out);
+    else NAME(refined)(&q, 0, out);
 }
 
 #undef ROW
 #undef R
 #undef H
 #undef D
-#undef ARGUMENTS

@@ -255,27 +255,28 @@ def _determinant(p: float, factor: Array, grid: Grid) -> tuple[float, float, flo
     The recurrence of the factorisation L diag(d) L', differentiated, is linear in the derivatives of d_i and of e_i, the
     entry beside it: a triangular system of bandwidth 4 for e_0, d_0, e_1, d_1, ..., once for each derivative.
     """
-    root = factor[0]
+    root = np.ascontiguousarray(factor[0])
     d, l1, l2 = root * root, factor[1] / root, factor[2] / root
-    size = len(root)
-    matrix = np.zeros((5, 2 * size), order="F")
-    matrix[0] = 1.0
-    # d_(i+1)' = b_(i+1)' - 2 l1_i e_i' + l1_i^2 d_i' + l2_(i-1)^2 d_(i-1)';  e_(i+1)' = a_(i+1)' - l2_i (e_i' - l1_i d_i')
-    matrix[3, 0::2], matrix[2, 1::2] = 2 * l1, -l1 * l1
-    matrix[4, 1::2] = -l2 * l2
-    matrix[2, 0::2], matrix[1, 1::2] = l2, -l1 * l2
+    # d_(i+1)' = p N_(i+1,i+1) - 2 l1_i e_i' + l1_i^2 d_i' + l2_(i-1)^2 d_(i-1)'
+    # e_(i+1)' = p N_(i+1,i+2) - l2_i (e_i' - l1_i d_i')
+    matrix = np.zeros((len(root), 2, 5))
+    matrix[:, :, 0] = 1.0
+    of_e, of_d = matrix[:, 0], matrix[:, 1]
+    of_e[:, 2], of_e[:, 3] = l2, 2.0 * l1
+    of_d[:, 1], of_d[:, 2], of_d[:, 4] = -l1 * l2, -l1 * l1, -l2 * l2
+    matrix = matrix.reshape(-1, 5).T
     diagonal, off = grid.mass
-    right = np.zeros(2 * size)
-    right[1::2] = p * diagonal
-    right[0:-2:2] = p * off
+    right = np.zeros(2 * len(root))
+    np.multiply(diagonal, p, out=right[1::2])
+    np.multiply(off, p, out=right[0:-2:2])
     first = blas.dtbsv(4, matrix, right, lower=1, diag=1)
-    d1, e1 = first[1::2], first[0::2]
-    rate = d1 / d
-    tilt = e1 / d - l1 * rate  # l1'
-    products = 2 * d * np.array([tilt * tilt, (l2 * rate) ** 2, l2 * rate * tilt])
-    right[3::2] -= products[0, :-1]
-    right[5::2] -= products[1, :-2]
-    right[2::2] += products[2, :-1]
+    rate = first[1::2] / d
+    tilt = first[0::2] / d - l1 * rate  # of l1; that of l2 is -fall
+    fall = l2 * rate
+    twice = 2.0 * d * tilt
+    right[3::2] -= (twice * tilt)[:-1]
+    right[2::2] += (twice * fall)[:-1]
+    right[5::2] -= (2.0 * d * fall * fall)[:-2]
     second = blas.dtbsv(4, matrix, right, lower=1, diag=1)
-    rate2 = second[1::2] / d
-    return 2.0 * float(np.log(root).sum()), float(rate.sum()), float((rate2 - rate * rate).sum())
+    bend = float((second[1::2] / d).sum()) - float(rate @ rate)
+    return 2.0 * float(np.log(root).sum()), float(rate.sum()), bend

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from ctypes import c_int32, c_int64, c_void_p
+from ctypes import c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -14,16 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.kernel import function
-from dynident.splines.banded import EPS, TINY, Grid, IllConditionedError, Solution, System, second_difference
+from dynident.splines.banded import Grid, IllConditionedError, Solution, System, second_difference
 
 __all__ = ["Answer", "Data", "Solver", "Trial", "finished", "scaled", "slopes", "survey"]
 
 Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
 GIVEN = (c_int64, *(c_void_p,) * 5)
-WORK = (*GIVEN, *(c_void_p,) * 4)
 FIGURES = 8  # that the kernel returns of each series
 PRODUCTS = 8  # pivots in a product
+CLEAR = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
+NARROW = 2**17  # numbers of a work array from which on one series after the other is as fast, and needs less memory
 BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
 
@@ -37,10 +38,6 @@ class Data(Protocol):
     @property
     def z(self) -> Array:
         """The right-hand side Q' y (N - 2)."""
-
-    @property
-    def norm(self) -> float:
-        """Its norm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,9 @@ class Solver:
                 key = (id(system.grid), system.variance is None, trial.refine, trial.trace)
                 groups.setdefault(key, []).append(k)
         for members in groups.values():
-            for part in self._parts(members):
+            first = trials[members[0]]
+            wide = not first.refine or first.series.system.size * self.lanes <= NARROW
+            for part in self._parts(members) if wide else [[k] for k in members]:
                 answers.update(zip(part, self._solve([trials[k] for k in part]), strict=True))
         return [answers[k] for k in range(len(trials))]
 
@@ -106,73 +105,38 @@ class Solver:
 
     def _figures(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
         """Return what one sweep inwards shows: with E = z' A^-1 z, rss is E + dE / d log p."""
-        products, out = self._array("products", given[0] // PRODUCTS + 2, count), np.empty((FIGURES, count))
+        trace, out = trials[0].trace, np.empty((FIGURES, count))
+        products = self._array("products", trials[0].series.system.size // PRODUCTS + 2, count) if trace else None
         _function(f"spline_figures_{name}", *GIVEN, *(c_void_p,) * 2)(*given, _address(products), _address(out))
-        whole, rate, rate2, rise, bend, bad, middle = out[:7]
         with np.errstate(all="ignore"):
-            rss = whole + rate
-            slope = (rate + rate2) / rss
             log_det = np.full(count, np.nan)
-            if trials[0].trace:
-                log_det = np.log(products[: int(out[7, 0])]).sum(axis=0) + np.log(middle)
+            if products is not None:
+                log_det = np.log(products[: int(out[7, 0])]).sum(axis=0) + np.log(out[6])
+            rss = out[0] + out[1]
+            found = np.array([rss, (out[1] + out[2]) / rss, -out[1], log_det, out[3], out[4]])
+        sound = (out[5] == 0) & np.isfinite(rss)
         return [
-            BROKEN
-            if bad[k] or not np.isfinite(rss[k])
-            else Solution(
-                trial.p, None, *map(float, (rss[k], np.nan, np.nan, slope[k], -rate[k] / trial.p)),
-                *map(float, (log_det[k], rise[k], bend[k])),
-            )
-            for k, trial in enumerate(trials)
-        ]  # fmt: skip
+            Solution(trial.p, None, one[0], slope=one[1], energy=one[2] / trial.p, log_det=one[3], rise=one[4], bend=one[5])
+            if sound[k]
+            else BROKEN
+            for k, (trial, one) in enumerate(zip(trials, found.T.tolist(), strict=False))
+        ]
 
     def _refined(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
         """Return u, refined as ``System`` does."""
-        size, out = given[0], np.empty(count)
-        rd, l, g, v = (self._array(key, size + 2, count) for key in ("rd", "l", "g", "v"))
-        u = self._array("u", size + 2, count)
-        given = (*given, *map(_address, (rd, l, g, u)))
-        _function(f"spline_solve_{name}", *WORK, c_void_p)(*given, _address(out))
-        norm = np.array([trial.series.norm for trial in trials] + [1.0] * (count - len(trials)))
-        errors: list[IllConditionedError | None] = [BROKEN if bad else None for bad in out[: len(trials)]]
-        rss, residual, accuracy = self._refine(given, v, name, norm, errors)
+        rows = trials[0].series.system.size + 2
+        rd, left, g = (self._array(key, rows, count) for key in ("rd", "left", "g"))
+        u, out = np.empty((rows, count)), np.empty((4, count))
+        _function(f"spline_refined_{name}", *GIVEN, *(c_void_p,) * 5)(*given, *map(_address, (rd, left, g, u, out)))
+        rss, residual, accuracy, state = out.tolist()
         return [
-            error or Solution(trial.p, u[1:-1, k].copy(), *map(float, (rss[k], residual[k], accuracy[k])))
-            for k, (trial, error) in enumerate(zip(trials, errors, strict=True))
+            Solution(trial.p, u[1:-1, k] if count == 1 else u[1:-1, k].copy(), rss[k], residual[k] ** 0.5, accuracy[k] ** 0.5)
+            if state[k] == 0
+            else BROKEN
+            if state[k] == 1
+            else IllConditionedError(f"iterative refinement stops at a relative correction of {accuracy[k] ** 0.5:.1e}")
+            for k, trial in enumerate(trials)
         ]
-
-    @staticmethod
-    def _refine(
-        given: tuple[int | None, ...], v: Array, name: str, norm: Array, errors: list[IllConditionedError | None]
-    ) -> tuple[Array, Array, Array]:
-        """Refine u of all lanes as ``System`` does; return rss, residual and accuracy, and note ``errors``."""
-        remainder = _function(f"spline_remainder_{name}", *WORK, c_void_p, c_void_p, c_void_p)
-        correct = _function(f"spline_correct_{name}", *WORK, c_void_p)
-        count = v.shape[1]
-        last, left, used = np.ones(count), np.full(count, np.inf), np.zeros(count)
-        rss, residual, accuracy = np.full((3, count), np.nan)
-        active = np.array([error is None for error in errors] + [False] * (count - len(errors)))
-        sums, change = np.empty((3, count)), np.empty(count)
-        with np.errstate(all="ignore"):
-            while active.any():
-                remainder(*given, _address(used), _address(v), _address(sums))
-                rss[active] = sums[0, active]
-                residual[active] = (np.sqrt(sums[1]) / np.maximum(norm, np.sqrt(TINY)))[active]
-                done = active & (left <= EPS)
-                accuracy[done] = EPS
-                active &= ~done
-                if not active.any():
-                    break
-                correct(*given, _address(change))
-                change = np.sqrt(change / np.maximum(sums[2], TINY))
-                stopped = active & ~(change < 0.5 * last)  # no further improvement at this precision
-                accuracy[stopped] = change[stopped]
-                for k in np.flatnonzero(stopped & ~(change < 1e-8)):
-                    words = f"iterative refinement stops at a relative correction of {change[k]:.1e}"
-                    errors[int(k)] = IllConditionedError(words)
-                active &= ~stopped
-                used = active.astype(float)
-                left, last = change * change / last, change.copy()
-        return rss, residual, accuracy
 
 
 def _by_lapack(trial: Trial) -> Answer:
@@ -189,13 +153,13 @@ def _function(name: str, *types: Any) -> Callable[..., None]:
 
 
 def _address(x: Array | NDArray[np.uintp] | None) -> int | None:
-    return None if x is None else x.ctypes.data
+    return None if x is None else x.__array_interface__["data"][0]
 
 
 def _addresses(arrays: Sequence[Array]) -> NDArray[np.uintp]:
     """Return the addresses of contiguous arrays, which must be kept."""
     assert all(x.flags.c_contiguous for x in arrays)  # noqa: S101
-    return np.array([x.ctypes.data for x in arrays], dtype=np.uintp)
+    return np.array([_address(x) for x in arrays], dtype=np.uintp)
 
 
 def survey(columns: Array) -> tuple[Array, Array, bool]:
@@ -208,20 +172,24 @@ def survey(columns: Array) -> tuple[Array, Array, bool]:
     return low, high, bool((bad == 0).all())
 
 
-def scaled(grid: Grid, columns: Array, unit: Array) -> tuple[Array, Array]:
-    """Return the columns (N, k) less their first values, times ``unit`` (k), as rows; and their Q' y (k, N - 2)."""
+def scaled(grid: Grid, t: Array, columns: Array, unit: Array) -> tuple[Array, Array]:
+    """Return Q' y (k, N - 2) of y, the columns (N, k) less their first values times ``unit`` (k); and what a straight
+    line with equal weights leaves of y, sum of squares (k), nan where subtraction is too inexact to tell."""
     n, k = columns.shape
-    call = function("spline_scale", c_int64, c_int64, *(c_void_p,) * 5)
-    y, z = np.empty((k, n)), np.empty((k, n - 2))
+    call = function("spline_scale", c_int64, c_int64, *(c_void_p,) * 4, c_double, c_double, c_void_p, c_void_p)
+    z, left = np.empty((k, n - 2)), np.full(k, np.nan)
     if call is None:
         for j in range(k):
-            np.subtract(columns[:, j], columns[0, j], out=y[j])
-            y[j] *= unit[j]
             z[j] = second_difference(columns[:, j], grid.step)
             z[j] *= unit[j]
-    else:
-        call(n, k, *map(_address, (columns, grid.reciprocal, unit, y, z)))
-    return y, z
+        return z, left
+    moments = np.empty((5, k))
+    middle, rate = float(t[n // 2]), (n - 1) / float(t[-1] - t[0])
+    call(n, k, *map(_address, (columns, grid.reciprocal, unit, t)), middle, rate, _address(z), _address(moments))
+    y, xy, yy, x, xx = moments
+    with np.errstate(all="ignore"):
+        found = yy - y * y / n - (xy - x * y / n) ** 2 / (xx - x * x / n)
+        return z, np.where(found > CLEAR * yy, found, np.nan)
 
 
 def finished(

@@ -47,7 +47,7 @@ class Constraint(Rule):
     def choose(self, series: Series, column: int) -> Search:
         """Solve F(p)^2 = S."""
         S = _per_column(self.S, column, "S")
-        S = float(len(series.y)) if S is None else S
+        S = float(len(series.data)) if S is None else S
         if not (np.isfinite(S) and S >= 0):
             raise ConfigError(f"S is {S}; it must be a finite number >= 0 (S = n with the right sigma).")
         if S == 0:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
+from math import copysign, exp, inf, isfinite, isnan, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ Point = tuple[float, float, float]  # log p, a value, its slope
 Bracket = tuple[Point, Point]
 STAGNATION = 1e-6  # largest relative error of S allowed for rounding
 NEAR = 1e-4  # relative error of S from which on solutions are refined
-GRID = 16  # values of p at which a criterion is looked at first
+GRID = 12  # values of p at which a criterion is looked at first
 STEPS, CLOSE = 20, 1e-6  # of the search for the least value: at most so many, until log p changes less
 NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which they lie
 
@@ -69,7 +70,7 @@ def constrained(series: Series, target: float) -> Search:
     """Find rss(p) = target; of long data the middle says where to start."""
     p, chunk = p_of_bandwidth(20.0), series.central()
     if chunk is not None:
-        share = target * len(chunk.y) / len(series.y)
+        share = target * len(chunk.data) / len(series.data)
         if chunk.straight_rss > share:
             try:
                 p = (yield from _newton(chunk, share, p, NEAR)).p
@@ -80,17 +81,16 @@ def constrained(series: Series, target: float) -> Search:
 
 def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -> Search:
     """Find rss(p) = target; rss falls with p, and log rss against log p is nearly straight."""
-    low, high = -np.inf, np.inf  # bracket of the root in log p
-    x, refine = float(np.log(p)), False
+    low, high = -inf, inf  # bracket of the root in log p
+    x, refine = log(p), False
     before: Point | None = None
     slope = -1.0
     best: tuple[float, Solution] | None = None
     for _ in range(200):
-        now = yield from once(series, float(np.exp(x)), refine=refine)
-        if not np.isfinite(now.rss):
+        now = yield from once(series, exp(x), refine=refine)
+        if not isfinite(now.rss):
             raise IllConditionedError("the search for p left the range of numbers")
-        slope = slope if np.isnan(now.slope) else now.slope  # that of a refined solution is the one before
-        error = float(np.log(max(now.rss, TINY) / target))
+        error = log(max(now.rss, TINY) / target)
         if abs(error) <= tolerance and (refine or tolerance >= NEAR):
             return now
         if refine:
@@ -99,9 +99,11 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
                     raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
                 return best[1]
             best = (error, now)
-        refine = refine or abs(error) < NEAR
+            if isnan(slope := now.slope):  # refined without
+                slope = (yield from once(series, exp(x), refine=False)).slope
+        refined, refine = refine, refine or abs(error) < NEAR
         low, high = (max(x, low), high) if error > 0 else (low, min(x, high))
-        here = (x, error, slope)
+        here = (x, error, slope if refined else now.slope)
         x = _next(here, before, low, high)
         before = here
     raise IllConditionedError("the search for p does not converge")
@@ -111,19 +113,20 @@ def _next(here: Point, before: Point | None, low: float, high: float) -> float:
     """Return the next log p: inverse Hermite interpolation of two points, else Newton, else bisection."""
     x, error, slope = here
     if slope < 0:
-        new = x - float(np.clip(error / slope, -7.0, 7.0))
+        new = x - error / slope
         if before is not None and before[2] < 0 and abs(before[1]) < 1.0 and before[1] != error:
-            new = float(np.clip(hermite(here, before), x - 7.0, x + 7.0))
+            new = hermite(here, before)
+        new = min(max(new, x - 7.0), x + 7.0)
         if low < new < high:
             return new
-    return 0.5 * (low + high) if np.isfinite(low + high) else x + float(np.copysign(3.0, error))
+    return 0.5 * (low + high) if isfinite(low + high) else x + copysign(3.0, error)
 
 
 def hermite(a: Point, b: Point) -> float:
     """Return x(0) of the cubic x(error) through two points (x, error, slope)."""
     h = b[1] - a[1]
     s = -a[1] / h
-    return float(
+    return (
         a[0] * (1 + 2 * s) * (1 - s) ** 2
         + b[0] * s * s * (3 - 2 * s)
         + h * (s * (1 - s) ** 2 / a[2] - s * s * (1 - s) / b[2])
@@ -149,7 +152,7 @@ def minimal(series: Series, criterion: Criterion) -> Search:
     chunk = series.central()
     if chunk is None or chunk.is_straight:  # a middle part at rest is not representative
         chunk = series
-    widest = min(float(len(chunk.y)), WIDEST)
+    widest = min(float(len(chunk.data)), WIDEST)
     grid = np.log(p_of_bandwidth(1.0)) - 4 * np.linspace(np.log(widest), np.log(NARROWEST), GRID)
     points = yield from _points(chunk, criterion, grid)
     if not points:

@@ -29,7 +29,6 @@ class Bare:
 
     system: System
     z: Array
-    norm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class SmoothingSpline:
         scaled = p * step**3 / (variance * np.atleast_1d(self.sigma) ** 2)
         asked = [k for k in range(len(p)) if np.isnan(out[k])]
         none = np.zeros(n - 2)
-        found = together([once(Bare(systems[k], none, 0.0), float(scaled[k]), refine=False, trace=True) for k in asked])
+        found = together([once(Bare(systems[k], none), float(scaled[k]), refine=False, trace=True) for k in asked])
         out[asked] = [2.0 + one.rise for one in found]
         return self._like(out)
 
@@ -195,7 +194,7 @@ def smooth(
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
     systems, step, variance = _systems(time, weight, k)
-    series = Series.of(systems, columns, scale * np.sqrt(variance), step, low, high)
+    series = Series.of(systems, time, columns, scale * np.sqrt(variance), step, low, high)
     named = [f"column {j}" for j in range(k)] if names is None else names
     solved = together([_named(rule.choose(one, j), named[j]) for j, one in enumerate(series)])
     return _collect(time, data, series, solved, scale, weight)

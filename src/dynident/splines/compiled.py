@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ GIVEN = (c_int64, *(c_void_p,) * 5)
 FIGURES = 8  # that the kernel returns of each series
 PRODUCTS = 8  # pivots in a product
 CLEAR = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
+KEPT, MOST = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
 NARROW = 2**17  # numbers of a work array from which on one series after the other is as fast, and needs less memory
 BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
@@ -51,7 +53,17 @@ class Trial:
 
 
 class Solver:
-    """Solves trials; keeps the work arrays from one call to the next."""
+    """Solves trials; keeps the work arrays from one call to the next, as fresh memory costs more than the arithmetic."""
+
+    _local: ClassVar[threading.local] = threading.local()
+
+    @classmethod
+    def of_thread(cls) -> Solver:
+        """Return the one of this thread."""
+        if not hasattr(cls._local, "solver"):
+            cls._local.solver = cls()
+        solver: Solver = cls._local.solver
+        return solver
 
     def __init__(self) -> None:
         width = function("spline_lanes", result=c_int32)
@@ -75,6 +87,12 @@ class Solver:
             for part in self._parts(members) if wide else [[k] for k in members]:
                 answers.update(zip(part, self._solve([trials[k] for k in part]), strict=True))
         return [answers[k] for k in range(len(trials))]
+
+    def tidy(self) -> None:
+        """Let go of the work arrays where one is large, or they are many."""
+        sizes = [work.size for work in self._work.values()]
+        if sizes and (max(sizes) > KEPT or len(sizes) > MOST):
+            self._work.clear()
 
     def _parts(self, members: list[int]) -> list[list[int]]:
         """Split into groups that fill the lanes, and single ones, which are faster than a group that is nearly empty."""

@@ -32,7 +32,7 @@ NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which they lie
 
 def together(searches: Sequence[Search]) -> list[Solution]:
     """Run searches side by side and return what each finds, with an error of any of them."""
-    solver = Solver()
+    solver = Solver.of_thread()
     found: dict[int, Solution] = {}
     wanted: dict[int, Sequence[Trial]] = {}
 
@@ -50,6 +50,7 @@ def together(searches: Sequence[Search]) -> list[Solution]:
         answers = iter(solver([trial for _, trials in asked for trial in trials]))
         for k, trials in asked:
             advance(k, [next(answers) for _ in trials])
+    solver.tidy()
     return [found[k] for k in range(len(searches))]
 
 
@@ -84,7 +85,6 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
     low, high = -inf, inf  # bracket of the root in log p
     x, refine = log(p), False
     before: Point | None = None
-    slope = -1.0
     best: tuple[float, Solution] | None = None
     for _ in range(200):
         now = yield from once(series, exp(x), refine=refine)
@@ -99,13 +99,12 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
                     raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
                 return best[1]
             best = (error, now)
-            if isnan(slope := now.slope):  # refined without
-                slope = (yield from once(series, exp(x), refine=False)).slope
-        refined, refine = refine, refine or abs(error) < NEAR
+        slope = (yield from once(series, exp(x), refine=False)).slope if isnan(now.slope) else now.slope
         low, high = (max(x, low), high) if error > 0 else (low, min(x, high))
-        here = (x, error, slope if refined else now.slope)
-        x = _next(here, before, low, high)
-        before = here
+        here = (x, error, slope)
+        new = _next(here, before, low, high)
+        refine = refine or abs(error) < NEAR or abs(new - x) < NEAR
+        before, x = here, new
     raise IllConditionedError("the search for p does not converge")
 
 

@@ -64,7 +64,7 @@ class SmoothingSpline:
         n, p = len(self.t), np.atleast_1d(self.p)
         limits = {0.0: 2.0, np.inf: float(n)}
         out = np.array([limits.get(float(value), np.nan) for value in p])
-        systems, step, variance = _systems(self.t, self.weights, len(p))
+        systems, step, variance = _systems(np.diff(self.t), self.weights, len(p))
         scaled = p * step**3 / (variance * np.atleast_1d(self.sigma) ** 2)
         asked = [k for k in range(len(p)) if np.isnan(out[k])]
         none = np.zeros(n - 2)
@@ -187,21 +187,21 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
-    time, data, low, high = _checked(t, y)
+    time, step, data, low, high = _checked(t, y)
     columns = np.ascontiguousarray(data.reshape(len(time), -1))
     k = columns.shape[1]
     check_columns(rule, k)
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
-    systems, step, variance = _systems(time, weight, k)
-    series = Series.of(systems, time, columns, scale * np.sqrt(variance), step, low, high)
+    systems, h, variance = _systems(step, weight, k)
+    series = Series.of(systems, time, columns, scale * np.sqrt(variance), h, low, high)
     named = [f"column {j}" for j in range(k)] if names is None else names
     solved = together([_named(rule.choose(one, j), named[j]) for j, one in enumerate(series)])
     return _collect(time, data, series, solved, scale, weight)
 
 
-def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, Array]:
-    """Return times and data as arrays, and the least and the largest value of each column."""
+def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, Array, Array]:
+    """Return times, their steps and data as arrays, and the least and the largest value of each column."""
     time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
         raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
@@ -209,11 +209,11 @@ def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, Array]:
         raise InputError(f"a smoothing spline needs at least 3 samples, got {len(time)}.")
     _check_values("t", time)
     low, high = _check_values("y", data)
-    wrong = np.diff(time) <= 0
-    if wrong.any():
-        i = int(np.argmax(wrong))
+    step = np.diff(time)
+    if not step.min() > 0:
+        i = int(np.argmax(step <= 0))
         raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
-    return time, data, low, high
+    return time, step, data, low, high
 
 
 def _check_values(name: str, value: Array) -> tuple[Array, Array]:
@@ -259,10 +259,9 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
     return noise_sigma(t, columns, weight)
 
 
-def _systems(t: Array, weights: Array | None, k: int) -> tuple[list[System], float, Array]:
-    """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight."""
-    step = np.diff(t)
-    h = float(t[-1] - t[0]) / len(step)
+def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, Array]:
+    """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight; uses up ``step``."""
+    h = float(step.mean())
     step /= h
     grid = Grid(step)
     if weights is None:

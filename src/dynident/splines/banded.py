@@ -106,6 +106,11 @@ class Grid:
         return np.asarray(1.0 / self.step)
 
     @cached_property
+    def addresses(self) -> tuple[int, int]:
+        """Where ``step`` and ``reciprocal`` are in memory."""
+        return self.step.ctypes.data, self.reciprocal.ctypes.data
+
+    @cached_property
     def mass(self) -> tuple[Array, Array]:
         """The diagonal (N - 2) and off-diagonal (N - 3) of the tridiagonal N of eq. (28)."""
         return (2.0 / 3.0) * (self.step[:-1] + self.step[1:]), self.step[1:-1] / 3.0

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Sequence
 from ctypes import c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -44,12 +45,20 @@ class Data(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A p to solve eq. (32) of a series for; u of it, refined, or figures alone; those of the determinant, too."""
+    """A p to solve eq. (32) of a series for: u of it, refined, or figures alone; those of the determinant, too."""
 
     series: Data
     p: float
     refine: bool = False
     trace: bool = False
+
+
+class Work:
+    """An array that is handed to the kernel again and again, and its address."""
+
+    def __init__(self, rows: int, count: int, kind: type = np.float64) -> None:
+        self.array = np.empty((rows, count), kind)
+        self.at = self.array.ctypes.data
 
 
 class Solver:
@@ -68,19 +77,22 @@ class Solver:
     def __init__(self) -> None:
         width = function("spline_lanes", result=c_int32)
         self.lanes = 0 if width is None else int(width())
-        self._work: dict[tuple[str, int, int], Array] = {}
+        self._work: dict[tuple[str, int, int], Work] = {}
+        self._calls: dict[tuple[bool, int], Callable[..., None]] = {}
+        for name, count in (("one", 1), ("many", self.lanes)) if self.lanes else ():
+            self._calls[False, count] = _function(f"spline_figures_{name}", *GIVEN, *(c_void_p,) * 2)
+            self._calls[True, count] = _function(f"spline_refined_{name}", *GIVEN, *(c_void_p,) * 5)
 
     def __call__(self, trials: Sequence[Trial]) -> list[Answer]:
         """Return the solution of each, or the error where double precision is not enough for it."""
+        if not self.lanes or trials[0].series.system.size < 2:
+            return [_by_lapack(trial) for trial in trials]
+        if len(trials) == 1:
+            return self._solve(trials)
         answers: dict[int, Answer] = {}
-        groups: dict[tuple[int, bool, bool, bool], list[int]] = {}
+        groups: dict[tuple[int, bool, bool], list[int]] = {}
         for k, trial in enumerate(trials):
-            system = trial.series.system
-            if not self.lanes or system.size < 2:
-                answers[k] = _by_lapack(trial)
-            else:
-                key = (id(system.grid), system.variance is None, trial.refine, trial.trace)
-                groups.setdefault(key, []).append(k)
+            groups.setdefault((id(trial.series.system.grid), trial.refine, trial.determinant), []).append(k)
         for members in groups.values():
             first = trials[members[0]]
             wide = not first.refine or first.series.system.size * self.lanes <= NARROW
@@ -90,7 +102,7 @@ class Solver:
 
     def tidy(self) -> None:
         """Let go of the work arrays where one is large, or they are many."""
-        sizes = [work.size for work in self._work.values()]
+        sizes = [work.array.size for work in self._work.values()]
         if sizes and (max(sizes) > KEPT or len(sizes) > MOST):
             self._work.clear()
 
@@ -102,59 +114,63 @@ class Solver:
             parts[-1:] = [[k] for k in parts[-1]]
         return parts
 
-    def _array(self, key: str, rows: int, count: int) -> Array:
+    def _array(self, key: str, rows: int, count: int, kind: type = np.float64) -> Work:
         """Return a work array (rows, count), the same one for the same key and shape."""
         if (key, rows, count) not in self._work:
-            self._work[key, rows, count] = np.empty((rows, count))
+            self._work[key, rows, count] = Work(rows, count, kind)
         return self._work[key, rows, count]
 
-    def _solve(self, trials: list[Trial]) -> list[Answer]:
+    def _solve(self, trials: Sequence[Trial]) -> list[Answer]:
         """Solve trials of one grid side by side."""
-        count, name = (1, "one") if len(trials) == 1 else (self.lanes, "many")
-        filled = trials + trials[:1] * (count - len(trials))
-        system = trials[0].series.system
-        p = np.array([trial.p for trial in filled])
-        z = _addresses([trial.series.z for trial in filled])
-        variances = [trial.series.system.variance for trial in filled]
-        variance = None if variances[0] is None else _addresses([x for x in variances if x is not None])
-        given = (system.size, *map(_address, (system.grid.step, system.grid.reciprocal, z, variance, p)))
-        found = self._refined if trials[0].refine else self._figures
-        return found(trials, given, count, name)
+        count = 1 if len(trials) == 1 else self.lanes
+        p, data = self._array("p", 1, count), self._array("data", 2, count, np.uintp)
+        first, weighted = trials[0], trials[0].series.system.variance is not None
+        p.array[:], data.array[:] = first.p, [[_address(first.series.z)], [_address(first.series.system.variance) or 0]]
+        for k, trial in enumerate(trials[1:], 1):
+            p.array[0, k], data.array[0, k] = trial.p, _address(trial.series.z)
+            data.array[1, k] = _address(trial.series.system.variance) or 0
+        step, r = first.series.system.grid.addresses
+        variance = data.at + data.array.strides[0] if weighted else None
+        given = (first.series.system.size, step, r, data.at, variance, p.at)
+        return (self._refined if first.refine else self._figures)(trials, given, count)
 
-    def _figures(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
+    def _figures(self, trials: Sequence[Trial], given: tuple[int | None, ...], count: int) -> list[Answer]:
         """Return what one sweep inwards shows: with E = z' A^-1 z, rss is E + dE / d log p."""
-        trace, out = trials[0].trace, np.empty((FIGURES, count))
-        products = self._array("products", trials[0].series.system.size // PRODUCTS + 2, count) if trace else None
-        _function(f"spline_figures_{name}", *GIVEN, *(c_void_p,) * 2)(*given, _address(products), _address(out))
-        with np.errstate(all="ignore"):
-            log_det = np.full(count, np.nan)
-            if products is not None:
-                log_det = np.log(products[: int(out[7, 0])]).sum(axis=0) + np.log(out[6])
-            rss = out[0] + out[1]
-            found = np.array([rss, (out[1] + out[2]) / rss, -out[1], log_det, out[3], out[4]])
-        sound = (out[5] == 0) & np.isfinite(rss)
-        return [
-            Solution(trial.p, None, one[0], slope=one[1], energy=one[2] / trial.p, log_det=one[3], rise=one[4], bend=one[5])
-            if sound[k]
-            else BROKEN
-            for k, (trial, one) in enumerate(zip(trials, found.T.tolist(), strict=False))
-        ]
+        out, determined = self._array("out", FIGURES, count), trials[0].determinant
+        products = self._array("products", trials[0].series.system.size // PRODUCTS + 2, count) if determined else None
+        self._calls[False, count](*given, None if products is None else products.at, out.at)
+        determinant = [nan] * count
+        if products is not None:
+            with np.errstate(all="ignore"):
+                factors = products.array[: int(out.array[7, 0])]
+                determinant = (np.log(factors).sum(axis=0) + np.log(out.array[6])).tolist()
+        found: list[Answer] = []
+        for trial, one, log_det in zip(trials, out.array.T.tolist(), determinant, strict=False):
+            whole, rate, rate2, rise, bend, bad = one[:6]
+            rss = whole + rate
+            if bad or not isfinite(rss):
+                found.append(BROKEN)
+            else:
+                slope = (rate + rate2) / rss if rss else nan
+                found.append(Solution(trial.p, None, rss, nan, nan, slope, -rate / trial.p, log_det, rise, bend))
+        return found
 
-    def _refined(self, trials: list[Trial], given: tuple[int | None, ...], count: int, name: str) -> list[Answer]:
+    def _refined(self, trials: Sequence[Trial], given: tuple[int | None, ...], count: int) -> list[Answer]:
         """Return u, refined as ``System`` does."""
         rows = trials[0].series.system.size + 2
-        rd, left, g = (self._array(key, rows, count) for key in ("rd", "left", "g"))
-        u, out = np.empty((rows, count)), np.empty((4, count))
-        _function(f"spline_refined_{name}", *GIVEN, *(c_void_p,) * 5)(*given, *map(_address, (rd, left, g, u, out)))
-        rss, residual, accuracy, state = out.tolist()
+        work = [self._array(key, rows, count).at for key in ("rd", "left", "g")]
+        u, out = np.empty((rows, count)), self._array("out", 4, count)
+        self._calls[True, count](*given, *work, _address(u), out.at)
         return [
-            Solution(trial.p, u[1:-1, k] if count == 1 else u[1:-1, k].copy(), rss[k], residual[k] ** 0.5, accuracy[k] ** 0.5)
-            if state[k] == 0
-            else BROKEN
-            if state[k] == 1
-            else IllConditionedError(f"iterative refinement stops at a relative correction of {accuracy[k] ** 0.5:.1e}")
-            for k, trial in enumerate(trials)
-        ]
+            BROKEN
+            if state == 1
+            else IllConditionedError(f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}")
+            if state
+            else Solution(
+                trial.p, u[1:-1, 0] if count == 1 else u[1:-1, k].copy(), rss, residual**0.5, accuracy**0.5
+            )
+            for k, (trial, (rss, residual, accuracy, state)) in enumerate(zip(trials, out.array.T.tolist(), strict=False))
+        ]  # fmt: skip
 
 
 def _by_lapack(trial: Trial) -> Answer:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
-from math import copysign, exp, inf, isfinite, isnan, log
+from math import copysign, exp, inf, isfinite, isnan, log, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,13 +135,13 @@ def hermite(a: Point, b: Point) -> float:
 def by_gcv(series: Series, at: Solution) -> tuple[float, float]:
     """Return log of rss / (1 - edf / n)^2, and its slope by log p."""
     left = max(series.system.size - at.rise, 1e-3)
-    return float(np.log(max(at.rss, TINY)) - 2 * np.log(left)), at.slope + 2 * at.bend / left
+    return log(max(at.rss, TINY)) - 2 * log(left), at.slope + 2 * at.bend / left
 
 
 def by_reml(series: Series, at: Solution) -> tuple[float, float]:
     """Return log(y' Q u) + log det / (n - 2), and its slope by log p."""
     whole = max(at.rss + at.p * at.energy, TINY)
-    return float(np.log(whole)) + at.log_det / series.system.size, at.rise / series.system.size - at.p * at.energy / whole
+    return log(whole) + at.log_det / series.system.size, at.rise / series.system.size - at.p * at.energy / whole
 
 
 def minimal(series: Series, criterion: Criterion) -> Search:
@@ -168,9 +168,9 @@ def _points(
     series: Series, criterion: Criterion, grid: Sequence[float] | Array
 ) -> Generator[Sequence[Trial], Sequence[Answer], list[Point]]:
     """Return log p, the criterion and its slope where they can be computed."""
-    answers = yield [Trial(series, float(np.exp(x)), trace=True) for x in grid]
+    answers = yield [Trial(series, exp(x), trace=True, determinant=criterion is by_reml) for x in grid]
     solved = [(float(x), at) for x, at in zip(grid, answers, strict=True) if isinstance(at, Solution)]
-    return [point for x, at in solved if np.isfinite(point := (x, *criterion(series, at))).all()]
+    return [point for x, at in solved if all(map(isfinite, point := (x, *criterion(series, at))))]
 
 
 def _lowest(points: list[Point]) -> tuple[float, Bracket | None]:
@@ -225,9 +225,8 @@ def _zero(series: Series, criterion: Criterion, a: Point, b: Point) -> Generator
 
 
 def _inverse(known: list[Point]) -> float:
-    """Return where the slope is zero of the parabola x(slope) through the last three points."""
-    slope = np.array([point[2] for point in known])
-    if len(set(slope)) < len(slope):
-        return np.nan
-    weight = [np.prod([-other / (own - other) for other in slope if other != own]) for own in slope]
-    return float(np.dot(weight, [point[0] for point in known]))
+    """Return where the slope is zero of the parabola x(slope) through three points."""
+    (a, _, fa), (b, _, fb), (c, _, fc) = known
+    if fa == fb or fb == fc or fc == fa:
+        return nan
+    return a * fb * fc / ((fa - fb) * (fa - fc)) + b * fc * fa / ((fb - fc) * (fb - fa)) + c * fa * fb / ((fc - fa) * (fc - fb))

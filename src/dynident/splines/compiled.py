@@ -45,12 +45,14 @@ class Data(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A p to solve eq. (32) of a series for: u of it, refined, or figures alone; those of the determinant, too."""
+    """A p to solve eq. (32) of a series for: for u, refined, or for figures alone, with the derivatives of the
+    determinant (``trace``), and that itself (``determinant``)."""
 
     series: Data
     p: float
     refine: bool = False
     trace: bool = False
+    determinant: bool = False
 
 
 class Work:

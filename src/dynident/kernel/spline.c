@@ -70,27 +70,32 @@ EXPORTED void API(spline_survey)(int64_t n, int64_t k, const double *restrict y,
 }
 
 /* Second differences z (k, n - 2) of columns (n, k) times `inverse` (k), by the reciprocal steps r (n - 1); and
-   moments (5, k) of y = (column less its first value) times `inverse` and of x = (t - middle) * rate: sums of y, x y,
-   y y, x and x x. */
+   moments (6, k) of y = (column less its first value) times `inverse` and of x = (t - middle) * rate: sums of y, x y,
+   y y, x and x x, and of squared slopes of y. */
 EXPORTED void API(spline_scale)(int64_t n, int64_t k, const double *restrict from, const double *restrict r,
                                 const double *restrict inverse, const double *restrict t, double middle, double rate,
                                 double *restrict z, double *restrict moments) {
-    for (int64_t j = 0; j < 5 * k; j++) moments[j] = 0.0;
+    for (int64_t j = 0; j < k; j++) {
+        double last = (from[(n - 1) * k + j] - from[(n - 2) * k + j]) * r[n - 2] * inverse[j];
+        for (int c = 0; c < 6; c++) moments[c * k + j] = c == 5 ? last * last : 0.0;
+    }
     for (int64_t start = 0; start < n; start += BLOCK) {
         int64_t end = start + BLOCK < n ? start + BLOCK : n, last = end < n - 2 ? end : n - 2;
         for (int64_t j = 0; j < k; j++) {
             const double *y = from + j;
             const double first = y[0], unit = inverse[j];
-            double *bend = z + j * (n - 2), sum[5][4] = {{0}};
+            double *bend = z + j * (n - 2), sum[6][4] = {{0}};
             for (int64_t i = start; i < last; i++) {
                 double a = y[i * k], b = y[(i + 1) * k], c = y[(i + 2) * k];
-                bend[i] = ((c - b) * r[i + 1] - (b - a) * r[i]) * unit;
+                double slope = (b - a) * r[i] * unit;
+                bend[i] = (c - b) * r[i + 1] * unit - slope;
+                sum[5][i & 3] += slope * slope;
             }
             for (int64_t i = start; i < end; i++) {
                 double a = (y[i * k] - first) * unit, x = (t[i] - middle) * rate;
                 sum[0][i & 3] += a, sum[1][i & 3] += x * a, sum[2][i & 3] += a * a, sum[3][i & 3] += x, sum[4][i & 3] += x * x;
             }
-            for (int c = 0; c < 5; c++) moments[c * k + j] += (sum[c][0] + sum[c][1]) + (sum[c][2] + sum[c][3]);
+            for (int c = 0; c < 6; c++) moments[c * k + j] += (sum[c][0] + sum[c][1]) + (sum[c][2] + sum[c][3]);
         }
     }
 }

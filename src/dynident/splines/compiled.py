@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.kernel import function
-from dynident.splines.banded import Grid, IllConditionedError, Solution, System, second_difference
+from dynident.splines.banded import Grid, IllConditionedError, Solution, System
 
-__all__ = ["Answer", "Data", "Solver", "Trial", "finished", "scaled", "slopes", "survey"]
+__all__ = ["Answer", "Bare", "Data", "Solver", "Trial", "finished", "scaled", "slopes", "survey"]
 
 Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
@@ -41,6 +41,14 @@ class Data(Protocol):
     @property
     def z(self) -> Array:
         """The right-hand side Q' y (N - 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bare:
+    """A system and a right-hand side alone."""
+
+    system: System
+    z: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,24 +216,29 @@ def survey(columns: Array) -> tuple[Array, Array, bool]:
     return low, high, bool((bad == 0).all())
 
 
-def scaled(grid: Grid, t: Array, columns: Array, unit: Array) -> tuple[Array, Array]:
-    """Return Q' y (k, N - 2) of y, the columns (N, k) less their first values times ``unit`` (k); and what a straight
-    line with equal weights leaves of y, sum of squares (k), nan where subtraction is too inexact to tell."""
+def scaled(grid: Grid, t: Array, columns: Array, unit: Array) -> tuple[Array, Array, Array]:
+    """Return Q' y (k, N - 2) of y, the columns (N, k) less their first values times ``unit`` (k); the norm (k) of the
+    slopes of y; and what a straight line with equal weights leaves of y, sum of squares (k), nan where subtraction is
+    too inexact to tell."""
     n, k = columns.shape
     call = function("spline_scale", c_int64, c_int64, *(c_void_p,) * 4, c_double, c_double, c_void_p, c_void_p)
     z, left = np.empty((k, n - 2)), np.full(k, np.nan)
     if call is None:
+        steep = np.empty(k)
         for j in range(k):
-            z[j] = second_difference(columns[:, j], grid.step)
-            z[j] *= unit[j]
-        return z, left
-    moments = np.empty((5, k))
+            slope = np.diff(columns[:, j])
+            slope /= grid.step
+            slope *= unit[j]
+            np.subtract(slope[1:], slope[:-1], out=z[j])
+            steep[j] = np.sqrt(slope @ slope)
+        return z, steep, left
+    moments = np.empty((6, k))
     middle, rate = float(t[n // 2]), (n - 1) / float(t[-1] - t[0])
     call(n, k, *map(_address, (columns, grid.reciprocal, unit, t)), middle, rate, _address(z), _address(moments))
-    y, xy, yy, x, xx = moments
+    y, xy, yy, x, xx, steep = moments
     with np.errstate(all="ignore"):
         found = yy - y * y / n - (xy - x * y / n) ** 2 / (xx - x * x / n)
-        return z, np.where(found > CLEAR * yy, found, np.nan)
+        return z, np.sqrt(steep), np.where(found > CLEAR * yy, found, np.nan)
 
 
 def finished(

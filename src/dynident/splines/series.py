@@ -16,6 +16,7 @@ __all__ = ["CHUNK", "Series"]
 
 Array = NDArray[np.float64]
 CHUNK = 4096
+ROUNDINGS = 6.0  # of a slope, its step and the residual, in units of EPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +25,8 @@ class Series:
 
     y (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the root mean
     square of delta and ``rounding`` the last digit of the data, both divided by ``size``; ``step`` is the mean step in
-    the user's unit of time; p of eq. (15) is ``p_scale`` times the scaled one. ``left`` is ``straight_rss`` where it is
-    known, else nan.
+    the user's unit of time; p of eq. (15) is ``p_scale`` times the scaled one. ``steep`` is the norm of the slopes of y,
+    ``left`` is ``straight_rss`` where it is known, else nan.
     """
 
     system: System
@@ -35,6 +36,7 @@ class Series:
     size: float
     step: float
     rounding: float
+    steep: float
     left: float
 
     @classmethod
@@ -54,14 +56,14 @@ class Series:
         """
         reach = np.maximum(high - columns[0], columns[0] - low)
         size = np.exp2(np.round(np.log2(np.where(reach > 0, reach, 1.0))))
-        z, left = scaled(systems[0].grid, t, columns, 1.0 / size)
+        z, steep, left = scaled(systems[0].grid, t, columns, 1.0 / size)
         rounding = EPS * np.maximum(np.abs(low), np.abs(high)) / size
         if systems[0].variance is not None:
             left[:] = np.nan
-        of_each = zip(*(x.tolist() for x in (noise / size, size, rounding, left)), strict=True)
+        of_each = zip(*(x.tolist() for x in (noise / size, size, rounding, steep, left)), strict=True)
         return [
-            cls(systems[k], columns[:, k], z[k], sigma, unit, step, last, rest)
-            for k, (sigma, unit, last, rest) in enumerate(of_each)
+            cls(systems[k], columns[:, k], z[k], sigma, unit, step, *rest)
+            for k, (sigma, unit, *rest) in enumerate(of_each)
         ]
 
     @cached_property
@@ -112,3 +114,23 @@ class Series:
         """Return the straight line as a solution with p = 0 and no curvature."""
         rss = self.system.weighed(self.y - self.line())
         return Solution(0.0, np.zeros(self.system.size), rss, 0.0, 0.0)
+
+    def accuracy(self, found: Solution) -> float:
+        """Return a bound of the relative error of u: of rounding, of the last correction, and of the slopes, of y and
+        of what is smoothed away, with their steps.
+
+        Of slopes with an error ds, A u = Q' y makes A^-1 B ds with the first differences B; where steps and weights are
+        even, waves of frequency f are multiplied by f / (f^4 + p), at most 3^(3/4) / 4 p^(-3/4), and of N samples have
+        f > 4.73 / N. Of uneven steps the widest, and of weights the largest, are taken for all.
+        """
+        if found.p == 0 or found.u is None:
+            return found.accuracy
+        step, variance = self.system.step, self.system.variance
+        if found.p == np.inf:
+            gain = 3.0 / float(step.min())
+        else:
+            least = 1.0 if variance is None else float(variance.min())
+            gain = 0.57 * min(found.p**-0.75 * least**-0.25, (len(step) / 4.73) ** 3 / least)
+            gain *= float(step.max()) ** 0.5
+        size = float(np.sqrt(found.u @ found.u))
+        return max(found.accuracy, EPS * (4.0 + ROUNDINGS * gain * self.steep / size)) if size > 0 else found.accuracy

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ConfigError, InputError
 from dynident.splines.banded import EPS, TINY, Grid, IllConditionedError, Solution, System
-from dynident.splines.compiled import finished, slopes, survey
+from dynident.splines.compiled import Bare, finished, slopes, survey
 from dynident.splines.noise import noise_sigma
 from dynident.splines.rules import Constraint, Rule, check_columns
 from dynident.splines.search import Search, once, together
@@ -24,21 +24,13 @@ LARGEST = 1e100  # squares and fourth powers of allowed values must not overflow
 
 
 @dataclass(frozen=True, eq=False)
-class Bare:
-    """A system without data, of which the degrees of freedom are asked."""
-
-    system: System
-    z: Array
-
-
-@dataclass(frozen=True, eq=False)
 class SmoothingSpline:
     """A natural cubic spline g fitted to one or k series on a common time grid.
 
     ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or
     an array (k,)): ``p`` (eq. 15) and ``lam`` = 1 / (2 p), ``S`` the sum (14) reached, ``sigma`` and ``weights``
     ((N, 1), (N, k) or None) with delta = sigma / sqrt(weight), ``residual`` of the linear system (32) relative to its
-    right-hand side, and ``accuracy``, the relative error of c estimated from the last step of iterative refinement.
+    right-hand side, and ``accuracy``, a bound of the relative error of c as computed.
     """
 
     t: Array
@@ -302,12 +294,8 @@ def _collect(
         lam = 0.5 / p
     S = np.array([one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)])
     residual = np.array([one.residual for one in solved])
-    accuracy = np.array([_accuracy(own, one) for own, one in zip(series, solved, strict=True)])
+    accuracy = np.array([own.accuracy(one) for own, one in zip(series, solved, strict=True)])
     if data.ndim == 2:
         return SmoothingSpline(time, values, c, p, lam, S, sigma, residual, accuracy, weight)
     p, lam, S, sigma, residual, accuracy = (x[0] for x in (p, lam, S, sigma, residual, accuracy))
     return SmoothingSpline(time, values[:, 0], c[:, 0], p, lam, S, sigma, residual, accuracy, weight)
-
-
-def _accuracy(series: Series, found: Solution) -> float:
-    return found.accuracy

@@ -31,7 +31,11 @@ def signal(n: int, columns: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """sin t + 0.5 sin 3.1 t at 1 kHz with noise, or several of other speeds."""
     t, rng = np.arange(n) * 1e-3, np.random.default_rng(0)
     speeds = 1 + 0.2 * np.arange(columns)
-    y = np.sin(np.outer(t, speeds)) + 0.5 * np.sin(3.1 * np.outer(t, speeds)) + SIGMA * rng.standard_normal((n, columns))
+    y = (
+        np.sin(np.outer(t, speeds))
+        + 0.5 * np.sin(3.1 * np.outer(t, speeds))
+        + SIGMA * rng.standard_normal((n, columns))
+    )
     return t, y if columns > 1 else y[:, 0]
 
 
@@ -45,10 +49,10 @@ def seconds(call: Callable[[], object], least: float = 0.3) -> float:
     return best
 
 
-def ours(t: np.ndarray, y: np.ndarray, rule: Rule, sigma: float | None = None) -> None:
+def ours(t: np.ndarray, y: np.ndarray, rule: Rule, sigma: float | None = None) -> np.ndarray:
     fit = smooth(t, y, rule, sigma=sigma)
     fit.derivative(1)
-    fit.derivative(2)
+    return fit.derivative(2)
 
 
 def fitpack(t: np.ndarray, y: np.ndarray) -> None:
@@ -84,7 +88,12 @@ def row(what: str, n: int, own: float, peers: dict[str, float]) -> None:
 
 def rows(n: int) -> None:
     t, y = signal(n)
-    row("S = n", n, seconds(lambda: ours(t, y, Constraint(), SIGMA)) / n, {"FITPACK": seconds(lambda: fitpack(t, y)) / n})
+    row(
+        "S = n",
+        n,
+        seconds(lambda: ours(t, y, Constraint(), SIGMA)) / n,
+        {"FITPACK": seconds(lambda: fitpack(t, y)) / n},
+    )
     many, together = signal(n, COLUMNS)
     own = seconds(lambda: ours(many, together, Constraint(), SIGMA)) / n / COLUMNS
     singly = seconds(lambda: [ours(t, np.ascontiguousarray(x), Constraint(), SIGMA) for x in together.T]) / n / COLUMNS

@@ -257,19 +257,19 @@ class System:
 def _determinant(p: float, factor: Array, grid: Grid) -> tuple[float, float, float]:
     """Return log det (Q' D^2 Q + p N) and its first and second derivative by log p, exactly.
 
-    The recurrence of the factorisation L diag(d) L', differentiated, is linear in the derivatives of d_i and of e_i, the
-    entry beside it: a triangular system of bandwidth 4 for e_0, d_0, e_1, d_1, ..., once for each derivative.
+    The recurrence of the factorisation L diag(d) L', differentiated, is linear in the derivatives of d_i and of e_i,
+    the entry beside it: a triangular system of bandwidth 4 for e_0, d_0, e_1, d_1, ..., once for each derivative.
     """
     root = np.ascontiguousarray(factor[0])
     d, l1, l2 = root * root, factor[1] / root, factor[2] / root
     # d_(i+1)' = p N_(i+1,i+1) - 2 l1_i e_i' + l1_i^2 d_i' + l2_(i-1)^2 d_(i-1)'
     # e_(i+1)' = p N_(i+1,i+2) - l2_i (e_i' - l1_i d_i')
-    matrix = np.zeros((len(root), 2, 5))
-    matrix[:, :, 0] = 1.0
-    of_e, of_d = matrix[:, 0], matrix[:, 1]
+    rows = np.zeros((len(root), 2, 5))
+    rows[:, :, 0] = 1.0
+    of_e, of_d = rows[:, 0], rows[:, 1]
     of_e[:, 2], of_e[:, 3] = l2, 2.0 * l1
     of_d[:, 1], of_d[:, 2], of_d[:, 4] = -l1 * l2, -l1 * l1, -l2 * l2
-    matrix = matrix.reshape(-1, 5).T
+    matrix = rows.reshape(-1, 5).T
     diagonal, off = grid.mass
     right = np.zeros(2 * len(root))
     np.multiply(diagonal, p, out=right[1::2])

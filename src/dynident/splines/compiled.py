@@ -67,12 +67,12 @@ class Work:
     """An array that is handed to the kernel again and again, and its address."""
 
     def __init__(self, rows: int, count: int, kind: type = np.float64) -> None:
-        self.array = np.empty((rows, count), kind)
+        self.array: NDArray[Any] = np.empty((rows, count), kind)
         self.at = self.array.ctypes.data
 
 
 class Solver:
-    """Solves trials; keeps the work arrays from one call to the next, as fresh memory costs more than the arithmetic."""
+    """Solves trials; keeps its work arrays from one call to the next, as fresh memory costs more than arithmetic."""
 
     _local: ClassVar[threading.local] = threading.local()
 
@@ -117,7 +117,7 @@ class Solver:
             self._work.clear()
 
     def _parts(self, members: list[int]) -> list[list[int]]:
-        """Split into groups that fill the lanes, and single ones, which are faster than a group that is nearly empty."""
+        """Split into groups that fill the lanes, and single ones, which are faster than a group nearly empty."""
         least = max(2, (self.lanes + 1) // 3)
         parts = [members[k : k + self.lanes] for k in range(0, len(members), self.lanes)]
         if len(parts[-1]) < least:
@@ -171,16 +171,16 @@ class Solver:
         work = [self._array(key, rows, count).at for key in ("rd", "left", "g")]
         u, out = np.empty((rows, count)), self._array("out", 4, count)
         self._calls[True, count](*given, *work, _address(u), out.at)
-        return [
-            BROKEN
-            if state == 1
-            else IllConditionedError(f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}")
-            if state
-            else Solution(
-                trial.p, u[1:-1, 0] if count == 1 else u[1:-1, k].copy(), rss, residual**0.5, accuracy**0.5
-            )
-            for k, (trial, (rss, residual, accuracy, state)) in enumerate(zip(trials, out.array.T.tolist(), strict=False))
-        ]  # fmt: skip
+        found: list[Answer] = []
+        for k, (trial, one) in enumerate(zip(trials, out.array.T.tolist(), strict=False)):
+            rss, residual, accuracy, state = one
+            if state:
+                words = f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}"
+                found.append(BROKEN if state == 1 else IllConditionedError(words))
+            else:
+                own = u[1:-1, 0] if count == 1 else u[1:-1, k].copy()
+                found.append(Solution(trial.p, own, rss, residual**0.5, accuracy**0.5))
+        return found
 
 
 def _by_lapack(trial: Trial) -> Answer:

@@ -89,7 +89,7 @@ class Fixed(Rule):
 class Interpolation(Rule):
     """No smoothing: the natural cubic spline through the data (S = 0)."""
 
-    def choose(self, series: Series, column: int) -> Search:
+    def choose(self, series: Series, column: int) -> Search:  # noqa: ARG002
         """Interpolate."""
         yield from ()
         return _interpolation(series)
@@ -99,7 +99,7 @@ class Interpolation(Rule):
 class GCV(Rule):
     """Generalised cross-validation: minimises rss / (1 - edf / n)^2; needs no sigma. Craven and Wahba (1979)."""
 
-    def choose(self, series: Series, column: int) -> Search:
+    def choose(self, series: Series, column: int) -> Search:  # noqa: ARG002
         """Minimise the criterion over log p."""
         return (yield from minimal(series, by_gcv))
 
@@ -111,7 +111,7 @@ class REML(Rule):
     Q' y is normal with covariance proportional to Q' D^2 Q + p N: minimises (n - 2) log(y' Q u) + log det.
     """
 
-    def choose(self, series: Series, column: int) -> Search:
+    def choose(self, series: Series, column: int) -> Search:  # noqa: ARG002
         """Minimise the criterion over log p."""
         return (yield from minimal(series, by_reml))
 

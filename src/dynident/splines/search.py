@@ -207,7 +207,9 @@ def _bracket(
         step *= 2
 
 
-def _zero(series: Series, criterion: Criterion, a: Point, b: Point) -> Generator[Sequence[Trial], Sequence[Answer], float]:
+def _zero(
+    series: Series, criterion: Criterion, a: Point, b: Point
+) -> Generator[Sequence[Trial], Sequence[Answer], float]:
     """Return where the slope, negative at a and positive at b, is zero: inverse interpolation within a bracket."""
     known, x = [a, b], _cubic(a, b)[1]
     for _ in range(STEPS):
@@ -229,4 +231,8 @@ def _inverse(known: list[Point]) -> float:
     (a, _, fa), (b, _, fb), (c, _, fc) = known
     if fa == fb or fb == fc or fc == fa:
         return nan
-    return a * fb * fc / ((fa - fb) * (fa - fc)) + b * fc * fa / ((fb - fc) * (fb - fa)) + c * fa * fb / ((fc - fa) * (fc - fb))
+    return (
+        a * fb * fc / ((fa - fb) * (fa - fc))
+        + b * fc * fa / ((fb - fc) * (fb - fa))
+        + c * fa * fb / ((fc - fa) * (fc - fb))
+    )

@@ -23,10 +23,10 @@ ROUNDINGS = 6.0  # of a slope, its step and the residual, in units of EPS
 class Series:
     """One column of data in scaled units, with the factors to convert back.
 
-    y (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the root mean
-    square of delta and ``rounding`` the last digit of the data, both divided by ``size``; ``step`` is the mean step in
-    the user's unit of time; p of eq. (15) is ``p_scale`` times the scaled one. ``steep`` is the norm of the slopes of y,
-    ``left`` is ``straight_rss`` where it is known, else nan.
+    y (N) is the data less the first of them, divided by ``size`` (a power of two), ``z`` = Q' y, ``noise`` the root
+    mean square of delta and ``rounding`` the last digit of the data, both divided by ``size``; ``step`` is the mean
+    step in the user's unit of time; p of eq. (15) is ``p_scale`` times the scaled one. ``steep`` is the norm of the
+    slopes of y, ``left`` is ``straight_rss`` where it is known, else nan.
     """
 
     system: System
@@ -69,7 +69,7 @@ class Series:
     @cached_property
     def y(self) -> Array:
         """The data (N) less the first of them, in units of ``size``."""
-        y = self.data - self.data[0]
+        y: Array = self.data - self.data[0]
         y /= self.size
         return y
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ConfigError, InputError
-from dynident.splines.banded import EPS, TINY, Grid, IllConditionedError, Solution, System
+from dynident.splines.banded import Grid, IllConditionedError, Solution, System
 from dynident.splines.compiled import Bare, finished, slopes, survey
 from dynident.splines.noise import noise_sigma
 from dynident.splines.rules import Constraint, Rule, check_columns
@@ -252,7 +252,10 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
 
 
 def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, Array]:
-    """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight; uses up ``step``."""
+    """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight.
+
+    ``step`` is scaled in place.
+    """
     h = float(step.mean())
     step /= h
     grid = Grid(step)

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -139,7 +140,7 @@ def test_all_levels_give_the_same_bits() -> None:
 @pytest.mark.parametrize("rule", [Constraint(), Constraint(S=30.0), Fixed(lam=1e-4), GCV(), REML(), Interpolation()])
 @pytest.mark.parametrize("weighted", [False, True])
 @pytest.mark.parametrize("columns", [1, 2, 9])
-def test_splines_are_those_of_lapack(rule: compiled.Any, weighted: bool, columns: int) -> None:
+def test_splines_are_those_of_lapack(rule: Any, weighted: bool, columns: int) -> None:
     for n, spread in product((30, 301), (0.0, 0.5)):
         rng = np.random.default_rng(n)
         t = np.concatenate(([0.0], np.cumsum(steps(n, spread, rng)))) * 0.01
@@ -167,19 +168,19 @@ def test_what_is_done_to_the_data(n: int, columns: int) -> None:
     grid, t = Grid(steps(n, 0.5, rng)), np.zeros(n)
     np.cumsum(grid.step, out=t[1:])
     y = 5 + rng.standard_normal((n, columns))
-    unit, size, bend = (2.0 ** rng.integers(-3, 3, columns) for _ in range(3))
+    unit, size, bend = ((2.0 ** rng.integers(-3, 3, columns)).tolist() for _ in range(3))
     systems = [System(grid, rng.uniform(0.5, 2, n)) for _ in range(columns)]
     u = list(rng.standard_normal((columns, n - 2)))
-    found = [*scaled(grid, t, y, unit)[:2], *finished(y, systems, u, size, bend)]
+    found: list[Any] = [*scaled(grid, t, y, unit)[:2], *finished(y, systems, u, size, bend)]
     left, (low, high, finite) = scaled(grid, t, y, unit)[2], survey(y)
     with without_kernel():
-        expected = [*scaled(grid, t, y, unit)[:2], *finished(y, systems, u, size, bend)]
+        expected: list[Any] = [*scaled(grid, t, y, unit)[:2], *finished(y, systems, u, size, bend)]
         assert slopes(t, *expected[2:]) is None
         for one, other in zip((low, high), survey(y), strict=False):
             np.testing.assert_array_equal(one, other)
     assert finite
     for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max())
+        np.testing.assert_allclose(one, other, atol=1e-13 * np.abs(other).max(), rtol=1e-13)
     for k in range(columns):
         line = np.polyval(np.polyfit(t, y[:, k], 1), t)
         if n > 3:
@@ -210,4 +211,4 @@ def test_a_straight_line_too_near_to_be_told_by_subtraction_is_left_to_the_long_
     n = 300
     t, grid = np.arange(float(n)), Grid(np.ones(n - 1))
     y = (t + 1e-6 * np.random.default_rng(0).standard_normal(n))[:, None]
-    assert np.isnan(scaled(grid, t, y, np.ones(1))[2]).all()
+    assert np.isnan(scaled(grid, t, y, [1.0])[2]).all()

@@ -70,14 +70,15 @@ EXPORTED void API(spline_survey)(int64_t n, int64_t k, const double *restrict y,
 }
 
 /* Second differences z (k, n - 2) of columns (n, k) times `inverse` (k), by the reciprocal steps r (n - 1); and
-   moments (6, k) of y = (column less its first value) times `inverse` and of x = (t - middle) * rate: sums of y, x y,
-   y y, x and x x, and of squared slopes of y. */
+   of y = (column less its first value) times `inverse` in out (3, k) the sums of squares of its slopes, of itself, and
+   of what a straight line leaves of it, over the times x = (t - middle) * rate. work (5, k). */
 EXPORTED void API(spline_scale)(int64_t n, int64_t k, const double *restrict from, const double *restrict r,
                                 const double *restrict inverse, const double *restrict t, double middle, double rate,
-                                double *restrict z, double *restrict moments) {
+                                double *restrict z, double *restrict moments, double *restrict out) {
     for (int64_t j = 0; j < k; j++) {
         double last = (from[(n - 1) * k + j] - from[(n - 2) * k + j]) * r[n - 2] * inverse[j];
-        for (int c = 0; c < 6; c++) moments[c * k + j] = c == 5 ? last * last : 0.0;
+        for (int c = 0; c < 5; c++) moments[c * k + j] = 0.0;
+        out[j] = last * last;
     }
     for (int64_t start = 0; start < n; start += BLOCK) {
         int64_t end = start + BLOCK < n ? start + BLOCK : n, last = end < n - 2 ? end : n - 2;
@@ -95,8 +96,15 @@ EXPORTED void API(spline_scale)(int64_t n, int64_t k, const double *restrict fro
                 double a = (y[i * k] - first) * unit, x = (t[i] - middle) * rate;
                 sum[0][i & 3] += a, sum[1][i & 3] += x * a, sum[2][i & 3] += a * a, sum[3][i & 3] += x, sum[4][i & 3] += x * x;
             }
-            for (int c = 0; c < 6; c++) moments[c * k + j] += (sum[c][0] + sum[c][1]) + (sum[c][2] + sum[c][3]);
+            for (int c = 0; c < 5; c++) moments[c * k + j] += (sum[c][0] + sum[c][1]) + (sum[c][2] + sum[c][3]);
+            out[j] += (sum[5][0] + sum[5][1]) + (sum[5][2] + sum[5][3]);
         }
+    }
+    for (int64_t j = 0; j < k; j++) {
+        double y = moments[j], xy = moments[k + j], yy = moments[2 * k + j], x = moments[3 * k + j];
+        double slope = xy - x * y / (double)n, square = moments[4 * k + j] - x * x / (double)n;
+        out[k + j] = yy;
+        out[2 * k + j] = yy - y * y / (double)n - slope * slope / square;
     }
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import log2, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,26 +46,26 @@ class Series:
         systems: Sequence[System],
         t: Array,
         columns: Array,
-        noise: Array,
+        noise: Sequence[float],
         step: float,
-        low: Array,
-        high: Array,
+        low: Sequence[float],
+        high: Sequence[float],
     ) -> list[Series]:
         """Scale columns (N, k), of which ``low`` and ``high`` (k) are the least and the largest value.
 
         ``noise`` (k) is the root mean square of delta in the unit of the data.
         """
-        reach = np.maximum(high - columns[0], columns[0] - low)
-        size = np.exp2(np.round(np.log2(np.where(reach > 0, reach, 1.0))))
-        z, steep, left = scaled(systems[0].grid, t, columns, 1.0 / size)
-        rounding = EPS * np.maximum(np.abs(low), np.abs(high)) / size
-        if systems[0].variance is not None:
-            left[:] = np.nan
-        of_each = zip(*(x.tolist() for x in (noise / size, size, rounding, steep, left)), strict=True)
+        reach = [max(b - y, y - a) for a, b, y in zip(low, high, columns[0].tolist(), strict=True)]
+        size = [2.0 ** round(log2(one)) if one > 0 else 1.0 for one in reach]
+        z, steep, left = scaled(systems[0].grid, t, columns, [1.0 / one for one in size])
+        weighted = systems[0].variance is not None
         return [
-            cls(systems[k], columns[:, k], z[k], sigma, unit, step, *rest)
-            for k, (sigma, unit, *rest) in enumerate(of_each)
-        ]
+            cls(
+                systems[k], columns[:, k], z[k], noise[k] / unit, unit, step,
+                EPS * max(-low[k], high[k]) / unit, steep[k], nan if weighted else left[k],
+            )
+            for k, unit in enumerate(size)
+        ]  # fmt: skip
 
     @cached_property
     def y(self) -> Array:

@@ -186,13 +186,13 @@ def smooth(
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
     systems, h, variance = _systems(step, weight, k)
-    series = Series.of(systems, time, columns, scale * np.sqrt(variance), h, low, high)
+    series = Series.of(systems, time, columns, (scale * np.sqrt(variance)).tolist(), h, low, high)
     named = [f"column {j}" for j in range(k)] if names is None else names
     solved = together([_named(rule.choose(one, j), named[j]) for j, one in enumerate(series)])
     return _collect(time, data, series, solved, scale, weight)
 
 
-def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, Array, Array]:
+def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
     """Return times, their steps and data as arrays, and the least and the largest value of each column."""
     time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
@@ -208,17 +208,14 @@ def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, Array, Ar
     return time, step, data, low, high
 
 
-def _check_values(name: str, value: Array) -> tuple[Array, Array]:
+def _check_values(name: str, value: Array) -> tuple[list[float], list[float]]:
     low, high, finite = survey(np.ascontiguousarray(value.reshape(len(value), -1)))
     if not finite:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
-    size = high - low
-    wrong = (size > LARGEST) | ((size > 0) & (size < 1 / LARGEST)) | (np.maximum(-low, high) > LARGEST)
-    if wrong.any():
-        raise InputError(
-            f"{name} spans {size[wrong][0]:g}: that is out of range (1e-100 to 1e100); choose another unit."
-        )
+    for a, b in zip(low, high, strict=True):
+        if b - a > LARGEST or 0 < b - a < 1 / LARGEST or max(-a, b) > LARGEST:
+            raise InputError(f"{name} spans {b - a:g}: that is out of range (1e-100 to 1e100); choose another unit.")
     return low, high
 
 
@@ -283,16 +280,19 @@ def _named(search: Search, name: str) -> Search:
 def _collect(
     time: Array, data: Array, series: list[Series], solved: list[Solution], sigma: Array, weight: Array | None
 ) -> SmoothingSpline:
-    shape = (len(time), len(solved))
-    scaled = np.array([one.p for one in solved])
-    size = np.array([one.size for one in series])
-    bend = np.where(np.isfinite(scaled), scaled, 1.0) * size / series[0].step ** 2
-    columns = np.ascontiguousarray(data.reshape(shape))
+    columns = np.ascontiguousarray(data.reshape(len(time), len(solved)))
+    unit = series[0].step ** -2
+    through = [one.p == np.inf for one in solved]
+    size = [0.0 if exact else own.size for own, exact in zip(series, through, strict=True)]
+    bend = [
+        own.size * unit * (1.0 if exact else one.p) for own, one, exact in zip(series, solved, through, strict=True)
+    ]
     u = [one.u for one in solved if one.u is not None]
-    values, c = finished(columns, [one.system for one in series], u, np.where(np.isfinite(scaled), size, 0.0), bend)
-    for k in np.flatnonzero(scaled == 0):
-        values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
-    p = scaled * [one.p_scale for one in series]
+    values, c = finished(columns, [one.system for one in series], u, size, bend)
+    for k, one in enumerate(solved):
+        if one.p == 0:
+            values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
+    p = np.array([one.p * own.p_scale for own, one in zip(series, solved, strict=True)])
     with np.errstate(divide="ignore"):
         lam = 0.5 / p
     S = np.array([one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)])

@@ -25,8 +25,11 @@ Point = tuple[float, float, float]  # log p, a value, its slope
 Bracket = tuple[Point, Point]
 STAGNATION = 1e-6  # largest relative error of S allowed for rounding
 NEAR = 1e-4  # relative error of S from which on solutions are refined
+CURVED = 0.05  # relative error of S up to which a cubic describes log p
+BEYOND = 0.75  # of the model, in place of 1/2, where there is hardly more than noise in rss, which falls with p, too
+FAR = 0.01  # change of log p from which on the slope has changed, too
 GRID = 12  # values of p at which a criterion is looked at first
-STEPS, CLOSE = 20, 1e-6  # of the search for the least value: at most so many, until log p changes less
+STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p changes less
 NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which they lie
 
 
@@ -81,11 +84,12 @@ def constrained(series: Series, target: float) -> Search:
 
 
 def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -> Search:
-    """Find rss(p) = target; rss falls with p, and log rss against log p is nearly straight."""
+    """Find rss(p) = target; rss falls with p."""
     low, high = -inf, inf  # bracket of the root in log p
     x, refine = log(p), False
     before: Point | None = None
     best: tuple[float, Solution] | None = None
+    known = (inf, -1.0)  # where the slope was found last, and that
     for _ in range(200):
         now = yield from once(series, exp(x), refine=refine)
         if not isfinite(now.rss):
@@ -99,22 +103,35 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
                     raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
                 return best[1]
             best = (error, now)
-        slope = (yield from once(series, exp(x), refine=False)).slope if isnan(now.slope) else now.slope
+        if not isnan(now.slope):
+            known = (x, now.slope)
+        elif abs(x - known[0]) > FAR:
+            known = (x, (yield from once(series, exp(x), refine=False)).slope)
         low, high = (max(x, low), high) if error > 0 else (low, min(x, high))
-        here = (x, error, slope)
-        new = _next(here, before, low, high)
+        here = (x, error, known[1])
+        new = _next(here, None if refine else before, low, high)
         refine = refine or abs(error) < NEAR or abs(new - x) < NEAR
         before, x = here, new
     raise IllConditionedError("the search for p does not converge")
 
 
 def _next(here: Point, before: Point | None, low: float, high: float) -> float:
-    """Return the next log p: inverse Hermite interpolation of two points, else Newton, else bisection."""
+    """Return the next log p: by interpolation of two points near the root, by a model of one, else bisection.
+
+    The model is rss = a + b / p^2: noise, and the signal that is smoothed away.
+    """
     x, error, slope = here
     if slope < 0:
         new = x - error / slope
-        if before is not None and before[2] < 0 and abs(before[1]) < 1.0 and before[1] != error:
+        if (
+            before is not None
+            and before[2] < 0
+            and abs(before[1]) < CURVED
+            and (before[1] * error < 0.0 or abs(error) < 0.3 * abs(before[1]))
+        ):
             new = hermite(here, before)
+        elif abs(error) > NEAR and slope > -2.0 and (above := exp(-error) - 1.0 - 0.5 * slope) > 0:
+            new = x + (0.5 if error > 0 else BEYOND) * log(-0.5 * slope / above)
         new = min(max(new, x - 7.0), x + 7.0)
         if low < new < high:
             return new
@@ -195,7 +212,7 @@ def _bracket(
     series: Series, criterion: Criterion, x: float, ends: tuple[float, float]
 ) -> Generator[Sequence[Trial], Sequence[Answer], tuple[float, Bracket | None]]:
     """Walk downhill from x until the slope changes its sign; None at an end of the range."""
-    step, before = 0.3, None
+    step, before = 1.0, None
     while True:
         points = yield from _points(series, criterion, [x])
         here = points[0] if points else (x, np.inf, -1.0)  # too ill-conditioned: less smoothing

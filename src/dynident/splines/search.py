@@ -98,7 +98,9 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
         if abs(error) <= tolerance and (refine or tolerance >= NEAR):
             return now
         if refine:
-            if best is not None and abs(error) >= abs(best[0]):  # rounding lets it improve no more
+            if best is None:  # what is not refined may be off by more than the tolerance, and so the bracket
+                low, high = -inf, inf
+            elif abs(error) >= abs(best[0]):  # rounding lets it improve no more
                 if abs(best[0]) > STAGNATION:
                     raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
                 return best[1]

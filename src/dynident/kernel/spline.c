@@ -7,6 +7,8 @@
 #define FORCED static inline __attribute__((always_inline))
 #define EPS 2.220446049250313e-16
 #define TINY 2.2250738585072014e-308
+#define MISSED 5e-11 /* relative error of an aim from which p is corrected, */
+#define NEAR 1e-5     /* and below which one step of Newton's method does it */
 #define LARGE 1e-8 /* the relative correction at which refinement has failed */
 
 #define V double

@@ -302,30 +302,42 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
 }
 
 /* Solve, then refine until the error left is EPS or no correction is half the one before, which is then not made.
-   out (4, COUNT): |D^-1 v|^2; squares of the residual over z and of the error estimated over u; and what came out:
-   0 solved, 1 the factorisation broke down, 2 the corrections stay large. */
-FORCED void NAME(refined)(const NAME(job) *q, int weighted, double *out) {
+   Where that misses the aim (2, COUNT), a value of |D^-1 v|^2 and its logarithm's slope by log p, by little, p is
+   corrected, and u refined with the factor there is. out (5, COUNT): |D^-1 v|^2; squares of the residual over z and of
+   the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p. */
+FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const double *aim, double *out) {
     double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
+    int active = 0, fresh[COUNT], tries[COUNT];
     NAME(solve)(q, weighted, state);
-    int active = 0;
     for (int k = 0; k < COUNT; k++) {
-        used[k] = 0.0, last[k] = left[k] = 1.0;
+        used[k] = 0.0, last[k] = left[k] = 1.0, tries[k] = 0;
         out[2 * COUNT + k] = -1.0; /* not known yet */
+        out[4 * COUNT + k] = p[k];
         active += state[k] == 0.0;
     }
     while (active) {
+        int wanted = 0;
         NAME(remainder)(q, weighted, used, sums);
         for (int k = 0; k < COUNT; k++) {
+            fresh[k] = 0;
             if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
             out[k] = sums[k];
             out[COUNT + k] = sums[COUNT + k] / (sums[3 * COUNT + k] > TINY ? sums[3 * COUNT + k] : TINY);
-            if (left[k] <= EPS * EPS) out[2 * COUNT + k] = EPS * EPS, active--;
+            if (left[k] <= EPS * EPS) {
+                double error = aim[k] > 0.0 ? sums[k] / aim[k] - 1.0 : 0.0, size = error < 0.0 ? -error : error;
+                if (size > MISSED && size < NEAR && aim[COUNT + k] < 0.0 && tries[k]++ < 3) {
+                    double by = 1.0 - error / aim[COUNT + k];
+                    out[4 * COUNT + k] *= by;
+                    ((double *)&q->third)[k] *= by;
+                    last[k] = left[k] = 1.0, fresh[k] = 1; /* its residual is not known yet */
+                } else out[2 * COUNT + k] = EPS * EPS, active--;
+            }
+            wanted += !fresh[k] && out[2 * COUNT + k] < 0.0;
         }
-        if (!active) break;
-        NAME(correct)(q, weighted, change);
+        if (wanted) NAME(correct)(q, weighted, change);
         for (int k = 0; k < COUNT; k++) {
             used[k] = 0.0;
-            if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
+            if (fresh[k] || state[k] || out[2 * COUNT + k] >= 0.0) continue;
             double now = change[k] / (sums[2 * COUNT + k] > TINY ? sums[2 * COUNT + k] : TINY);
             if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * now / last[k], last[k] = now;
             else out[2 * COUNT + k] = now, state[k] = now < LARGE * LARGE ? 0.0 : 2.0, active--;
@@ -350,10 +362,10 @@ EXPORTED void API(NAME(spline_figures))(int64_t m, const double *step, const dou
 
 EXPORTED void API(NAME(spline_refined))(int64_t m, const double *step, const double *r, const double *const *z,
                                        const double *const *variance, const double *p, double *rd, double *l, double *g,
-                                       double *u, double *out) {
+                                       double *u, const double *aim, double *out) {
     NAME(job) q = NAME(made)(m, step, r, z, variance, p, rd, l, g, u);
-    if (variance) NAME(refined)(&q, 1, out);
-    else NAME(refined)(&q, 0, out);
+    if (variance) NAME(refined)(&q, 1, p, aim, out);
+    else NAME(refined)(&q, 0, p, aim, out);
 }
 
 #undef ROW

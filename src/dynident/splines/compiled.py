@@ -54,13 +54,18 @@ class Bare:
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A p to solve eq. (32) of a series for: for u, refined, or for figures alone, with the derivatives of the
-    determinant (``trace``), and that itself (``determinant``)."""
+    determinant (``trace``), and that itself (``determinant``).
+
+    ``aim``: the rss that a refined solution should have, and its logarithm's slope by log p. The kernel corrects p where
+    it is missed by a relative error below 1e-5, so the p of the solution may differ.
+    """
 
     series: Data
     p: float
     refine: bool = False
     trace: bool = False
     determinant: bool = False
+    aim: tuple[float, float] = (0.0, 0.0)
 
 
 class Work:
@@ -91,7 +96,7 @@ class Solver:
         self._calls: dict[tuple[bool, int], Callable[..., None]] = {}
         for name, count in (("one", 1), ("many", self.lanes)) if self.lanes else ():
             self._calls[False, count] = _function(f"spline_figures_{name}", *GIVEN, *(c_void_p,) * 2)
-            self._calls[True, count] = _function(f"spline_refined_{name}", *GIVEN, *(c_void_p,) * 5)
+            self._calls[True, count] = _function(f"spline_refined_{name}", *GIVEN, *(c_void_p,) * 6)
 
     def __call__(self, trials: Sequence[Trial]) -> list[Answer]:
         """Return the solution of each, or the error where double precision is not enough for it."""
@@ -173,17 +178,20 @@ class Solver:
         """Return u, refined as ``System`` does."""
         rows = trials[0].series.system.size + 2
         work = [self._array(key, rows, count).at for key in ("rd", "left", "g")]
-        u, out = np.empty((rows, count)), self._array("out", 4, count)
-        self._calls[True, count](*given, *work, _address(u), out.at)
+        u, out, aim = np.empty((rows, count)), self._array("results", 5, count), self._array("aim", 2, count)
+        aim.array[:] = 0.0
+        for k, trial in enumerate(trials):
+            aim.array[:, k] = trial.aim
+        self._calls[True, count](*given, *work, _address(u), aim.at, out.at)
         found: list[Answer] = []
-        for k, (trial, one) in enumerate(zip(trials, out.array.T.tolist(), strict=False)):
-            rss, residual, accuracy, state = one
+        for k, (_, one) in enumerate(zip(trials, out.array.T.tolist(), strict=False)):
+            rss, residual, accuracy, state, p = one
             if state:
                 words = f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}"
                 found.append(BROKEN if state == 1 else IllConditionedError(words))
             else:
                 own = u[1:-1, 0] if count == 1 else u[1:-1, k].copy()
-                found.append(Solution(trial.p, own, rss, residual**0.5, accuracy**0.5))
+                found.append(Solution(p, own, rss, residual**0.5, accuracy**0.5))
         return found
 
 

@@ -57,9 +57,11 @@ def together(searches: Sequence[Search]) -> list[Solution]:
     return [found[k] for k in range(len(searches))]
 
 
-def once(series: Data, p: float, *, refine: bool = True, trace: bool = False) -> Search:
+def once(
+    series: Data, p: float, *, refine: bool = True, trace: bool = False, aim: tuple[float, float] = (0.0, 0.0)
+) -> Search:
     """Solve for one p (scaled); raises IllConditionedError."""
-    (answer,) = yield [Trial(series, p, refine, trace)]
+    (answer,) = yield [Trial(series, p, refine, trace, aim=aim)]
     if isinstance(answer, IllConditionedError):
         raise answer
     return answer
@@ -91,7 +93,8 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
     best: tuple[float, Solution] | None = None
     known = (inf, -1.0)  # where the slope was found last, and that
     for _ in range(200):
-        now = yield from once(series, exp(x), refine=refine)
+        now = yield from once(series, exp(x), refine=refine, aim=(target, known[1]) if refine else (0.0, 0.0))
+        x = log(now.p)
         if not isfinite(now.rss):
             raise IllConditionedError("the search for p left the range of numbers")
         error = log(max(now.rss, TINY) / target)

@@ -307,7 +307,7 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
    the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p. */
 FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const double *aim, double *out) {
     double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
-    int active = 0, fresh[COUNT], tries[COUNT];
+    int active = 0, begun = 0, fresh[COUNT], tries[COUNT];
     NAME(solve)(q, weighted, state);
     for (int k = 0; k < COUNT; k++) {
         used[k] = 0.0, last[k] = left[k] = 1.0, tries[k] = 0;
@@ -323,23 +323,27 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
             if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
             out[k] = sums[k];
             out[COUNT + k] = sums[COUNT + k] / (sums[3 * COUNT + k] > TINY ? sums[3 * COUNT + k] : TINY);
-            if (left[k] <= EPS * EPS) {
+            int done = left[k] <= EPS * EPS;
+            if (done || !begun) {
                 double error = aim[k] > 0.0 ? sums[k] / aim[k] - 1.0 : 0.0, size = error < 0.0 ? -error : error;
                 if (size > MISSED && size < NEAR && aim[COUNT + k] < 0.0 && tries[k]++ < 3) {
                     double by = 1.0 - error / aim[COUNT + k];
                     out[4 * COUNT + k] *= by;
                     ((double *)&q->third)[k] *= by;
-                    last[k] = left[k] = 1.0, fresh[k] = 1; /* its residual is not known yet */
-                } else out[2 * COUNT + k] = EPS * EPS, active--;
+                    last[k] = left[k] = 1.0;
+                    fresh[k] = done ? 1 : 2; /* its residual is not known yet; at first that of the old p is as good */
+                } else if (done) out[2 * COUNT + k] = EPS * EPS, active--;
             }
-            wanted += !fresh[k] && out[2 * COUNT + k] < 0.0;
+            wanted += fresh[k] != 1 && out[2 * COUNT + k] < 0.0;
         }
+        begun = 1;
         if (wanted) NAME(correct)(q, weighted, change);
         for (int k = 0; k < COUNT; k++) {
             used[k] = 0.0;
-            if (fresh[k] || state[k] || out[2 * COUNT + k] >= 0.0) continue;
+            if (fresh[k] == 1 || state[k] || out[2 * COUNT + k] >= 0.0) continue;
             double now = change[k] / (sums[2 * COUNT + k] > TINY ? sums[2 * COUNT + k] : TINY);
-            if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * now / last[k], last[k] = now;
+            if (fresh[k]) used[k] = 1.0;
+            else if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * now / last[k], last[k] = now;
             else out[2 * COUNT + k] = now, state[k] = now < LARGE * LARGE ? 0.0 : 2.0, active--;
         }
     }

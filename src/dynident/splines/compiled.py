@@ -56,8 +56,8 @@ class Trial:
     """A p to solve eq. (32) of a series for: for u, refined, or for figures alone, with the derivatives of the
     determinant (``trace``), and that itself (``determinant``).
 
-    ``aim``: the rss that a refined solution should have, and its logarithm's slope by log p. The kernel corrects p where
-    it is missed by a relative error below 1e-5, so the p of the solution may differ.
+    ``aim``: the rss that a refined solution should have, and its logarithm's slope by log p. The kernel corrects p
+    where it is missed by a relative error below 1e-5, so the p of the solution may differ.
     """
 
     series: Data

@@ -22,7 +22,8 @@ def test_figures_are_those_of_dense_algebra(n: int, kind: str, weighted: bool) -
     D, N, Q = matrices(t, np.ones(n) if variance is None else np.sqrt(variance))
     y = rng.standard_normal(n)
     for p in (1e-4, 0.1, 30.0):
-        found = System(Grid(step), variance).solve(p, second_difference(y, step), trace=True)
+        system, z = System(Grid(step), variance), second_difference(y, step)
+        found, refined = system.solve(p, z, refine=False, trace=True), system.solve(p, z)
         A = Q.T @ D**2 @ Q + p * N
         u = np.linalg.solve(A, Q.T @ y)
         share = p * np.linalg.solve(A, N)
@@ -31,7 +32,8 @@ def test_figures_are_those_of_dense_algebra(n: int, kind: str, weighted: bool) -
         expected = [rss, slope, u @ N @ u, np.linalg.slogdet(A)[1], np.trace(share), np.trace(share - share @ share)]
         got = [found.rss, found.slope, found.energy, found.log_det, found.rise, found.bend]
         np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-10)
-        np.testing.assert_allclose(found.u, u, atol=1e-10 * np.abs(u).max())
+        np.testing.assert_allclose(refined.rss, rss, rtol=1e-9)
+        np.testing.assert_allclose(refined.u, u, atol=1e-10 * np.abs(u).max())
 
 
 def test_a_grid_that_is_too_wide_breaks_down() -> None:

@@ -208,19 +208,20 @@ class System:
         """Solve eq. (32) for the right-hand side z = Q' y.
 
         With ``refine``, iterative refinement with the residual in factored form, Q' (D^2 Q u), takes the relative
-        error of u from eps * m^4 (m the bandwidth in samples) to a few eps. With ``trace``, the determinant, too.
+        error of u from eps * m^4 (m the bandwidth in samples) to a few eps. Without, figures alone are returned, with
+        ``trace`` those of the determinant, too.
         """
         factor = self.factor(p)
         u = lapack.dpbtrs(factor, z, lower=1)[0]
-        residual, accuracy, v = np.nan, np.nan, self.smoothed_away(u)
+        v = self.smoothed_away(u)
         if refine:
             u, v, residual, accuracy = self._refine(p, factor, z, u, v)
-        rss = self.weighed(v)
-        mass_u = self.mass(u)
+            return Solution(p, u, self.weighed(v), residual, accuracy)
+        rss, mass_u = self.weighed(v), self.mass(u)
         energy = float(u @ mass_u)
         slope = self._slope(p, factor, mass_u, energy, rss)
         found = _determinant(p, factor, self.grid) if trace else (np.nan, np.nan, np.nan)
-        return Solution(p, u if refine else None, rss, residual, accuracy, slope, energy, *found)
+        return Solution(p, None, rss, np.nan, np.nan, slope, energy, *found)
 
     def _refine(self, p: float, factor: Array, z: Array, u: Array, v: Array) -> tuple[Array, Array, float, float]:
         last, left = 1.0, np.inf  # relative size of the last correction, and the error expected after it

@@ -66,7 +66,10 @@ class Part:
 
 PARTS = {
     "splines": Part(
-        tuple(f"splines/{name}.py" for name in ("banded", "bspline", "noise", "rules", "spline")),
+        tuple(
+            f"splines/{name}.py"
+            for name in ("banded", "bspline", "compiled", "noise", "rules", "search", "series", "spline")
+        ),
         ("tests/splines/test_spline.py", "tests/splines/test_rules.py", "tests/smoothers/test_spline.py"),
     ),
     "spikes": Part(("splines/spikes.py",), ("tests/checks/test_channels.py",)),

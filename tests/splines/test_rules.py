@@ -7,7 +7,6 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named, smooth
-from dynident.splines.rules import _hermite
 from tests.splines.reference import matrices, series
 
 
@@ -148,16 +147,6 @@ def test_small_samples_and_slow_motion_reach_the_constraint_without_warnings() -
         y = 1e-2 * np.sin(0.3 * t) + 1e-3 * rng.standard_normal(4000)
         fit = smooth(t, y, sigma=1e-3 * rng.uniform(0.7, 0.99))
         assert pytest.approx(4000, rel=1e-8) == fit.S or fit.p == 0
-
-
-def test_inverse_hermite_interpolation_is_exact_for_a_cubic() -> None:
-    """The search knows (x, error, slope of the error): of x = 2 + 3 e - e^2 + e^3 / 2, the zero of e is at x = 2."""
-
-    def point(e: float) -> tuple[float, float, float]:
-        return 2 + 3 * e - e**2 + e**3 / 2, e, 1 / (3 - 2 * e + 1.5 * e**2)
-
-    for a, b in ((0.7, -0.4), (-0.4, 0.7), (0.3, 0.9)):
-        assert _hermite(point(a), point(b)) == pytest.approx(2.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e3])

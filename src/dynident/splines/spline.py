@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ConfigError, InputError
-from dynident.splines.banded import IllConditionedError, Solution, System
+from dynident.splines.banded import Grid, IllConditionedError, Solution, System
+from dynident.splines.compiled import Bare, finished, slopes, survey
 from dynident.splines.noise import noise_sigma
-from dynident.splines.rules import Constraint, Rule, Series, check_columns
+from dynident.splines.rules import Constraint, Rule, check_columns
+from dynident.splines.search import Search, once, together
+from dynident.splines.series import Series
 
 __all__ = ["SmoothingSpline", "smooth"]
 
@@ -27,7 +30,7 @@ class SmoothingSpline:
     ``t`` (N); ``values`` = a = g(t) and ``c`` = g''(t) / 2, both (N,) or (N, k) like the data; per series (a float, or
     an array (k,)): ``p`` (eq. 15) and ``lam`` = 1 / (2 p), ``S`` the sum (14) reached, ``sigma`` and ``weights``
     ((N, 1), (N, k) or None) with delta = sigma / sqrt(weight), ``residual`` of the linear system (32) relative to its
-    right-hand side, and ``accuracy``, the relative error of c estimated from the last step of iterative refinement.
+    right-hand side, and ``accuracy``, a bound of the relative error of c as computed.
     """
 
     t: Array
@@ -50,17 +53,15 @@ class SmoothingSpline:
     @cached_property
     def edf(self) -> Array:
         """Effective degrees of freedom per series: 2 for a straight line, N for interpolation."""
-        n = len(self.t)
+        n, p = len(self.t), np.atleast_1d(self.p)
         limits = {0.0: 2.0, np.inf: float(n)}
-        sigma, p = np.atleast_1d(self.sigma), np.atleast_1d(self.p)
-        out, known = np.empty(len(p)), dict[tuple[float, int], float]()
-        for k, value in enumerate(p):
-            column = 0 if self.weights is None else min(k, self.weights.shape[1] - 1)
-            system, step, variance = _system(self.t, self.weights, column)
-            key = (float(value * step**3 / (variance * sigma[k] ** 2)), column)
-            if value not in limits and key not in known:
-                known[key] = system.edf(key[0])
-            out[k] = limits[float(value)] if value in limits else known[key]
+        out = np.array([limits.get(float(value), np.nan) for value in p])
+        systems, step, variance = _systems(np.diff(self.t), self.weights, len(p))
+        scaled = p * step**3 / (variance * np.atleast_1d(self.sigma) ** 2)
+        asked = [k for k in range(len(p)) if np.isnan(out[k])]
+        none = np.zeros(n - 2)
+        found = together([once(Bare(systems[k], none), float(scaled[k]), refine=False, trace=True) for k in asked])
+        out[asked] = [2.0 + one.rise for one in found]
         return self._like(out)
 
     @property
@@ -101,6 +102,8 @@ class SmoothingSpline:
             return self.values
         if order == 2:
             return 2.0 * self.c
+        if order == 1 and (found := slopes(self.t, self.values, self.c)) is not None:
+            return found
         h = self._column(np.diff(self.t))
         out = np.empty_like(self.values)
         if order == 3:
@@ -176,47 +179,44 @@ def smooth(
     at 5 s: -0.96, its second derivative 0.96
     """
     rule = Constraint() if rule is None else rule
-    time, data = _checked(t, y)
-    columns = data.reshape(len(time), -1)
-    check_columns(rule, columns.shape[1])
+    time, step, data, low, high = _checked(t, y)
+    columns = np.ascontiguousarray(data.reshape(len(time), -1))
+    k = columns.shape[1]
+    check_columns(rule, k)
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
-    solved: list[tuple[Series, Solution]] = []
-    for k in range(columns.shape[1]):
-        if k == 0 or (weight is not None and weight.shape[1] > 1):
-            system, step, variance = _system(time, weight, k)
-        series = Series.of(system, columns[:, k], float(scale[k] * np.sqrt(variance)), step)
-        near = solved[-1][1].p if solved else 0.0
-        start = near if 0 < near < np.inf else None
-        solved.append((series, _solve(rule, series, k, start, f"column {k}" if names is None else names[k])))
-    return _collect(time, data, solved, scale, weight)
+    systems, h, variance = _systems(step, weight, k)
+    series = Series.of(systems, time, columns, (scale * np.sqrt(variance)).tolist(), h, low, high)
+    named = [f"column {j}" for j in range(k)] if names is None else names
+    solved = together([_named(rule.choose(one, j), named[j]) for j, one in enumerate(series)])
+    return _collect(time, data, series, solved, scale, weight)
 
 
-def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[float], list[float]]:
+    """Return times, their steps and data as arrays, and the least and the largest value of each column."""
     time, data = np.array(t, dtype=float), np.asarray(y, dtype=float)
     if time.ndim != 1 or data.ndim not in (1, 2) or len(data) != len(time) or data.size == 0:
         raise InputError(f"t and y have shapes {time.shape} and {data.shape}; expected (N,) with (N,) or (N, k).")
     if len(time) < 3:
         raise InputError(f"a smoothing spline needs at least 3 samples, got {len(time)}.")
     _check_values("t", time)
-    _check_values("y", data)
-    wrong = np.flatnonzero(np.diff(time) <= 0)
-    if len(wrong):
-        i = int(wrong[0])
+    low, high = _check_values("y", data)
+    step = np.diff(time)
+    if not step.min() > 0:
+        i = int(np.argmax(step <= 0))
         raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
-    return time, data
+    return time, step, data, low, high
 
 
-def _check_values(name: str, value: Array) -> None:
-    if not np.isfinite(value).all():
+def _check_values(name: str, value: Array) -> tuple[list[float], list[float]]:
+    low, high, finite = survey(np.ascontiguousarray(value.reshape(len(value), -1)))
+    if not finite:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
         raise InputError(f"{name}{list(where)} is {value[where]}; remove samples that are not finite.")
-    size = np.atleast_1d(np.ptp(value, axis=0))
-    wrong = (size > LARGEST) | ((size > 0) & (size < 1 / LARGEST)) | (np.abs(value).max(axis=0) > LARGEST)
-    if wrong.any():
-        raise InputError(
-            f"{name} spans {size[wrong][0]:g}: that is out of range (1e-100 to 1e100); choose another unit."
-        )
+    for a, b in zip(low, high, strict=True):
+        if b - a > LARGEST or 0 < b - a < 1 / LARGEST or max(-a, b) > LARGEST:
+            raise InputError(f"{name} spans {b - a:g}: that is out of range (1e-100 to 1e100); choose another unit.")
+    return low, high
 
 
 def _weights(weights: ArrayLike | None, columns: Array) -> Array | None:
@@ -248,21 +248,27 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
     return noise_sigma(t, columns, weight)
 
 
-def _system(t: Array, weights: Array | None, column: int) -> tuple[System, float, float]:
-    """Return the scaled system of a column, the mean step, and the mean of 1 / weight."""
-    step = np.diff(t)
-    h = float(t[-1] - t[0]) / len(step)
+def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, Array]:
+    """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight.
+
+    ``step`` is scaled in place.
+    """
+    h = float(step.mean())
     step /= h
+    grid = Grid(step)
     if weights is None:
-        return System(step), h, 1.0
-    variance = 1.0 / weights[:, column]
-    mean = float(variance.mean())
-    return System(step, variance / mean), h, mean
+        return [System(grid)] * k, h, np.ones(k)
+    variances = [1.0 / column for column in np.ascontiguousarray(weights.T)]
+    means = [float(variance.mean()) for variance in variances]
+    systems = [System(grid, variance / mean) for variance, mean in zip(variances, means, strict=True)]
+    shared = k if len(systems) == 1 else 1
+    return systems * shared, h, np.array(means * shared)
 
 
-def _solve(rule: Rule, series: Series, column: int, start: float | None, name: str) -> Solution:
+def _named(search: Search, name: str) -> Search:
+    """The search, with an error of its own that names the column."""
     try:
-        return rule.choose(series, column, start)
+        return (yield from search)
     except IllConditionedError as error:
         raise InputError(
             f"{name} cannot be smoothed with these settings: {error}. The bandwidth of thousands of samples, or the "
@@ -272,19 +278,26 @@ def _solve(rule: Rule, series: Series, column: int, start: float | None, name: s
 
 
 def _collect(
-    time: Array, data: Array, solved: list[tuple[Series, Solution]], sigma: Array, weight: Array | None
+    time: Array, data: Array, series: list[Series], solved: list[Solution], sigma: Array, weight: Array | None
 ) -> SmoothingSpline:
-    shape = (len(time), len(solved))
-    values, c = np.empty(shape), np.zeros(shape)
-    for k, (series, one) in enumerate(solved):
-        np.subtract(data.reshape(shape)[:, k], series.size * one.v, out=values[:, k])
-        bend = 1.0 if one.p == np.inf else one.p
-        np.multiply(one.u, bend * series.size / series.step**2, out=c[1:-1, k])
-    p = np.array([one.p * series.p_scale for series, one in solved])
+    columns = np.ascontiguousarray(data.reshape(len(time), len(solved)))
+    unit = series[0].step ** -2
+    through = [one.p == np.inf for one in solved]
+    size = [0.0 if exact else own.size for own, exact in zip(series, through, strict=True)]
+    bend = [
+        own.size * unit * (1.0 if exact else one.p) for own, one, exact in zip(series, solved, through, strict=True)
+    ]
+    u = [one.u for one in solved if one.u is not None]
+    values, c = finished(columns, [one.system for one in series], u, size, bend)
+    for k, one in enumerate(solved):
+        if one.p == 0:
+            values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
+    p = np.array([one.p * own.p_scale for own, one in zip(series, solved, strict=True)])
     with np.errstate(divide="ignore"):
         lam = 0.5 / p
-    S = np.array([one.rss / series.noise**2 for series, one in solved])
-    residual, accuracy = (np.array([getattr(one, name) for _, one in solved]) for name in ("residual", "accuracy"))
+    S = np.array([one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)])
+    residual = np.array([one.residual for one in solved])
+    accuracy = np.array([own.accuracy(one) for own, one in zip(series, solved, strict=True)])
     if data.ndim == 2:
         return SmoothingSpline(time, values, c, p, lam, S, sigma, residual, accuracy, weight)
     p, lam, S, sigma, residual, accuracy = (x[0] for x in (p, lam, S, sigma, residual, accuracy))

@@ -233,6 +233,8 @@ FORCED void NAME(solve)(const NAME(job) *q, int weighted, double *out) {
     NAME(write)(q->rd, a, o.ix);
     NAME(write)(q->rd, a + 1, o.iy);
     NAME(write)(q->l, a, o.iw);
+    NAME(write)(q->g, a, NAME(all)(0.0)); /* what memory held, even times zero, could be nan */
+    NAME(write)(q->g, a + 1, NAME(all)(0.0));
     V f = s.f + (t.f1 - NAME(gather)(q->z, a)), f1 = t.f + (s.f1 - NAME(gather)(q->z, a + 1));
     NAME(write)(q->u, -1, NAME(all)(0.0));
     NAME(write)(q->u, q->m, NAME(all)(0.0));

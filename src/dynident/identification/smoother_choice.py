@@ -120,11 +120,11 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     parts = [
         Regression(model, tuple(_part(motion, k, folds) for motion in motions)).triangular_factors for k in range(folds)
     ]
+    stacked = np.stack([part.stacked() for part in parts])
+    rows = np.array([part.total for part in parts])
     wrong = total = 0.0
     for k, part in enumerate(parts):
-        others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
-        rows = np.concatenate([other.rows for j, other in enumerate(parts) if j != k])
-        factor = TriangularFactors(others, rows).stacked()
+        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stacked()
         theta = solve(factor, rank_of(factor, model.parameters)).value
         wrong += float(part.residual(theta).sum())
         total += float(np.square(part.factors[:, :, -1]).sum())

@@ -78,7 +78,7 @@ class PerJoint(ABC):
     @property
     def support(self) -> NDArray[np.bool_]:
         """Where Y can be other than zero, shape (n, p): each parameter acts on one joint."""
-        return np.arange(len(self.joints))[:, None] == np.array(self._columns, dtype=int)
+        return np.asarray(np.arange(len(self.joints))[:, None] == np.array(self._columns, dtype=int))
 
     def entries(
         self,

@@ -274,7 +274,7 @@ class Model:
                 total += _times(self._block(k, states), part)
         return total
 
-    def _call(self, term: Term, method: str, *arguments: Array) -> Any:
+    def _call(self, term: Term, method: str, *arguments: NDArray[Any]) -> Any:
         try:
             return getattr(term, method)(*arguments)
         except DynidentError:

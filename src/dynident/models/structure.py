@@ -100,7 +100,7 @@ def _reduce(terms: Sequence[Term], support: NDArray[np.bool_], kept: NDArray[np.
         maps[j][np.ix_(which[some], which)] = K * scale[which] / scale[which[some], None]
 
 
-def _entries(term: Term, states: tuple[Array, ...], joint: Indices, parameter: Indices) -> Array:
+def _entries(term: Term, states: tuple[Array, Array, Array], joint: Indices, parameter: Indices) -> Array:
     rows = np.asarray(term.entries(*states, joint, parameter)) if isinstance(term, Selective) else np.zeros(0)
     if rows.shape != (len(joint), len(states[0])) or not np.isfinite(rows).all():
         raise ModelError(f"{type(term).__name__}: its entries have shape {rows.shape}, or are not finite.")

@@ -48,6 +48,11 @@ class EntryBlock:
         """Return the block with each row multiplied by its weight (n, B)."""
         return EntryBlock(self.structure, self.entries * weight[self.structure.joint], self.tau * weight, self.keep)
 
+    def torque(self, theta: Array) -> Array:
+        """Return Y theta (n, B) for theta (p)."""
+        parts = zip(self.structure.parts, self.structure.maps, strict=True)
+        return np.stack([(one @ theta) @ self.entries[part] for part, one in parts])
+
     def regressor(self) -> Array:
         """Return Y (B, n, p)."""
         parts = zip(self.structure.parts, self.structure.maps, strict=True)
@@ -84,7 +89,7 @@ class TriangularFactors:
         rows = factors.reshape(-1, factors.shape[2])
         some, size = rows[rows.any(axis=1)], len(factors[0])
         with one_thread():
-            found = np.linalg.qr(some, mode="r")
+            found: Array = np.asarray(np.linalg.qr(some, mode="r"))
         return np.concatenate([found, np.zeros((size - len(found), size))]) if len(found) < size else found
 
     def residual(self, theta: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.filters import response
 from dynident.log import Motion, subsample
 from dynident.models import Model
 from dynident.regression import ParallelFilter, fast_enough, fitted_rows
@@ -118,10 +119,8 @@ def _white(motion: Motion, cutoff: float) -> float:
 
 def _response(motion: Motion, cutoff: float) -> Array:
     """Return the frequency response of ``_low_passed``, which has no phase, from zero to half the sampling rate."""
-    from scipy.signal import sosfreqz
-
     low = _filter(motion, cutoff)
-    return np.ones(512) if low is None else np.asarray(np.abs(sosfreqz(low.sections(motion))[1]) ** 2)
+    return np.ones(512) if low is None else np.asarray(np.abs(response(low.sections(motion), 512)) ** 2)
 
 
 def _low_passed(motion: Motion, cutoff: float) -> Motion:

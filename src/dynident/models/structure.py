@@ -45,6 +45,15 @@ class Structure:
         """Return the structure of a regressor of which nothing is known."""
         return cls((np.arange(parameters),) * joints, (np.eye(parameters),) * joints)
 
+    def beside(self, more: int) -> Structure:
+        """Return the structure with ``more`` columns, after the others, of which nothing is known."""
+        p = self.maps[0].shape[1]
+        maps = [np.zeros((len(one) + more, p + more)) for one in self.maps]
+        for wide, one in zip(maps, self.maps, strict=True):
+            wide[: len(one), :p], wide[len(one) :, p:] = one, np.eye(more)
+        columns = (np.concatenate([one, np.arange(p, p + more)]) for one in self.columns)
+        return Structure(tuple(columns), tuple(maps))
+
     @cached_property
     def joint(self) -> Indices:
         """The joint of each entry (M), in the order of the joints."""

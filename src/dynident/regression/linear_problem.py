@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, brief
+from dynident.filters import butterworth, slowest_pole, zero_phase
 from dynident.log import Motion
 from dynident.models import Model, Structure
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
@@ -64,12 +65,10 @@ class ParallelFilter:
 
     def sections(self, motion: Motion) -> Array:
         """Return the filter's second-order sections for the mean rate of a motion."""
-        from scipy.signal import butter
-
         cutoff, of = self.cutoff_at(motion), "" if self.cutoff else f" for decimate = {self.decimate},"
         if wrong := cutoff_complaint(f"the parallel filter's cut-off{of}", cutoff, motion.t):
             raise ConfigError(f"{motion.source}: {wrong}")
-        return np.asarray(butter(self.order, cutoff, fs=_rate(motion), output="sos"))
+        return butterworth(self.order, cutoff, _rate(motion))
 
     def cutoff_at(self, motion: Motion) -> float:
         """Return the cut-off (Hz) for a motion."""
@@ -86,15 +85,12 @@ class ParallelFilter:
 
     def pad(self, sections: Array) -> int:
         """Return the number of samples in which the filter's response decays to about 1e-12."""
-        poles = np.concatenate([np.roots(row[3:]) for row in sections])
-        slowest = np.abs(poles).max(initial=0.1)  # a pole at zero has no logarithm
+        slowest = max(slowest_pole(sections), 0.1)  # a pole at zero has no logarithm
         return int(np.ceil(np.log(1e-12) / np.log(slowest)))
 
     def apply(self, sections: Array, x: Array, axis: int = 0) -> Array:
         """Return x filtered at all N samples of an axis, the first, not yet decimated; fastest along the last one."""
-        from scipy.signal import sosfiltfilt
-
-        return np.asarray(sosfiltfilt(sections, x, axis=axis, padlen=min(3 * self.order, x.shape[axis] - 1)))
+        return zero_phase(sections, x, min(3 * self.order, x.shape[axis] - 1), axis)
 
 
 def _rate(motion: Motion) -> float:

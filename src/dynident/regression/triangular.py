@@ -35,6 +35,11 @@ class EntryBlock:
 
     __repr__ = brief
 
+    def __post_init__(self) -> None:
+        shapes = self.entries.shape, self.tau.shape
+        if shapes != ((len(self.structure.joint), self.tau.shape[1]), (len(self.structure.columns), shapes[0][1])):
+            raise ValueError(f"the shapes {shapes} of entries and torque must match each other and the structure.")
+
     def used(self, joint: int) -> Array:
         """Return the rows (b_j + 1, B) of [Y_j | tau_j]', zero where they are not to be used; a new array."""
         part = self.structure.parts[joint]
@@ -53,10 +58,10 @@ class EntryBlock:
         parts = zip(self.structure.parts, self.structure.maps, strict=True)
         return np.stack([(one @ theta) @ self.entries[part] for part, one in parts])
 
-    def regressor(self) -> Array:
-        """Return Y (B, n, p)."""
-        parts = zip(self.structure.parts, self.structure.maps, strict=True)
-        return np.stack([self.entries[part].T @ one for part, one in parts], axis=1)
+    def regressor(self, directions: Array | None = None) -> Array:
+        """Return Y (B, n, p), or Y times ``directions`` (p, k)."""
+        maps = self.structure.maps if directions is None else [one @ directions for one in self.structure.maps]
+        return np.stack([self.entries[part].T @ one for part, one in zip(self.structure.parts, maps, strict=True)], 1)
 
 
 @dataclass(frozen=True, eq=False)

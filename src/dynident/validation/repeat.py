@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.filters import correlated
 from dynident.log import Log, Motion
 
 __all__ = ["REPEATED", "Repeat", "repeat_of"]
@@ -78,9 +79,7 @@ def _overlap(a: int, b: int) -> Array:
 
 def _differences(a: Array, b: Array) -> Array:
     """Return sum |a(k) - b(k + lag)|^2 over sum |a(k)|^2 at the lags -a + 1 to b - 1, over the common samples."""
-    from scipy.signal import correlate
-
-    crossed = sum(correlate(y, x, mode="full", method="fft") for x, y in zip(a.T, b.T, strict=True))
+    crossed = np.sum([correlated(x, y) for x, y in zip(a.T, b.T, strict=True)], axis=0)
     left, right = (np.concatenate(([0.0], np.cumsum(np.square(x).sum(axis=1)))) for x in (a, b))
     lags = np.arange(-len(a) + 1, len(b))
     start, stop = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)

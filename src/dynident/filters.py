@@ -100,7 +100,7 @@ def welch(x: Array, step: float, length: int) -> tuple[Array, Array]:
     power = np.square(np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)))
     power *= step / np.square(window).sum()
     power[:, 1 : -1 if length % 2 == 0 else None] *= 2
-    return np.fft.rfftfreq(length, step), np.asarray(power.mean(axis=0))
+    return np.asarray(np.fft.rfftfreq(length, step), dtype=np.float64), np.asarray(power.mean(axis=0))
 
 
 def correlated(x: Array, y: Array) -> Array:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +166,11 @@ class Regression:
         for _, _, block in self._placed(structure or self.model.structure, theta):
             yield block
 
+    @cached_property
+    def known(self) -> dict[Any, Any]:
+        """What is known of this regression from before, by what was asked."""
+        return {}
+
     def unbiased(self, bias: Array) -> Regression:
         """Return the regression whose solution is less by ``bias`` (p), with the factors that follow from these."""
         found = replace(self, bias=bias if self.bias is None else self.bias + bias)
@@ -206,13 +213,24 @@ class Regression:
         unknowns = len(self.model.parameters)
         if not unknowns:
             raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
-        found = factorise(self.entries(), self.model.structure)
+        found = self._remembered() or factorise(self.entries(), self.model.structure)
+        if self.motions and not self.weights and self.bias is None:
+            key = tuple(map(ref, self.motions)), self.model, self.filter, self.min_speed
+            _KNOWN[self.motions[0]] = key, found
         if found.total <= unknowns:
             raise InputError(
                 f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
                 f"{len(self.model.joints)} joints are too few for {unknowns} parameters; record longer."
             )
         return found
+
+    def _remembered(self) -> TriangularFactors | None:
+        """Return the factors of the same rows, where they are known from before."""
+        if not self.motions or self.weights or self.bias is not None or self.motions[0] not in _KNOWN:
+            return None
+        (motions, *how), found = _KNOWN[self.motions[0]]
+        same = len(motions) == len(self.motions) and all(a() is b for a, b in zip(motions, self.motions, strict=True))
+        return found if same and how[0] is self.model and how[1:] == [self.filter, self.min_speed] else None
 
     def _rows(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
         states = motion.q[rows], motion.dq[rows], motion.ddq[rows]
@@ -223,6 +241,9 @@ class Regression:
 
 
 Rows = Callable[[Motion, slice], EntryBlock]
+Known = tuple[tuple[Any, ...], TriangularFactors]
+# the factors of the last regression on each motion, for as long as it lives: the checks ask for those of the fit again
+_KNOWN: WeakKeyDictionary[Motion, Known] = WeakKeyDictionary()
 
 
 def _plain(motion: Motion, part: slice, rows: Rows) -> Iterator[tuple[slice, EntryBlock]]:

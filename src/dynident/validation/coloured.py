@@ -9,6 +9,7 @@ residual; v and rho are those for which the expected residual has the variance a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,11 +37,13 @@ def correlated_std(
     slopes: Sequence[Array] = (),
 ) -> Array:
     """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured."""
-    longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
-    try:
-        return np.maximum(longrun, coloured_std(regression, theta, weights, columns))
-    except np.linalg.LinAlgError:  # nearly dependent columns
-        return longrun
+    asked = tuple(None if one is None else np.asarray(one).tobytes() for one in (theta, weights, columns, *slopes))
+    if asked not in regression.known:  # the bias by errors of the motion is compared with them first
+        longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
+        with suppress(np.linalg.LinAlgError):  # nearly dependent columns
+            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns))
+        regression.known[asked] = longrun
+    return np.asarray(regression.known[asked])
 
 
 def coloured_std(

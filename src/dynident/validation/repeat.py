@@ -96,8 +96,11 @@ def _at(one: Log | Motion, other: Log | Motion, lag: float, span: Array, every: 
         return Repeat(lag, np.inf, np.inf)
     errors = []
     ones = np.ones(len(span))
+    # one search for all columns, as np.interp does for each
+    k = np.clip(np.searchsorted(u, t[use], side="right") - 1, 0, len(u) - 2)
+    share = ((t[use] - u[k]) / (u[k + 1] - u[k]))[:, None]
     for mine, its, about, unit in ((one.tau, other.tau, 0.0, ones), (one.q, other.q, one.q.mean(axis=0), span)):
-        twin, own = np.column_stack([np.interp(t[use], u, x) for x in its.T]), mine[::every][use]
+        twin, own = its[k] + share * (its[k + 1] - its[k]), mine[::every][use]
         size = float(np.linalg.norm((own - about) / unit))
         errors.append(100.0 * float(np.linalg.norm((own - twin) / unit)) / size if size > 0 else np.inf)
     return Repeat(lag, *errors)

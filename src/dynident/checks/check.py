@@ -109,12 +109,11 @@ def run_checks(
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say)
-    findings += repeat_findings(logs)
-    if sound["train"]:
+    with one_thread():
+        whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say)
+        findings += repeat_findings(logs)
         try:
-            with one_thread():
-                whole = _moving(whole, model, sound, recipe, findings, motions, say)
+            whole = _moving(whole, model, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)

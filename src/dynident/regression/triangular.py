@@ -7,8 +7,10 @@ end.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -76,6 +78,11 @@ class TriangularFactors:
 
     __repr__ = brief
 
+    @cached_property
+    def known(self) -> dict[Any, Any]:
+        """What is known of these factors from before, by what was asked."""
+        return {}
+
     @property
     def samples(self) -> int:
         """The largest number of rows of a joint."""
@@ -141,6 +148,29 @@ def _controller() -> Any:
     return ThreadpoolController()
 
 
-def one_thread() -> Any:
+class _OneThread:
+    """The limit of BLAS to one thread, set by the first who asks for it and taken back by the last."""
+
+    def __init__(self) -> None:
+        self._lock, self._users = Lock(), 0
+        self._limit: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._users += 1
+            if self._users == 1:
+                self._limit = _controller().limit(limits=1, user_api="blas")
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                self._limit.restore_original_limits()
+
+
+_ONE_THREAD = _OneThread()
+
+
+def one_thread() -> AbstractContextManager[None]:
     """Limit BLAS to one thread: with several, the many small factorisations run several times slower."""
-    return _controller().limit(limits=1, user_api="blas")
+    return _ONE_THREAD

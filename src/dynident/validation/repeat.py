@@ -101,6 +101,6 @@ def _at(one: Log | Motion, other: Log | Motion, lag: float, span: Array, every: 
     share = ((t[use] - u[k]) / (u[k + 1] - u[k]))[:, None]
     for mine, its, about, unit in ((one.tau, other.tau, 0.0, ones), (one.q, other.q, one.q.mean(axis=0), span)):
         twin, own = its[k] + share * (its[k + 1] - its[k]), mine[::every][use]
-        size = float(np.linalg.norm((own - about) / unit))
-        errors.append(100.0 * float(np.linalg.norm((own - twin) / unit)) / size if size > 0 else np.inf)
+        size, left = (float(np.sqrt(np.square(x / unit).sum())) for x in (own - about, own - twin))
+        errors.append(100.0 * left / size if size > 0 else np.inf)
     return Repeat(lag, *errors)

@@ -111,7 +111,8 @@ class RegressorBlock:
 
     def entries(self, whole: Structure) -> EntryBlock:
         """Return the block by all of its entries."""
-        rows = self.Y.transpose(1, 2, 0).reshape(-1, len(self.Y))
+        samples, joints, parameters = self.Y.shape
+        rows = self.Y.transpose(1, 2, 0).reshape(joints * parameters, samples)
         return EntryBlock(whole, rows, self.tau.T, None if self.keep is None else self.keep.T)
 
 

@@ -123,7 +123,7 @@ def factorise(blocks: Iterable[EntryBlock], structure: Structure) -> TriangularF
     found = [np.zeros((size, size), order="F") for size in sizes]
     count = np.zeros(len(sizes), dtype=int)
     with one_thread():
-        for block in blocks:
+        for block in (one for one in blocks if one.tau.size):
             for j, (R, size) in enumerate(zip(found, sizes, strict=True)):
                 dtpqrt(0, min(PANEL, size), R, block.used(j).T, overwrite_a=1, overwrite_b=1)  # the new R is in R
             count += block.tau.shape[1] if block.keep is None else block.keep.sum(axis=1)

@@ -125,7 +125,11 @@ def factorise(blocks: Iterable[EntryBlock], structure: Structure) -> TriangularF
     with one_thread():
         for block in (one for one in blocks if one.tau.size):
             for j, (R, size) in enumerate(zip(found, sizes, strict=True)):
-                dtpqrt(0, min(PANEL, size), R, block.used(j).T, overwrite_a=1, overwrite_b=1)  # the new R is in R
+                rows = block.used(j).T
+                if size < 2 * PANEL:
+                    R[:] = np.linalg.qr(np.concatenate((R, rows)), mode="r")
+                else:  # keeps R triangular, which is faster where there are more columns; the new R is in R
+                    dtpqrt(0, PANEL, R, rows, overwrite_a=1, overwrite_b=1)
             count += block.tau.shape[1] if block.keep is None else block.keep.sum(axis=1)
         factors = [_expanded(np.triu(R), one) for R, one in zip(found, structure.maps, strict=True)]
     return TriangularFactors(np.stack(factors), count)

@@ -100,6 +100,13 @@ class PerJoint(ABC):
         out[:, joints, range(len(joints))] = self.shape(rate[:, joints])
         return out
 
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:  # noqa: ARG002
+        """Return Y theta, shape (N, n), for one theta (p)."""
+        joints, rate = self._columns, dq if self.of == "dq" else ddq
+        out = np.zeros(rate.shape)
+        out[:, joints] = self.shape(rate[:, joints]) * theta
+        return out
+
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n); only that by ``of`` is not zero."""
         joints, zero = self._columns, np.zeros((*dq.shape, dq.shape[1]))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
 from dynident.models.structure import Structure, is_selective, structure_of, support_of
-from dynident.models.term import HasGravity, HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term
+from dynident.models.term import HasGravity, HasLimits, HasNotes, Joint, Parameter, Partials, Recursive, Term, declares
 
 __all__ = ["MassMatrixCheck", "Model"]
 
@@ -259,7 +259,7 @@ class Model:
 
     @cached_property
     def _recursive(self) -> list[bool]:
-        return [isinstance(term, Recursive) for term in self.terms]
+        return [isinstance(term, Recursive) and declares(term, "torque") for term in self.terms]
 
     def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         if theta.ndim == 2 or not any(self._recursive):

@@ -230,8 +230,10 @@ class HasNumpySource(Protocol):
 
 
 def declares(term: Term, name: str) -> bool:
-    """Return whether a term says something (``support``, ``entries``) of the regressor that it has: a subclass with a
-    regressor of its own does not inherit it."""
+    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has.
+
+    A subclass with a regressor of its own does not inherit it.
+    """
     order = type(term).__mro__
     first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, "regressor")}
     own, regressor = first[name], first["regressor"]

@@ -23,8 +23,8 @@ from dynident.filters import one_pole
 from dynident.log import Log, Motion, pieces
 from dynident.models import Model
 from dynident.regression import Regression, base_parameters, base_std
-from dynident.smoothers import Smoother, as_used, unshifted
-from dynident.splines import NORMAL_95, coloured_noise, noise_sigma
+from dynident.smoothers import Smoother, as_used, position_noise, unshifted
+from dynident.splines import NORMAL_95, coloured_noise
 from dynident.validation import correlated_std
 
 __all__ = ["MotionErrors", "motion_errors", "repeated"]
@@ -247,7 +247,7 @@ def _noise(log: Log, smoothed: Motion) -> tuple[Array, Array]:
     """Return deviation and correlation of neighbours (n) of the noise in the positions of a log."""
     widths = smoothed.smoothing.get("bandwidth")
     if widths is None:
-        sigma = noise_sigma(log.t, log.q)
+        sigma = position_noise(log)
         return sigma, np.zeros_like(sigma)
     return coloured_noise(log.t, log.q, log.q - smoothed.q, np.array(widths))
 

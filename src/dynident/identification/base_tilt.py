@@ -122,10 +122,15 @@ def _affine(
         np.stack([one.entries - first.entries for one in some]) for first, *some in zip(none, *along, strict=True)
     ]
 
+    pulled = [slope.any(axis=(0, 2)) for slope in slopes]  # gravity acts on masses and their centres alone
+    slopes = [slope[:, rows] for slope, rows in zip(slopes, pulled, strict=True)]
+
     def under(gravity: Array) -> Iterator[EntryBlock]:
         share = gravity[0] / unit
-        for block, slope in zip(none, slopes, strict=True):
-            yield replace(block, entries=block.entries + np.tensordot(share, slope, 1))
+        for block, slope, rows in zip(none, slopes, pulled, strict=True):
+            entries = block.entries.copy()
+            entries[rows] += np.tensordot(share, slope, 1)
+            yield replace(block, entries=entries)
 
     exact = Regression(model, motions, min_speed=min_speed).entries(structure)
     pairs = zip(under(now), exact, strict=True)

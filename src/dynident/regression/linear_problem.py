@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-BLOCK = 4096
+BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
 HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
 
 

@@ -76,10 +76,11 @@ class ParallelFilter:
         """Return the cut-off (Hz) for a motion."""
         return self.cutoff or 0.4 * _rate(motion) / self.decimate
 
-    def filtered(self, motion: Motion) -> Motion:
-        """Return a motion with q, dq, ddq and tau filtered in each stretch of usable samples, and not decimated."""
+    def filtered(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
+        """Return a motion with q, dq, ddq and tau filtered in each stretch of usable samples, and not decimated; or only
+        some of these ``channels``."""
         sections = self.sections(motion)
-        series = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "tau")}
+        series = {name: getattr(motion, name).copy() for name in channels}
         for part in stretches(motion.mask):
             for x in series.values() if part.stop - part.start > 1 else ():
                 x[part] = self.apply(sections, x[part])

@@ -77,8 +77,7 @@ class ParallelFilter:
         return self.cutoff or 0.4 * _rate(motion) / self.decimate
 
     def filtered(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
-        """Return a motion with q, dq, ddq and tau filtered in each stretch of usable samples, and not decimated; or only
-        some of these ``channels``."""
+        """Return a motion with its ``channels`` filtered in each stretch of usable samples, and not decimated."""
         sections = self.sections(motion)
         series = {name: getattr(motion, name).copy() for name in channels}
         for part in stretches(motion.mask):

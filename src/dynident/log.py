@@ -56,8 +56,8 @@ def _matrix(value: ArrayLike, rows: int, columns: int, name: str, source: str) -
             f"{source}: {name} has shape {array.shape}, expected ({rows}, {columns}): "
             "one row per time stamp and one column per joint."
         )
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))
         i, j = bad[0]
         raise InputError(
             f"{source}: {name}[{i}, {j}] is {array[i, j]} ({len(bad)} non-finite values in all). "

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import find_base_tilt, mounted
+from dynident.identification import base_tilt, find_base_tilt, mounted
 from dynident.log import Motion
 from dynident.models import Model, RigidBodies, Viscous
 from dynident.models.gallery import two_link_arm
@@ -105,6 +107,26 @@ def test_a_tilt_that_no_motion_shows_is_left_level() -> None:
     found = find_base_tilt(model, [motion], LeastSquares())
     assert abs(found.x) < 4 * found.std[0]
     assert abs(found.y) < 4 * found.std[1]
+
+
+def test_four_gravities_tell_what_each_trial_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, motion = tilted(0.02, -0.035)
+    quick = find_base_tilt(model, [motion], LeastSquares())
+    monkeypatch.setattr(base_tilt, "_affine", lambda *_: None)
+    slow = find_base_tilt(model, [motion], LeastSquares())
+    for one, other in zip((quick.x, quick.y, *quick.std), (slow.x, slow.y, *slow.std), strict=True):
+        assert one == pytest.approx(other, rel=1e-8)
+
+
+def test_rows_that_are_not_affine_in_gravity_are_made_anew() -> None:
+    class Bent(RigidBodies):
+        def regressor(self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> Any:
+            return super().regressor(q, dq, ddq) * (1.0 + np.linalg.norm(self.gravity[:2]) ** 2)
+
+    model, motion = tilted(0.02, -0.035)
+    assert base_tilt._affine(mounted(model, 0.1, 0.1), (motion,), None) is not None
+    bent = replace(model, terms=(Bent(ARM), *model.terms[1:]))
+    assert base_tilt._affine(mounted(bent, 0.1, 0.1), (motion,), None) is None
 
 
 def test_torques_that_are_all_zero_show_no_tilt() -> None:

@@ -11,6 +11,8 @@ import pytest
 from dynident.errors import Step
 from dynident.estimators import LeastSquares
 from dynident.identification import Pairing, Recipe, find_time_offset, identify, pair
+from dynident.identification import time_offset as module
+from dynident.identification.smoother_choice import choose_smoother
 from dynident.identification.time_offset import NEAR, TRIALS, _least
 from dynident.log import Motion
 from dynident.models import Model, record, simulate
@@ -199,6 +201,25 @@ def test_a_given_time_offset_is_used_as_it_is() -> None:
     arm, motion = swing()
     log = record(motion, 1e-5, 1e-2, np.random.default_rng(1)).log
     assert pair(arm, [log], [Spline()], 0.004, LeastSquares()) == Pairing(TimeShifted(Spline(), 0.004))
+
+
+def test_each_smoother_is_used_once_on_each_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm, motion = swing()
+    late = record(
+        replace(motion, q=motion.shifted(-0.004).q), sigma_q=1e-4, sigma_tau=0.02, rng=np.random.default_rng(0)
+    )
+    used: list[float] = []
+    original = Spline.__call__
+    monkeypatch.setattr(Spline, "__call__", lambda self, log: used.append(self.factor) or original(self, log))
+    candidates = [Spline(factor=factor) for factor in (1.0, 1.5)]
+    monkeypatch.setattr(module, "repeated", lambda *_: ())  # it smooths other logs
+    found = pair(arm, [late.log], candidates, "estimate", LeastSquares())
+    assert found.time_offset is not None
+    assert found.time_offset.seconds
+    assert used == [1.0, 1.5]
+    assert isinstance(found.smoother, TimeShifted)
+    again = choose_smoother(arm, [late.log], found.choice.candidates if found.choice else ())
+    assert again == found.choice
 
 
 def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.MonkeyPatch) -> None:

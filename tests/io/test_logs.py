@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ConfigError, InputError
+from dynident.io import logs
 from dynident.io.config import parse_config
 from dynident.io.logs import read_logs
 from dynident.models import Joint
@@ -206,3 +207,22 @@ def test_gaps_that_leave_nothing_are_refused(tmp_path):
 def test_channels_are_checked_against_the_joints(tmp_path):
     with pytest.raises(ConfigError, match="there is no joint 'elbow'"):
         read(tmp_path, recording(), joints=(Joint("wrist"),))
+
+
+def test_a_recording_of_which_several_parts_are_used_is_read_once(tmp_path, monkeypatch):
+    written(tmp_path, "log.csv", "t,a,b\n" + "".join(f"{0.01 * k:.2f},{0.1 * k:.1f},{k}\n" for k in range(60)))
+    read = []
+    original = logs.read_columns
+    monkeypatch.setattr(logs, "read_columns", lambda path, *rest: read.append(path) or original(path, *rest))
+    text = """
+        model: arm.urdf
+        time: { column: t, unit: s }
+        position: { a: { column: a, unit: rad } }
+        torque: { a: { column: b, unit: N m } }
+        train: [{ file: log.csv, window: [0, 0.3] }, { file: log.csv, name: again, window: [0, 0.2] }]
+        validation: [{ file: log.csv, window: [0.3, 0.59] }]
+    """
+    config = parse_config(textwrap.dedent(text), tmp_path)
+    roles, _ = logs.read_found(config, (Joint("a"),))
+    assert [len(one) for named in roles.values() for one in named.values()] == [31, 21, 30]
+    assert len(read) == 1

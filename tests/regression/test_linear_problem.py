@@ -95,6 +95,29 @@ def test_blocks_can_be_asked_for_again() -> None:
     assert made.triangular_factors is made.triangular_factors
 
 
+def test_factors_of_the_same_rows_are_remembered() -> None:
+    one, other = motion(50), motion(50)
+    found = Regression(ARM, (one,)).triangular_factors
+    assert Regression(ARM, (one,)).triangular_factors is found
+    for different in (
+        Regression(ARM, (other,)),
+        Regression(ARM, (one, other)),
+        Regression(replace(ARM, name="another"), (one,)),
+        Regression(ARM, (one,), ParallelFilter(decimate=2)),
+        Regression(ARM, (one,), min_speed=(0.1, 0.1)),
+        Regression(ARM, (one,), weights=(np.ones((50, 2)),)),
+        Regression(ARM, (one,), bias=np.ones(len(THETA))),
+    ):
+        before = Regression(ARM, (one,)).triangular_factors
+        assert different.triangular_factors is not before
+
+
+def test_residuals_are_rows_of_their_own() -> None:
+    made = Regression(ARM, (motion(50),), ParallelFilter(decimate=2), bias=0.1 * THETA)
+    (one,), (left,) = made.blocks(), made.entries(theta=THETA)
+    np.testing.assert_allclose(left.tau.T, one.tau - one.Y @ THETA, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("mask", "runs"),
     [

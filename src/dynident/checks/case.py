@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.filters import response
 from dynident.log import Motion, subsample
 from dynident.models import Model
 from dynident.regression import ParallelFilter, fast_enough, fitted_rows
@@ -68,8 +69,9 @@ def case_of(
         np.concatenate([getattr(one, name)[kept] for one, kept in pairs]) for name in ("q", "dq", "ddq", "tau")
     )
     jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in pairs]
-    keep = [steady(one, RESPONSE / cutoff)[kept] & _fitted(one, min_speed, kept) for one, kept in pairs]
-    noise = _noise(motions, slow, cutoff)
+    calm = [steady(one, RESPONSE / cutoff) for one in slow]
+    keep = [away[kept] & _fitted(one, min_speed, kept) for away, (one, kept) in zip(calm, pairs, strict=True)]
+    noise = _noise(motions, slow, calm, cutoff)
     return Case(model, q, dq, ddq, np.concatenate(jerks), tau, np.concatenate(keep), tuple(map(len, rows)), noise)
 
 
@@ -88,14 +90,16 @@ def _fitted(motion: Motion, min_speed: tuple[float, ...] | None, rows: NDArray[n
     return np.ones((len(rows), motion.q.shape[1]), dtype=bool) if kept is None else kept[rows]
 
 
-def _noise(motions: Sequence[Motion], slow: Sequence[Motion], cutoff: float) -> Array:
-    """Return the variance (n) of white noise in the low-passed torques, from the octave above the cut-off."""
+def _noise(
+    motions: Sequence[Motion], slow: Sequence[Motion], calm: Sequence[NDArray[np.bool_]], cutoff: float
+) -> Array:
+    """Return the variance (n) of white noise in the low-passed torques, from the octave above the cut-off, where the
+    joints are ``calm`` (N, n)."""
     total, count = np.zeros(motions[0].q.shape[1]), 0
-    for motion, one in zip(motions, slow, strict=True):
-        calm = steady(one, RESPONSE / cutoff)
-        above = np.where(calm, _low_passed(motion, 2.0 * cutoff).tau - one.tau, 0.0)
+    for motion, one, away in zip(motions, slow, calm, strict=True):
+        above = np.where(away, _low_passed(motion, 2.0 * cutoff, ("tau",)).tau - one.tau, 0.0)
         total += _white(motion, cutoff) * np.square(above).sum(axis=0)
-        count = count + calm.sum(axis=0)
+        count = count + away.sum(axis=0)
     return np.asarray(total / np.maximum(count, 1))
 
 
@@ -118,15 +122,13 @@ def _white(motion: Motion, cutoff: float) -> float:
 
 def _response(motion: Motion, cutoff: float) -> Array:
     """Return the frequency response of ``_low_passed``, which has no phase, from zero to half the sampling rate."""
-    from scipy.signal import sosfreqz
-
     low = _filter(motion, cutoff)
-    return np.ones(512) if low is None else np.asarray(np.abs(sosfreqz(low.sections(motion))[1]) ** 2)
+    return np.ones(512) if low is None else np.asarray(np.abs(response(low.sections(motion), 512)) ** 2)
 
 
-def _low_passed(motion: Motion, cutoff: float) -> Motion:
+def _low_passed(motion: Motion, cutoff: float, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
     low = _filter(motion, cutoff)
-    return motion if low is None else low.filtered(motion)
+    return motion if low is None else low.filtered(motion, channels)
 
 
 def _filter(motion: Motion, cutoff: float) -> ParallelFilter | None:

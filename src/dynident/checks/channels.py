@@ -14,7 +14,7 @@ from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
 from dynident.log import Log
-from dynident.smoothers.outliers import repaired
+from dynident.smoothers import position_noise, repaired
 from dynident.splines import bridged, noise_sigma, stretches
 
 __all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
@@ -218,7 +218,7 @@ def _rests(log: Log) -> NDArray[np.bool_]:
     size = min(max(5, round(_BLOCK / float(np.median(np.diff(log.t))))), len(log))
     count = len(log) // size
     reach = np.ptp(log.q[: count * size].reshape(count, size, -1), axis=1)
-    floor = np.maximum(8 * noise_sigma(log.t, log.q), 0.01 * np.percentile(reach, 95, axis=0))
+    floor = np.maximum(8 * position_noise(log), 0.01 * np.percentile(reach, 95, axis=0))
     return np.asarray(reach <= floor)
 
 

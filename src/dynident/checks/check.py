@@ -84,16 +84,17 @@ def run_checks(
     multi_turn: Set[str] = frozenset(),
     found: Sequence[Finding] = (),
     motions: Mapping[str, Mapping[str, Motion]] | None = None,
+    described: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
     ``logs`` are given by role ("train", "validation") and name; their joints are matched by name. ``recipe`` smooths
     them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
-    add, from reading the files; ``motions`` are the logs by role and name where they have been smoothed before;
-    ``progress`` is called with a few words before each step. Logs with an error are left
-    out of the checks of the motion. A stage that fails is a finding, so that none of its errors is raised; raises
-    InputError where a log lacks a joint of the model.
+    add, from reading the files; ``motions`` are the logs by role and name where they have been smoothed before; without
+    ``described`` the result has no statistics of the channels, which no finding needs; ``progress`` is called with a
+    few words before each step. Logs with an error are left out of the checks of the motion. A stage that
+    fails is a finding, so that none of its errors is raised; raises InputError where a log lacks a joint of the model.
 
     >>> import numpy as np
     >>> from dynident.models import simulate
@@ -109,12 +110,11 @@ def run_checks(
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say)
-    findings += repeat_findings(logs)
-    if sound["train"]:
+    with one_thread():
+        whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
+        findings += repeat_findings(logs)
         try:
-            with one_thread():
-                whole = _moving(whole, model, sound, recipe, findings, motions, say)
+            whole = _moving(whole, model, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     order = list(Severity)
@@ -138,7 +138,9 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     recipe = replace(recipe, base_tilt=identification.recipe.base_tilt)  # as it was found
-    found = run_checks(model, logs, recipe, multi_turn=multi_turn, motions=motions, progress=progress).findings
+    found = run_checks(
+        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress
+    ).findings
     warned = tuple(one for one in found if one.severity is not Severity.INFO)
     return replace(identification, warnings=(*identification.warnings, *warned))
 
@@ -150,6 +152,8 @@ def _recorded(
     recipe: Recipe,
     findings: list[Finding],
     progress: Callable[[str], None],
+    *,
+    described: bool,
 ) -> tuple[CheckResult, dict[str, list[Log]]]:
     """Return the result of checking each log, and by role the logs without an error; adds to the findings."""
     kinds = {joint.name: joint.kind for joint in model.joints}
@@ -165,7 +169,7 @@ def _recorded(
             found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")
             findings += found
             timings[name] = timing(log)
-            if len(log) >= MINIMUM_SAMPLES:
+            if described and len(log) >= MINIMUM_SAMPLES:
                 facts[name] = channels(log, suspects(log).positions if recipe.outliers == "mask" else None)
             if not any(one.severity == "error" for one in found):
                 sound[role].append(log)
@@ -212,7 +216,9 @@ def _moving(
     if masked:
         pairs = zip(every, outliers, strict=True)
         clean = {
-            log.source: channels(log, suspects(log).positions, one.masked) for log, one in pairs if one is not None
+            log.source: channels(log, suspects(log).positions, one.masked)
+            for log, one in pairs
+            if one is not None and whole.channels
         }
         whole = replace(whole, channels={**whole.channels, **clean})
         recorded = [without(*one) for one in zip(recorded, outliers, every, strict=True)]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynident.checks.case import Case
 from dynident.errors import brief
 from dynident.models import Model, Parameter
-from dynident.regression import Rank, TriangularFactors, rank_of
+from dynident.regression import EntryBlock, Rank, TriangularFactors, factorise, rank_of
 from dynident.validation import long_run
 
 __all__ = ["Evidence", "Misfit", "misfit"]
@@ -164,9 +164,8 @@ def misfit(case: Case, weight: Array | None = None) -> Misfit:
     Each joint counts by one over the standard deviation of its residual, or by ``weight`` (n).
     """
     (rows, n), own = case.q.shape, len(case.model.parameters)
-    Y = case.model.regressor(case.q, case.dq, case.ddq) * np.broadcast_to(case.gain, n)[:, None]
-    Y = np.concatenate([Y, *(one[:, :, None] for one in case.extra)], axis=2)
-    factors = _factors(Y, case)
+    block = _block(case)
+    factors = factorise([block], block.structure)
     size = np.sqrt(np.square(case.tau).mean(axis=0))
     floor = FLOOR * np.where(size > 0, size, size.max(initial=0.0) or 1.0)
     given, weight = weight is not None, 1.0 / np.maximum(size, floor) if weight is None else weight
@@ -176,17 +175,23 @@ def misfit(case: Case, weight: Array | None = None) -> Misfit:
         weight = 1.0 / np.maximum(deviation, floor)
         theta, rank = _solved(factors, weight, case, rank.unweighted or rank)
     W = np.where(case.keep, weight, 0.0)
-    basis = (Y * W[:, :, None]).reshape(rows * n, -1) @ (rank.determined / rank.values[: rank.rank])
+    basis = (block.times(W.T).regressor(rank.determined / rank.values[: rank.rank])).reshape(rows * n, -1)
     left = (case.tau * W).ravel()
     for _ in range(2):  # once more for the digits
         left = left - basis @ (basis.T @ left)
-    return Misfit(case, _completed(theta, case.model, rank), theta[own:], W, basis, left.reshape(rows, n), Y @ theta)
+    found = _completed(theta, case.model, rank)
+    return Misfit(case, found, theta[own:], W, basis, left.reshape(rows, n), block.torque(theta).T)
 
 
-def _factors(Y: Array, case: Case) -> TriangularFactors:
-    """Return the triangular factors of a regressor (M, n, p) and the torque, in the samples that count."""
-    each = np.concatenate([Y, case.tau[:, :, None]], axis=2) * case.keep[:, :, None]
-    return TriangularFactors(np.asarray(np.linalg.qr(each.swapaxes(0, 1), mode="r")), case.keep.sum(axis=0))
+def _block(case: Case) -> EntryBlock:
+    """Return the rows of a case, with the columns beside those of the model."""
+    own, n = case.model.structure, case.q.shape[1]
+    entries = case.model.entries(case.q, case.dq, case.ddq, own.joint, own.parameter)
+    entries *= np.broadcast_to(case.gain, n)[own.joint, None]
+    rows = [
+        row for j, part in enumerate(own.parts) for row in (entries[part], *(one[None, :, j] for one in case.extra))
+    ]
+    return EntryBlock(own.beside(len(case.extra)), np.concatenate(rows), case.tau.T, case.keep.T)
 
 
 def _solved(factors: TriangularFactors, weight: Array, case: Case, shown: Rank | None = None) -> tuple[Array, Rank]:

@@ -108,9 +108,13 @@ def weighted(
 
     What the motion shows does not depend on the weights: the directions are those without them.
     """
-    shown = rank_of(triangular.stacked(), parameters, tolerance)
     factor = triangular.stacked(weights)
-    return factor, rank_of(factor, parameters, tolerance, None if np.ptp(weights) == 0 else shown)
+    if np.ptp(weights) == 0:
+        return factor, rank_of(factor, parameters, tolerance)
+    key = tuple(parameters), tolerance  # asked at each step of the weights
+    if key not in triangular.known:
+        triangular.known[key] = rank_of(triangular.stacked(), parameters, tolerance)
+    return factor, rank_of(factor, parameters, tolerance, triangular.known[key])
 
 
 def check_weights(weights: str, iterations: int) -> None:

@@ -6,8 +6,9 @@ the search has two unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -17,13 +18,14 @@ from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
-from dynident.models import HasGravity, Model
-from dynident.regression import Regression, triangularise
+from dynident.models import HasGravity, Model, structure_of
+from dynident.regression import EntryBlock, Regression, factorise
 
 __all__ = ["BaseTilt", "find_base_tilt", "mounted"]
 
 Array = NDArray[np.float64]
 STEEPEST = 0.2  # rad: a larger tilt is intended mounting
+EXACT = 1e-10  # of the largest entry: to what the rows must be affine in gravity
 START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
@@ -65,18 +67,18 @@ def find_base_tilt(
 
     thin = thinned(motions, trial_samples(model))
     fast = quick(estimator)
+    under = _affine(mounted(model, START, START), thin, min_speed)
 
     def residual(tilt: Array) -> Array:
         """Return what the fit leaves of the torque with the base so tilted."""
         turned = mounted(model, *tilt)
         regression = Regression(turned, thin, min_speed=min_speed)
-        blocks = list(regression.blocks())  # few rows, needed twice: for the factors and for the residual
-        regression.__dict__["triangular_factors"] = triangularise(
-            iter(blocks), len(model.joints), len(model.parameters)
-        )
+        # few rows, needed twice: for the factors and for the residual
+        blocks = list(regression.entries() if under is None else under(_gravity(turned)))
+        regression.__dict__["triangular_factors"] = factorise(blocks, blocks[0].structure)
         value = fast(Problem(turned, thin, regression)).value
-        parts = [(one.tau - one.Y @ value) * (1.0 if one.keep is None else one.keep) for one in blocks]
-        return np.concatenate(parts).ravel()
+        parts = [(one.tau - one.torque(value)) * (1.0 if one.keep is None else one.keep) for one in blocks]
+        return np.concatenate(parts, axis=1).ravel()
 
     level = residual(np.zeros(2))
     torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
@@ -92,3 +94,46 @@ def find_base_tilt(
     left = (float(np.linalg.norm(r)) for r in (level, residual(np.array([x, y]))))
     before, after = (100.0 * one / torque if torque > 0 else 0.0 for one in left)
     return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
+
+
+def _gravity(model: Model) -> Array:
+    """Return the gravity (k, 3) of the terms that have one."""
+    return np.array([term.gravity for term in model.terms if isinstance(term, HasGravity)])
+
+
+def _affine(
+    model: Model, motions: tuple[Motion, ...], min_speed: tuple[float, ...] | None
+) -> Callable[[Array], Iterator[EntryBlock]] | None:
+    """Return a function from gravity (k, 3) to the rows: they are affine in it, so that four gravities tell all others.
+
+    None where the terms differ in their gravity, or the rows under that of ``model`` are not those of the function.
+    """
+    now = _gravity(model)
+    if not (now == now[0]).all() or not now.any():
+        return None
+    unit = float(np.linalg.norm(now[0]))
+    known = [
+        model.with_gravity(partial(np.add, one))
+        for one in np.concatenate([np.zeros((1, 3)), unit * np.eye(3)]) - now[0]
+    ]
+    structure = structure_of(known)
+    none, *along = (list(Regression(one, motions, min_speed=min_speed).entries(structure)) for one in known)
+    slopes = [
+        np.stack([one.entries - first.entries for one in some]) for first, *some in zip(none, *along, strict=True)
+    ]
+
+    pulled = [slope.any(axis=(0, 2)) for slope in slopes]  # gravity acts on masses and their centres alone
+    slopes = [slope[:, rows] for slope, rows in zip(slopes, pulled, strict=True)]
+
+    def under(gravity: Array) -> Iterator[EntryBlock]:
+        share = gravity[0] / unit
+        for block, slope, rows in zip(none, slopes, pulled, strict=True):
+            entries = block.entries.copy()
+            entries[rows] += np.tensordot(share, slope, 1)
+            yield replace(block, entries=entries)
+
+    exact = Regression(model, motions, min_speed=min_speed).entries(structure)
+    pairs = zip(under(now), exact, strict=True)
+    return (
+        under if all(np.abs(a.entries - b.entries).max() <= EXACT * np.abs(b.entries).max() for a, b in pairs) else None
+    )

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, ModelError, brief, called
 from dynident.estimators import Estimate
 from dynident.estimators.least_squares import solve, weighted
+from dynident.filters import one_pole
 from dynident.log import Log, Motion, pieces
 from dynident.models import Model
 from dynident.regression import Regression, base_parameters, base_std
-from dynident.smoothers import Smoother, as_used, unshifted
-from dynident.splines import NORMAL_95, coloured_noise, noise_sigma
+from dynident.smoothers import Smoother, as_used, position_noise, unshifted
+from dynident.splines import NORMAL_95, coloured_noise
 from dynident.validation import correlated_std
 
 __all__ = ["MotionErrors", "motion_errors", "repeated"]
@@ -72,11 +73,9 @@ class _Piece:
 
     def noise(self, rng: np.random.Generator) -> Array:
         """Draw noise like that of the positions (N, n)."""
-        from scipy.signal import lfilter
-
         lead = 200  # samples in which the start is forgotten
         white = rng.standard_normal((len(self.clean) + lead, len(self.sigma))) * np.sqrt(1 - self.rho**2)
-        columns = [lfilter([1.0], [1.0, -a], white[:, j])[lead:] for j, a in enumerate(self.rho)]
+        columns = [one_pole(float(a), white[:, j])[lead:] for j, a in enumerate(self.rho)]
         return np.stack(columns, axis=1) * self.sigma
 
     def again(self, e: Array) -> Motion:
@@ -248,7 +247,7 @@ def _noise(log: Log, smoothed: Motion) -> tuple[Array, Array]:
     """Return deviation and correlation of neighbours (n) of the noise in the positions of a log."""
     widths = smoothed.smoothing.get("bandwidth")
     if widths is None:
-        sigma = noise_sigma(log.t, log.q)
+        sigma = position_noise(log)
         return sigma, np.zeros_like(sigma)
     return coloured_noise(log.t, log.q, log.q - smoothed.q, np.array(widths))
 

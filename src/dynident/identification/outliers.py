@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,5 +178,8 @@ def _judged(motion: Motion, seen: Suspects, torque: Array, usual: Array) -> Torq
 
 def runs(found: Mask, x: Array) -> list[tuple[int, int]]:
     """Return start and stop of each run of what was found (N) with one value of x (N)."""
-    change = np.flatnonzero((np.diff(found.astype(np.int8)) != 0) | (np.diff(x) != 0)) + 1
-    return [(a, b) for a, b in pairwise([0, *change.tolist(), len(found)]) if found[a]]
+    goes_on = found[1:] & found[:-1] & (x[1:] == x[:-1])
+    start, stop = found.copy(), found.copy()
+    start[1:] &= ~goes_on
+    stop[:-1] &= ~goes_on
+    return list(zip(np.flatnonzero(start).tolist(), (np.flatnonzero(stop) + 1).tolist(), strict=True))

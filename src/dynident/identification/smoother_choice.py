@@ -13,7 +13,7 @@ from dynident.estimators.least_squares import solve
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
 from dynident.regression import Regression, TriangularFactors, rank_of
-from dynident.smoothers import Smoother, motion_of
+from dynident.smoothers import Smoother, TimeShifted, motion_of
 
 __all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
 
@@ -44,19 +44,21 @@ def choose_smoother(
     *,
     folds: int = 5,
     progress: Callable[[str], None] = lambda _: None,
+    known: dict[int, tuple[Motion, ...]] | None = None,
 ) -> Choice:
     """Return the candidate whose motion lets least squares predict the torque of left-out stretches of time best.
 
     The position noise determines the best smoothing of the position, not of its derivatives, and only if it is white;
     the torque error measures the derivatives. Every log is divided into ``folds`` stretches; each is predicted from all
     others, over the samples that are reliable for every candidate, against the unfiltered torque. Of candidates within
-    0.5 % of the least error the first is taken: list them from the least smoothing to the most. Raises the first error
+    0.5 % of the least error the first is taken: list them from the least smoothing to the most. ``known`` has the
+    motions of the logs' ``excerpts`` by the ``id`` of a smoother, and keeps new ones. Raises the first error
     where no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no
     candidate.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
-    tried = _tried(excerpts(logs), candidates, progress)
+    tried = _tried(excerpts(logs), candidates, progress, {} if known is None else known)
     masks = _common([motions for motions in tried if not isinstance(motions, InputError)], 10 * folds)
     errors = []
     for k, motions in enumerate(tried):
@@ -76,20 +78,32 @@ def choose_smoother(
 
 
 def _tried(
-    logs: Sequence[Log], candidates: Sequence[Smoother], progress: Callable[[str], None]
+    logs: Sequence[Log],
+    candidates: Sequence[Smoother],
+    progress: Callable[[str], None],
+    known: dict[int, tuple[Motion, ...]],
 ) -> list[tuple[Motion, ...] | InputError]:
     """Return the motions of the logs by each candidate, or why it has none; raises the first error where all fail."""
     tried: list[tuple[Motion, ...] | InputError] = []
     for k, smoother in enumerate(candidates):
         progress(Step("choosing the smoother", k, 2 * len(candidates)))  # the errors come after
         try:
-            tried.append(tuple(motion_of(smoother, log) for log in logs))
+            tried.append(_motions(smoother, logs, known))
         except InputError as error:
             tried.append(error)
     failed = [error for error in tried if isinstance(error, InputError)]
     if len(failed) == len(tried):
         raise failed[0]
     return tried
+
+
+def _motions(smoother: Smoother, logs: Sequence[Log], known: dict[int, tuple[Motion, ...]]) -> tuple[Motion, ...]:
+    """Return the motions of the logs; a smoother with a time offset shifts those without it, where they are known."""
+    bare = smoother.smoother if isinstance(smoother, TimeShifted) else smoother
+    if id(bare) not in known:
+        known[id(bare)] = tuple(motion_of(bare, log) for log in logs)
+    found = known[id(bare)]
+    return tuple(map(smoother.shifted, found)) if isinstance(smoother, TimeShifted) else found
 
 
 def _common(made: Sequence[tuple[Motion, ...]], least: int) -> list[NDArray[np.bool_]]:
@@ -120,11 +134,11 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
     parts = [
         Regression(model, tuple(_part(motion, k, folds) for motion in motions)).triangular_factors for k in range(folds)
     ]
+    stacked = np.stack([part.stacked() for part in parts])
+    rows = np.array([part.total for part in parts])
     wrong = total = 0.0
     for k, part in enumerate(parts):
-        others = np.concatenate([other.factors for j, other in enumerate(parts) if j != k])
-        rows = np.concatenate([other.rows for j, other in enumerate(parts) if j != k])
-        factor = TriangularFactors(others, rows).stacked()
+        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stacked()
         theta = solve(factor, rank_of(factor, model.parameters)).value
         wrong += float(part.residual(theta).sum())
         total += float(np.square(part.factors[:, :, -1]).sum())

@@ -77,12 +77,13 @@ def pair(
     Of several smoothers ``choose_smoother`` takes one, before the time offset is known and again with it.
     """
     choice: Choice | None = None
+    known: dict[int, tuple[Motion, ...]] = {}
 
     def chosen(candidates: Sequence[Smoother]) -> Smoother:
         if len(candidates) == 1:
             return candidates[0]
         nonlocal choice
-        choice = choose_smoother(model, logs, candidates, progress=progress)
+        choice = choose_smoother(model, logs, candidates, progress=progress, known=known)
         return choice.smoother
 
     if time_offset != "estimate":
@@ -91,7 +92,7 @@ def pair(
     best = chosen(smoothers)
     progress(Step("estimating the time offset"))
     some = excerpts(logs)
-    motions = [motion_of(best, log) for log in some]
+    motions = known.get(id(best)) or [motion_of(best, log) for log in some]
 
     def again(theta: Array) -> Sequence[Sequence[Motion]]:
         return repeated(model, some, motions, best, theta)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -47,14 +48,45 @@ class Reading:
     __repr__ = brief
 
 
-def read_logs(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
+class _Recordings:
+    """Reads each recording once, of which several parts are used; it is forgotten after the last of them."""
+
+    def __init__(self, specs: Sequence[LogSpec]) -> None:
+        self._left = Counter(map(self._key, specs))
+        self._tables: dict[str, tuple[Collection[str], DataTable]] = {}
+
+    def __call__(self, spec: LogSpec, needed: Collection[str]) -> DataTable:
+        """Return the table of a recording, as ``read_recording`` does."""
+        key = self._key(spec)
+        self._left[key] -= 1
+        known, table = self._tables.pop(key, (None, None))
+        if table is None or known != needed:
+            table = read_recording(spec, needed)
+        if self._left[key] > 0:
+            self._tables[key] = needed, table
+        return table
+
+    @staticmethod
+    def _key(spec: LogSpec) -> str:
+        return repr((spec.file, spec.width))
+
+
+def read_logs(
+    spec: LogSpec,
+    config: Config,
+    joints: Sequence[Joint],
+    *,
+    torque: bool = True,
+    read: Callable[[LogSpec, Collection[str]], DataTable] | None = None,
+) -> Reading:
     """Read one recording of the configuration, for the joints of the model and in their order.
 
     The logs have t in s, q in rad or m, tau in N m or N. Where ``torque`` is False, the recording need not have the
-    columns of the torques: it may lack all of them. Raises ConfigError where the channels do not fit the joints, and
+    columns of the torques: it may lack all of them. ``read`` is ``read_recording``, or in its place. Raises ConfigError
+    where the channels do not fit the joints, and
     InputError, with file, line and column, where the data cannot be used.
     """
-    reading = _read(spec, config, joints, torque=torque)
+    reading = _read(spec, config, joints, read or read_recording, torque=torque)
     warnings = list(reading.warnings)
     for piece in reading.logs:
         findings = _checked(piece, config, joints, ", ".join(map(str, spec.file.values())), reading.measured)
@@ -73,10 +105,11 @@ def read_roles(
     """
     logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
     warnings: list[str] = []
+    read = _Recordings([*config.train, *config.validation])
     for role, found in logs.items():
         for spec in getattr(config, role):
             progress(f"reading {spec.label}")
-            reading = read_logs(spec, config, joints)
+            reading = read_logs(spec, config, joints, read=read)
             for log in reading.logs:
                 if log.source in found:
                     raise ConfigError(f"{role}: two logs are called {log.source!r}; give one of them another `name`.")
@@ -95,11 +128,12 @@ def read_found(
     check_joints(config, joints)
     logs: dict[str, dict[str, Log]] = {"train": {}, "validation": {}}
     findings: list[Finding] = []
+    read = _Recordings([*config.train, *config.validation])
     for role, found in logs.items():
         for spec in getattr(config, role):
             progress(f"reading {spec.label}")
             try:
-                reading = _read(spec, config, joints)
+                reading = _read(spec, config, joints, read)
             except InputError as error:
                 findings.append(Finding(Severity.ERROR, None, str(error), source=spec.label))
                 continue
@@ -108,10 +142,17 @@ def read_found(
     return logs, tuple(findings)
 
 
-def _read(spec: LogSpec, config: Config, joints: Sequence[Joint], *, torque: bool = True) -> Reading:
+def _read(
+    spec: LogSpec,
+    config: Config,
+    joints: Sequence[Joint],
+    read: Callable[[LogSpec, Collection[str]], DataTable],
+    *,
+    torque: bool = True,
+) -> Reading:
     """Read one recording as ``read_logs`` does, without checking its logs."""
     check_joints(config, joints)
-    table = read_recording(spec, column_names(config, spec))
+    table = read(spec, column_names(config, spec))
     found = signals(table, config, joints, measured=torque or has_torques(table, config, joints))
     drive = controller(found, config.simulation, spec, joints) if torque else None
     logs: list[Log] = []

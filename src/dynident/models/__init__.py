@@ -15,6 +15,7 @@ from dynident.models.model import MassMatrixCheck, Model
 from dynident.models.motor import CoupledMotor, RotorInertia
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.simulation import Recording, record, simulate, simulate_many
+from dynident.models.structure import Structure, random_states, structure_of
 from dynident.models.term import (
     INERTIAL,
     HasGeometry,
@@ -25,11 +26,14 @@ from dynident.models.term import (
     HasNumpySource,
     HasRobotFile,
     HasSign,
+    HasSupport,
     Joint,
     Parameter,
     Partials,
     Recursive,
+    Selective,
     Term,
+    declares,
 )
 
 __all__ = [
@@ -44,6 +48,7 @@ __all__ = [
     "HasNumpySource",
     "HasRobotFile",
     "HasSign",
+    "HasSupport",
     "Joint",
     "Lagrangian",
     "MassMatrixCheck",
@@ -56,17 +61,22 @@ __all__ = [
     "Recursive",
     "RigidBodies",
     "RotorInertia",
+    "Selective",
+    "Structure",
     "Term",
     "Unknown",
     "Viscous",
     "consistency_violations",
+    "declares",
     "from_physical",
     "from_pseudo",
     "moved",
+    "random_states",
     "record",
     "simulate",
     "simulate_many",
     "smallest_eigenvalue",
+    "structure_of",
     "to_physical",
     "to_pseudo",
 ]

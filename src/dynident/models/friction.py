@@ -75,12 +75,36 @@ class PerJoint(ABC):
         units = [self.unit(joint) for joint in joints]
         return tuple(map(Parameter, names, units, expressions, values, (self.role,) * len(joints)))
 
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, p): each parameter acts on one joint."""
+        return np.asarray(np.arange(len(self.joints))[:, None] == np.array(self._columns, dtype=int))
+
+    def entries(
+        self,
+        q: Array,  # noqa: ARG002
+        dq: Array,
+        ddq: Array,
+        joint: NDArray[np.intp],
+        parameter: NDArray[np.intp],
+    ) -> Array:
+        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
+        shapes = self.shape((dq if self.of == "dq" else ddq)[:, self._columns]).T
+        return shapes[parameter] * self.support[joint, parameter][:, None]
+
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:  # noqa: ARG002
         """Return Y, shape (N, n, p), for dq and ddq (N, n) in rad or m and seconds; q has no effect."""
         joints = self._columns
         rate = dq if self.of == "dq" else ddq
         out = np.zeros((*rate.shape, len(joints)))
         out[:, joints, range(len(joints))] = self.shape(rate[:, joints])
+        return out
+
+    def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:  # noqa: ARG002
+        """Return Y theta, shape (N, n), for one theta (p)."""
+        joints, rate = self._columns, dq if self.of == "dq" else ddq
+        out = np.zeros(rate.shape)
+        out[:, joints] = self.shape(rate[:, joints]) * theta
         return out
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:  # noqa: ARG002

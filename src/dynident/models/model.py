@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import DynidentError, ModelError, brief, listed
 from dynident.models.robot_file import Limits
+from dynident.models.structure import Structure, is_selective, structure_of, support_of
 from dynident.models.term import (
     HasGravity,
     HasLimits,
@@ -22,6 +23,7 @@ from dynident.models.term import (
     Partials,
     Recursive,
     Term,
+    declares,
 )
 
 __all__ = ["MassMatrixCheck", "Model"]
@@ -137,6 +139,40 @@ class Model:
         """Return Y, shape (N, n, p): article, eq. (8)."""
         return self._regressor(*self._states(q=q, dq=dq, ddq=ddq))
 
+    @cached_property
+    def support(self) -> NDArray[np.bool_]:
+        """Where the regressor can be other than zero, shape (n, p), as far as the terms tell."""
+        return np.concatenate([support_of(term) for term in self.terms], axis=1)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The entries of the regressor that hold all others."""
+        return structure_of([self])
+
+    def structure_with(self, columns: Sequence[int]) -> Structure:
+        """Return the structure of these columns alone, without regard to what they determine."""
+        chosen = self.support & np.isin(np.arange(len(self.parameters)), columns)
+        own = tuple(map(np.flatnonzero, chosen))
+        return Structure(own, tuple(np.eye(len(self.parameters))[one] for one in own))
+
+    def entries(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, joint: NDArray[np.intp], parameter: NDArray[np.intp]
+    ) -> Array:
+        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
+        states = self._states(q=q, dq=dq, ddq=ddq)
+        out, first = np.empty((len(joint), len(states[0]))), 0
+        for k, width in enumerate(self._widths):
+            mine = np.flatnonzero((parameter >= first) & (parameter < first + width))
+            where, first = (joint[mine], parameter[mine] - first), first + width
+            if not len(mine):
+                continue
+            if self._selective[k]:
+                rows = self._call(self.terms[k], "entries", *states, *where)
+                out[mine] = self._checked(self.terms[k], "entries", rows, (len(mine), len(out[0])), states)
+            else:
+                out[mine] = self._block(k, states).transpose(1, 2, 0)[where]
+        return out
+
     def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Array:
         """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
         q, dq, ddq = self._states(q=q, dq=dq, ddq=ddq)
@@ -236,13 +272,18 @@ class Model:
         return self._checked(self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
 
     @cached_property
+    def _selective(self) -> list[bool]:
+        return [is_selective(term) for term in self.terms]
+
+    @cached_property
     def _recursive(self) -> list[bool]:
-        return [isinstance(term, Recursive) for term in self.terms]
+        return [isinstance(term, Recursive) and declares(term, "torque") for term in self.terms]
 
     @cached_property
     def _direct(self) -> list[int]:
         """The terms that have their own mass matrix."""
-        return [k for k, term in enumerate(self.terms) if isinstance(term, HasMassMatrix)]
+        own = (isinstance(term, HasMassMatrix) and declares(term, "mass_and_bias") for term in self.terms)
+        return [k for k, direct in enumerate(own) if direct]
 
     @cached_property
     def _parts(self) -> list[slice]:
@@ -265,7 +306,7 @@ class Model:
                 total += _times(self._block(k, states), theta[part])
         return total
 
-    def _call(self, term: Term, method: str, *arguments: Array) -> Any:
+    def _call(self, term: Term, method: str, *arguments: NDArray[Any]) -> Any:
         try:
             return getattr(term, method)(*arguments)
         except DynidentError:
@@ -284,10 +325,12 @@ class Model:
             )
         if not np.isfinite(array).all():
             place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-            q, dq, ddq = (state[place[0]].tolist() for state in states)
+            sample, joint = (place[1], None) if what == "entries" else place[:2]
+            of = "" if joint is None else f", joint {self.joints[joint].name!r}"
+            q, dq, ddq = (state[sample].tolist() for state in states)
             raise ModelError(
-                f"{self.name}: term {_name(term)} returned {array[place]} at sample {place[0]} in its {what}, "
-                f"joint {self.joints[place[1]].name!r}, where q = {q}, dq = {dq}, ddq = {ddq}; check both."
+                f"{self.name}: term {_name(term)} returned {array[place]} at sample {sample} in its {what}{of}, "
+                f"where q = {q}, dq = {dq}, ddq = {ddq}; check both."
             )
         return array
 

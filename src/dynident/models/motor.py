@@ -123,6 +123,11 @@ class CoupledMotor:
             for parameter, value in zip(found, values, strict=True)
         )
 
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, p): at the joints that are coupled."""
+        return np.repeat(self._vector[:, None] != 0, len(self._parts), axis=1)
+
     def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return Y, shape (N, n, p), for q, dq, ddq (N, n) in rad or m and seconds."""
         motor = self._motor(q, dq, ddq)

@@ -24,11 +24,14 @@ __all__ = [
     "HasNumpySource",
     "HasRobotFile",
     "HasSign",
+    "HasSupport",
     "Joint",
     "Parameter",
     "Partials",
     "Recursive",
+    "Selective",
     "Term",
+    "declares",
 ]
 
 Array = NDArray[np.float64]
@@ -127,6 +130,29 @@ class HasMassMatrix(Protocol):
 
 
 @runtime_checkable
+class HasSupport(Protocol):
+    """A term that knows which joints each of its parameters acts on."""
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        """Where Y can be other than zero, shape (n, p)."""
+
+
+@runtime_checkable
+class Selective(HasSupport, Protocol):
+    """A term that computes chosen entries of its regressor.
+
+    Where several parameters act on a joint, their columns are analytic in the states, so that those that are dependent
+    at enough random states always are.
+    """
+
+    def entries(
+        self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp], /
+    ) -> Array:
+        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
+
+
+@runtime_checkable
 class HasGravity(Protocol):
     """A term with gravity."""
 
@@ -210,3 +236,14 @@ class HasNumpySource(Protocol):
 
         Raises ModelError where there is no such text.
         """
+
+
+def declares(term: Term, name: str) -> bool:
+    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has.
+
+    A subclass with a regressor of its own does not inherit it.
+    """
+    order = type(term).__mro__
+    first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, "regressor")}
+    own, regressor = first[name], first["regressor"]
+    return own is not None and regressor is not None and own <= regressor

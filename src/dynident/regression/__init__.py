@@ -15,19 +15,19 @@ from dynident.regression.linear_problem import (
     ParallelFilter,
     Regression,
     RegressorBlock,
-    TriangularFactors,
     fast_enough,
     fitted_rows,
-    one_thread,
     stretches,
     triangularise,
 )
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
+from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 
 __all__ = [
     "BLOCK",
     "HIGHEST_ORDER",
     "BaseParameters",
+    "EntryBlock",
     "ParallelFilter",
     "Rank",
     "Regression",
@@ -37,6 +37,7 @@ __all__ = [
     "base_parameters",
     "base_std",
     "compare",
+    "factorise",
     "fast_enough",
     "fitted_rows",
     "informed_std",

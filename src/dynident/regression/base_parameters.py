@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError, Note, listed
 from dynident.log import Motion
-from dynident.models import INERTIAL, Model, Parameter
-from dynident.regression.linear_problem import RegressorBlock, TriangularFactors, triangularise
+from dynident.models import INERTIAL, Model, Parameter, random_states
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
+from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise
 
 __all__ = [
     "BaseParameters",
@@ -179,7 +179,7 @@ def structural_base_parameters(
     ('J + Ia_pivot', 'h')
     """
     rng = rng or np.random.default_rng(0)
-    return base_parameters(_factor(model, *_states(model, rng, samples)), model.parameters, tolerance)
+    return base_parameters(_factor(model, *random_states(model.joints, rng, samples)), model.parameters, tolerance)
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def _unexcited(
 def _shows(model: Model, joint: int, directions: Array) -> bool:
     """Return whether moving one joint alone, in a few postures, gives a torque along these directions."""
     rng = np.random.default_rng(1)
-    q, dq, ddq = _states(model, rng, 60)
+    q, dq, ddq = random_states(model.joints, rng, 60)
     others = [j for j in range(len(model.joints)) if j != joint]
     whole = np.linalg.norm(model.regressor(q, dq, ddq) @ directions)
     q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
@@ -248,16 +248,10 @@ def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
     return tuple(name for name, peak in fastest.items() if peak < 1e-3)
 
 
-def _states(model: Model, rng: np.random.Generator, samples: int) -> tuple[Array, Array, Array]:
-    """Draw random positions, velocities and accelerations, each (samples, n), as large as those of common arms."""
-    reach = [np.pi if joint.kind == "revolute" else 1.0 for joint in model.joints]
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, samples, len(reach)))
-    return q * reach, dq * reach, 3.0 * ddq * reach
-
-
 def _factor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    block = RegressorBlock(model.regressor(q, dq, ddq), np.zeros_like(q))
-    return triangularise(iter([block]), len(model.joints), len(model.parameters)).stacked()
+    structure = model.structure
+    entries = model.entries(q, dq, ddq, structure.joint, structure.parameter)
+    return factorise([EntryBlock(structure, entries, np.zeros_like(q).T)], structure).stacked()
 
 
 def _preference(parameters: Sequence[Parameter]) -> list[int]:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import Any
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, brief
+from dynident.filters import butterworth, slowest_pole, zero_phase
 from dynident.log import Motion
-from dynident.models import Model
+from dynident.models import Model, Structure
+from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 from dynident.smoothers import cutoff_complaint
 from dynident.splines import stretches
 
@@ -32,7 +34,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-BLOCK = 4096
+BLOCK = 2048  # samples whose entries stay in the cache while they are factorised
 HIGHEST_ORDER = 12  # order of a digital filter: poles of higher ones are lost in rounding
 
 
@@ -65,21 +67,19 @@ class ParallelFilter:
 
     def sections(self, motion: Motion) -> Array:
         """Return the filter's second-order sections for the mean rate of a motion."""
-        from scipy.signal import butter
-
         cutoff, of = self.cutoff_at(motion), "" if self.cutoff else f" for decimate = {self.decimate},"
         if wrong := cutoff_complaint(f"the parallel filter's cut-off{of}", cutoff, motion.t):
             raise ConfigError(f"{motion.source}: {wrong}")
-        return np.asarray(butter(self.order, cutoff, fs=_rate(motion), output="sos"))
+        return butterworth(self.order, cutoff, _rate(motion))
 
     def cutoff_at(self, motion: Motion) -> float:
         """Return the cut-off (Hz) for a motion."""
         return self.cutoff or 0.4 * _rate(motion) / self.decimate
 
-    def filtered(self, motion: Motion) -> Motion:
-        """Return a motion with q, dq, ddq and tau filtered in each stretch of usable samples, and not decimated."""
+    def filtered(self, motion: Motion, channels: Sequence[str] = ("q", "dq", "ddq", "tau")) -> Motion:
+        """Return a motion with its ``channels`` filtered in each stretch of usable samples, and not decimated."""
         sections = self.sections(motion)
-        series = {name: getattr(motion, name).copy() for name in ("q", "dq", "ddq", "tau")}
+        series = {name: getattr(motion, name).copy() for name in channels}
         for part in stretches(motion.mask):
             for x in series.values() if part.stop - part.start > 1 else ():
                 x[part] = self.apply(sections, x[part])
@@ -87,15 +87,12 @@ class ParallelFilter:
 
     def pad(self, sections: Array) -> int:
         """Return the number of samples in which the filter's response decays to about 1e-12."""
-        poles = np.concatenate([np.roots(row[3:]) for row in sections])
-        slowest = np.abs(poles).max(initial=0.1)  # a pole at zero has no logarithm
+        slowest = max(slowest_pole(sections), 0.1)  # a pole at zero has no logarithm
         return int(np.ceil(np.log(1e-12) / np.log(slowest)))
 
-    def apply(self, sections: Array, x: Array) -> Array:
-        """Return x (N, ...) filtered at all N samples, not yet decimated."""
-        from scipy.signal import sosfiltfilt
-
-        return np.asarray(sosfiltfilt(sections, x, axis=0, padlen=min(3 * self.order, len(x) - 1)))
+    def apply(self, sections: Array, x: Array, axis: int = 0) -> Array:
+        """Return x filtered at all N samples of an axis, the first, not yet decimated; fastest along the last one."""
+        return zero_phase(sections, x, min(3 * self.order, x.shape[axis] - 1), axis)
 
 
 def _rate(motion: Motion) -> float:
@@ -112,50 +109,11 @@ class RegressorBlock:
 
     __repr__ = brief
 
-    def times(self, weight: Array) -> RegressorBlock:
-        """Return the block with each row multiplied by its weight (B, n)."""
-        return RegressorBlock(self.Y * weight[:, :, None], self.tau * weight, self.keep)
-
-
-@dataclass(frozen=True, eq=False)
-class TriangularFactors:
-    """The sufficient statistics of least squares for any number of rows: per joint the R factor of [Y_j | tau_j].
-
-    ``factors`` (n, p + 1, p + 1), upper triangular; ``rows`` (n) is the number of rows behind each of them.
-    """
-
-    factors: Array
-    rows: NDArray[np.int_]
-
-    __repr__ = brief
-
-    @property
-    def samples(self) -> int:
-        """The largest number of rows of a joint."""
-        return int(self.rows.max())
-
-    @property
-    def total(self) -> int:
-        """The number of rows of all joints."""
-        return int(self.rows.sum())
-
-    def stacked(self, weights: Array | None = None) -> Array:
-        """Return one factor (p + 1, p + 1) of all joints, each multiplied by its weight (n) (one over its noise)."""
-        factors = self.factors if weights is None else self.factors * np.asarray(weights)[:, None, None]
-        if len(factors) == 1:
-            return np.asarray(factors[0])
-        with one_thread():
-            return _triangle(np.concatenate(factors))
-
-    def residual(self, theta: Array) -> Array:
-        """Return the sum of squared residuals of each joint (n) at theta (p)."""
-        return np.asarray(np.square(self.factors @ np.append(-theta, 1.0)).sum(axis=1))
-
-    def less(self, theta: Array) -> TriangularFactors:
-        """Return the factors of the torque less that of theta (p)."""
-        factors = self.factors.copy()
-        factors[:, :, -1] -= self.factors[:, :, :-1] @ theta
-        return TriangularFactors(factors, self.rows)
+    def entries(self, whole: Structure) -> EntryBlock:
+        """Return the block by all of its entries."""
+        samples, joints, parameters = self.Y.shape
+        rows = self.Y.transpose(1, 2, 0).reshape(joints * parameters, samples)
+        return EntryBlock(whole, rows, self.tau.T, None if self.keep is None else self.keep.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +156,21 @@ class Regression:
 
     def blocks(self) -> Iterator[RegressorBlock]:
         """Yield the rows block by block, filtered and decimated where ``filter`` says so, and weighted."""
-        for _, _, block in self._placed():
-            yield block if self.bias is None else replace(block, tau=block.tau - block.Y @ self.bias)
+        for one in self.entries():
+            yield RegressorBlock(one.regressor(), one.tau.T, None if one.keep is None else one.keep.T)
+
+    def entries(self, structure: Structure | None = None, theta: Array | None = None) -> Iterator[EntryBlock]:
+        """Yield the same rows by the entries of a ``structure``, by default that of the model.
+
+        The torque is less Y theta, where ``theta`` (p) is given.
+        """
+        for _, _, block in self._placed(structure or self.model.structure, theta):
+            yield block
+
+    @cached_property
+    def known(self) -> dict[Any, Any]:
+        """What is known of this regression from before, by what was asked."""
+        return {}
 
     def unbiased(self, bias: Array) -> Regression:
         """Return the regression whose solution is less by ``bias`` (p), with the factors that follow from these."""
@@ -210,31 +181,43 @@ class Regression:
     def pulls(self, torques: Sequence[Array], weights: Array | None = None) -> Array:
         """Return sum w_j^2 Y_j' c_j (p, k) of other torques c, for each motion (N, n, k), with ``weights`` w (n)."""
         w2 = np.ones(len(self.model.joints)) if weights is None else np.square(weights)
-        total = np.zeros((len(self.model.parameters), torques[0].shape[2]))
-        for k, kept, block in self._placed():
-            c = torques[k]
-            if self.filter is not None:  # as far as it matters: the ends of a stretch are not treated apart
-                c = self.filter.apply(self.filter.sections(self.motions[k]), c)
-            Y = block.Y * (w2 if block.keep is None else block.keep * w2)[..., None]
-            rows = c[kept] * self.weights[k][kept][:, :, None] if self.weights else c[kept]
-            total += np.einsum("bjp,bjk->pk", Y, rows, optimize=True)
-        return total
+        structure = self.model.structure
+        total = np.zeros((len(structure.joint), torques[0].shape[2]))
+        series = [self._passed(k, c) for k, c in enumerate(torques)]
+        for k, kept, block in self._placed(structure):
+            for j, part in enumerate(structure.parts):
+                total[part] += w2[j] * block.used(j)[:-1] @ series[k][kept, j]
+        parts = zip(structure.parts, structure.maps, strict=True)
+        return np.asarray(sum(one.T @ total[part] for part, one in parts))
 
-    def _placed(self) -> Iterator[tuple[int, slice, RegressorBlock]]:
+    def _passed(self, k: int, c: Array) -> Array:
+        """Return torques (N, n, k) of the k-th motion, filtered and weighted as its rows are."""
+        if self.filter is not None:  # as far as it matters: the ends of a stretch are not treated apart
+            c = self.filter.apply(self.filter.sections(self.motions[k]), c)
+        return c * self.weights[k][:, :, None] if self.weights else c
+
+    def _placed(self, structure: Structure, theta: Array | None = None) -> Iterator[tuple[int, slice, EntryBlock]]:
         """Yield each block with the place of its motion, and of its rows in this motion."""
+        given = [one for one in (self.bias, theta) if one is not None]
+        rows = partial(self._rows, structure=structure, theta=np.sum(given, axis=0) if given else None)
         for k, motion in enumerate(self.motions):
             for part in stretches(motion.mask):
-                rows = self._plain if self.filter is None else partial(self._filtered, parallel_filter=self.filter)
-                for kept, block in rows(motion, part):
-                    yield k, kept, block.times(self.weights[k][kept]) if self.weights else block
+                blocks = (
+                    _plain(motion, part, rows) if self.filter is None else _filtered(motion, part, rows, self.filter)
+                )
+                for kept, block in blocks:
+                    yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
 
     @cached_property
     def triangular_factors(self) -> TriangularFactors:
         """The triangular factors; InputError where there are not more rows than parameters."""
-        found = triangularise(self.blocks(), len(self.model.joints), len(self.model.parameters))
         unknowns = len(self.model.parameters)
         if not unknowns:
             raise ConfigError(f"{self.model.name}: the model has no parameters to estimate.")
+        found = self._remembered() or factorise(self.entries(), self.model.structure)
+        if self.motions and not self.weights and self.bias is None:
+            key = tuple(map(ref, self.motions)), self.model, self.filter, self.min_speed
+            _KNOWN[self.motions[0]] = key, found
         if found.total <= unknowns:
             raise InputError(
                 f"{', '.join(motion.source for motion in self.motions)}: {found.samples} usable samples of "
@@ -242,33 +225,53 @@ class Regression:
             )
         return found
 
-    def _plain(self, motion: Motion, part: slice) -> Iterator[tuple[slice, RegressorBlock]]:
-        for start in range(part.start, part.stop, BLOCK):
-            rows = slice(start, min(start + BLOCK, part.stop))
-            yield rows, self._rows(motion, rows)
+    def _remembered(self) -> TriangularFactors | None:
+        """Return the factors of the same rows, where they are known from before."""
+        if not self.motions or self.weights or self.bias is not None or self.motions[0] not in _KNOWN:
+            return None
+        (motions, *how), found = _KNOWN[self.motions[0]]
+        same = len(motions) == len(self.motions) and all(a() is b for a, b in zip(motions, self.motions, strict=True))
+        return found if same and how[0] is self.model and how[1:] == [self.filter, self.min_speed] else None
 
-    def _filtered(
-        self, motion: Motion, part: slice, parallel_filter: ParallelFilter
-    ) -> Iterator[tuple[slice, RegressorBlock]]:
-        """Filter pieces that overlap by the filter's response time, so that the pieces join exactly."""
-        sections, step = parallel_filter.sections(motion), parallel_filter.decimate
-        pad = parallel_filter.pad(sections)
-        size = -(-max(BLOCK, 4 * pad) // step) * step
-        for start in range(part.start, part.stop, size):
-            stop = min(start + size, part.stop)
-            first, last = max(part.start, start - pad), min(part.stop, stop + pad)
-            if last - first < 2:
-                continue
-            rows = self._rows(motion, slice(first, last))
-            kept = slice(start - first, stop - first, step)
-            Y, tau = (parallel_filter.apply(sections, x)[kept] for x in (rows.Y, rows.tau))
-            yield slice(start, stop, step), RegressorBlock(Y, tau, None if rows.keep is None else rows.keep[kept])
+    def _rows(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
+        states = motion.q[rows], motion.dq[rows], motion.ddq[rows]
+        entries = self.model.entries(*states, structure.joint, structure.parameter)
+        tau = motion.tau[rows] if theta is None else motion.tau[rows] - self.model.torque(*states, theta)
+        keep = fitted_rows(motion, self.min_speed, rows)
+        return EntryBlock(structure, entries, np.ascontiguousarray(tau.T), None if keep is None else keep.T)
 
-    def _rows(self, motion: Motion, rows: slice) -> RegressorBlock:
-        q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        return RegressorBlock(
-            self.model.regressor(q, dq, ddq), motion.tau[rows], fitted_rows(motion, self.min_speed, rows)
+
+Rows = Callable[[Motion, slice], EntryBlock]
+Known = tuple[tuple[Any, ...], TriangularFactors]
+# the factors of the last regression on each motion, for as long as it lives: the checks ask for those of the fit again
+_KNOWN: WeakKeyDictionary[Motion, Known] = WeakKeyDictionary()
+
+
+def _plain(motion: Motion, part: slice, rows: Rows) -> Iterator[tuple[slice, EntryBlock]]:
+    for start in range(part.start, part.stop, BLOCK):
+        some = slice(start, min(start + BLOCK, part.stop))
+        yield some, rows(motion, some)
+
+
+def _filtered(
+    motion: Motion, part: slice, rows: Rows, parallel_filter: ParallelFilter
+) -> Iterator[tuple[slice, EntryBlock]]:
+    """Filter pieces that overlap by the filter's response time, so that the pieces join exactly."""
+    sections, step = parallel_filter.sections(motion), parallel_filter.decimate
+    pad = parallel_filter.pad(sections)
+    size = -(-max(BLOCK, 4 * pad) // step) * step
+    for start in range(part.start, part.stop, size):
+        stop = min(start + size, part.stop)
+        first, last = max(part.start, start - pad), min(part.stop, stop + pad)
+        if last - first < 2:
+            continue
+        one = rows(motion, slice(first, last))
+        kept = slice(start - first, stop - first, step)
+        entries, tau = (
+            np.ascontiguousarray(parallel_filter.apply(sections, x, 1)[:, kept]) for x in (one.entries, one.tau)
         )
+        keep = None if one.keep is None else one.keep[:, kept]
+        yield slice(start, stop, step), EntryBlock(one.structure, entries, tau, keep)
 
 
 def fast_enough(dq: Array, min_speed: tuple[float, ...] | None) -> NDArray[np.bool_] | None:
@@ -287,42 +290,7 @@ def fitted_rows(
     return motion.keep[rows] if fast is None else fast & motion.keep[rows]
 
 
-def triangularise(blocks: Iterator[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
-    """Reduce blocks to triangular factors, merging as they come (TSQR): memory does not grow with the rows."""
-    factors = np.zeros((joints, parameters + 1, parameters + 1))
-    count = np.zeros(joints, dtype=int)
-
-    def merge(block: RegressorBlock) -> None:
-        """Reduce the factors so far and a block to new factors."""
-        # all joints in one call, so that the next block is computed meanwhile; rows of zeros do not change a factor
-        rows = np.concatenate((block.Y, block.tau[:, :, None]), axis=2).swapaxes(0, 1)
-        rows = rows if block.keep is None else rows * block.keep.T[:, :, None]
-        factors[:] = _triangle(np.concatenate((factors, rows), axis=1))
-        count[:] += len(block.tau) if block.keep is None else block.keep.sum(axis=0)
-
-    with one_thread(), ThreadPoolExecutor(1) as worker:
-        merging: Future[None] | None = None
-        for block in blocks:  # the next block is made while this one is factorised
-            if merging is not None:
-                merging.result()
-            merging = worker.submit(merge, block)
-        if merging is not None:
-            merging.result()
-    return TriangularFactors(factors, count)
-
-
-def _triangle(rows: Array) -> Array:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-@cache
-def _controller() -> Any:
-    import scipy.linalg  # noqa: F401  # SciPy's own BLAS must be loaded to be found
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def one_thread() -> Any:
-    """Limit BLAS to one thread: with several, the many small factorisations run several times slower."""
-    return _controller().limit(limits=1, user_api="blas")
+def triangularise(blocks: Iterable[RegressorBlock], joints: int, parameters: int) -> TriangularFactors:
+    """Reduce blocks of a regressor of which nothing is known to triangular factors."""
+    whole = Structure.whole(joints, parameters)
+    return factorise((block.entries(whole) for block in blocks), whole)

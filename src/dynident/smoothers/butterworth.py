@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError
+from dynident.filters import butterworth, slowest_pole, zero_phase
 from dynident.log import Log, Motion
 from dynident.smoothers.difference import forward
 from dynident.smoothers.smoother import ends_mask
@@ -59,8 +60,6 @@ class Butterworth:
 
     def __call__(self, log: Log) -> Motion:
         """Differentiate and filter; InputError where the sampling is too irregular, too slow, or the log too short."""
-        from scipy.signal import butter, sosfiltfilt
-
         rate = self._rate(log)
         dq = forward(log.t, log.q)
         signals = [log.q, dq, forward(log.t, dq)]
@@ -69,10 +68,9 @@ class Butterworth:
             pad = 3 * order  # filtfilt's padding
             if len(log) <= pad + 1:
                 raise InputError(f"{log.source}: {len(log)} samples are too few for a filter of order {order}.")
-            poles = butter(order, cutoff, fs=rate, output="zpk")[1]
-            slowest = max(slowest, float(np.log(1e-4) / np.log(np.abs(poles).max()) / rate))
-            sos = butter(order, cutoff, fs=rate, output="sos")
-            signals[k] = sosfiltfilt(sos, signals[k], axis=0, padlen=pad)
+            sections = butterworth(order, cutoff, rate)
+            slowest = max(slowest, float(np.log(1e-4) / np.log(slowest_pole(sections)) / rate))
+            signals[k] = zero_phase(sections, signals[k], pad, axis=0)
         mask = ends_mask(log, *(self.settle or (slowest, slowest)))
         mask[-2:] = False
         how = {"method": "forward differences, Butterworth filters of orders {} at {} Hz".format(

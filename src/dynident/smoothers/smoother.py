@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.log import Log, Motion
+from dynident.splines import noise_sigma
 
-__all__ = ["BY_JOINT", "Adapts", "KnowsNoise", "Smoother", "as_used", "ends_mask"]
+__all__ = ["BY_JOINT", "Adapts", "KnowsNoise", "Smoother", "as_used", "ends_mask", "position_noise"]
 
 BY_JOINT = "by joint"
 """Marks a setting, as ``Annotated[..., BY_JOINT]``, that may be a mapping by the names of the joints."""
@@ -49,6 +51,16 @@ class Adapts(Protocol):
 def as_used(smoother: Smoother, motion: Motion) -> Smoother:
     """Return the linear smoother that has made ``motion``: the smoother itself where it does not adapt to the log."""
     return smoother.as_used(motion) if isinstance(smoother, Adapts) else smoother
+
+
+def position_noise(log: Log) -> NDArray[np.float64]:
+    """Return the standard deviation (n) of the noise in the positions of a log; found once, as many smoothers ask."""
+    if log not in _NOISE:
+        _NOISE[log] = noise_sigma(log.t, log.q)
+    return _NOISE[log]
+
+
+_NOISE: WeakKeyDictionary[Log, NDArray[np.float64]] = WeakKeyDictionary()
 
 
 def ends_mask(log: Log, start: float, stop: float) -> NDArray[np.bool_]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, choices
 from dynident.log import Log, Motion
-from dynident.smoothers.smoother import BY_JOINT, ends_mask
-from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, noise_sigma, smooth
+from dynident.smoothers.smoother import BY_JOINT, ends_mask, position_noise
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, Rule, smooth
 
 __all__ = ["Spline", "SplineSettings"]
 
@@ -156,12 +156,12 @@ class Spline:
         if not isinstance(self.sigma, Mapping):
             if self.factor == 1.0:
                 return self.sigma
-            known = noise_sigma(log.t, log.q) if self.sigma is None else np.full(len(log.joints), self.sigma)
+            known = position_noise(log) if self.sigma is None else np.full(len(log.joints), self.sigma)
             return [self.factor * float(value) for value in known]
         for name in self.sigma:
             if name not in log.joints:
                 raise ConfigError(f"sigma names the joint {name!r}; the log has others; {choices(name, log.joints)}")
-        estimate = noise_sigma(log.t, log.q)
+        estimate = position_noise(log)
         return [self.factor * float(self.sigma.get(name, estimate[k])) for k, name in enumerate(log.joints)]
 
 

@@ -35,12 +35,15 @@ class TimeShifted:
 
     def __call__(self, log: Log) -> Motion:
         """Smooth and shift; samples whose motion lies outside the log are masked out."""
-        motion = called(self.smoother, log, Motion)
+        return self.shifted(called(self.smoother, log, Motion))
+
+    def shifted(self, motion: Motion) -> Motion:
+        """Shift the motion that the smoother has made of a log."""
         shifted = motion.shifted(self.time_offset)
         if motion.mask.any() and not shifted.mask.any():
             raise InputError(
-                f"{log.source}: with a time offset (`delay`) of {self.time_offset:g} s no sample of its "
-                f"{log.t[-1] - log.t[0]:.4g} s is left; give the true one, most often a few milliseconds."
+                f"{motion.source}: with a time offset (`delay`) of {self.time_offset:g} s no sample of its "
+                f"{motion.t[-1] - motion.t[0]:.4g} s is left; give the true one, most often a few milliseconds."
             )
         smoothing = {**motion.smoothing, "time offset": f"{1e3 * self.time_offset:.3g} ms"}
         return replace(shifted, smoothing=smoothing)

@@ -78,6 +78,20 @@ def has_the_mass_matrix_of_its_regressor(term: Term) -> None:
         np.testing.assert_allclose(mass[:, :, k], column, rtol=1e-11, atol=allowed)
 
 
+def has_the_entries_of_its_regressor(term: Term) -> None:
+    """``support`` and ``entries`` are those of the regressor, where they are said; its structure holds all of it."""
+    state, model = states(len(term.joints)), Model((term,))
+    whole, structure = term.regressor(*state), model.structure
+    assert not whole[:, ~model.support].any(), "the regressor is zero where there is no support"
+    allowed = 1e-12 * np.abs(whole).max()
+    joint, parameter = np.nonzero(np.ones_like(model.support))
+    every = model.entries(*state, joint, parameter)
+    np.testing.assert_allclose(every, whole[:, joint, parameter].T, rtol=1e-12, atol=allowed)
+    entries = model.entries(*state, structure.joint, structure.parameter)
+    for j, (part, columns) in enumerate(zip(structure.parts, structure.maps, strict=True)):
+        np.testing.assert_allclose(entries[part].T @ columns, whole[:, j], rtol=1e-11, atol=10 * allowed)
+
+
 def works_row_by_row(term: Term) -> None:
     """Samples do not depend on each other."""
     state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
@@ -178,6 +192,7 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     returns_finite_arrays,
     has_the_torque_of_its_regressor,
     has_the_mass_matrix_of_its_regressor,
+    has_the_entries_of_its_regressor,
     works_row_by_row,
     does_not_change_its_arguments,
     survives_pickling,

@@ -9,11 +9,14 @@ residual; v and rho are those for which the expected residual has the variance a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynident.filters import one_pole
 from dynident.regression import Regression
 from dynident.splines import NORMAL_95
 from dynident.validation.hac import bread, robust_covariance, samples_of, stretches_of
@@ -34,11 +37,13 @@ def correlated_std(
     slopes: Sequence[Array] = (),
 ) -> Array:
     """Return the larger (r) of the standard errors of ``robust_covariance``, whose errors are raised, and coloured."""
-    longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
-    try:
-        return np.maximum(longrun, coloured_std(regression, theta, weights, columns))
-    except np.linalg.LinAlgError:  # nearly dependent columns
-        return longrun
+    asked = tuple(None if one is None else np.asarray(one).tobytes() for one in (theta, weights, columns, *slopes))
+    if asked not in regression.known:  # the bias by errors of the motion is compared with them first
+        longrun = np.sqrt(np.diag(robust_covariance(regression, theta, weights, columns, slopes)))
+        with suppress(np.linalg.LinAlgError):  # nearly dependent columns
+            longrun = np.maximum(longrun, coloured_std(regression, theta, weights, columns))
+        regression.known[asked] = longrun
+    return np.asarray(regression.known[asked])
 
 
 def coloured_std(
@@ -58,11 +63,14 @@ def coloured_std(
     kept = list(range(p)) if columns is None else list(columns)
     scale, inverse = bread(regression, w, kept)
     half: Array = np.asarray(np.linalg.cholesky((inverse + inverse.T) / 2), dtype=np.float64)
+    # of rank b_j: turned to its b_j directions now, to r at the end
+    turns = [np.linalg.svd(one[:, kept] @ (half / scale[:, None]), full_matrices=False)
+             for one in regression.model.structure.maps]  # fmt: skip
     parts = stretches_of(regression, MOST, PIECE)
     share = sum(map(samples_of, parts)) / samples_of(regression)
     value = np.asarray(theta, dtype=float)
-    series = [_series(part, value, w, kept, half / scale[:, None]) for part in parts]
-    joints = [_Joint.of([one[0][:, j] for one in series], [one[1][:, j] for one in series]) for j in range(n)]
+    series = [_series(part, value, w, [(one[0] * one[1]).T for one in turns]) for part in parts]
+    joints = [_Joint.of([one[j] for one in series], turn[2]) for j, turn in enumerate(turns)]
     v, rho = _matched(joints, share)
     variance = _diagonal(half, _spread(joints, v, rho) / share)
     wide = np.sqrt(variance) * _quantile(variance, _doubt(joints, v, rho, half) / share**2) / NORMAL_95
@@ -71,39 +79,45 @@ def coloured_std(
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """One joint's pieces: rows Y (N, r), in units in which all rows of the fit are orthonormal, with their residuals.
+    """One joint's pieces: ``rows`` (b, N), of which ``turn`` (b, r) makes the rows Y = rows' turn of the regressor in
+    units in which all rows of the fit are orthonormal.
 
     ``samples`` and ``pairs`` of neighbours that count; sums of squares and products of the residuals (``square``,
-    ``product``) and of the rows (``gram``, ``lagged``; (r, r)).
+    ``product``) and of the rows Y (``gram``, ``lagged``; (r, r)).
     """
 
     rows: tuple[Array, ...]
+    turn: Array
     samples: int
     pairs: int
     square: float
     product: float
     gram: Array
     lagged: Array
+    known: dict[str, Any] = field(default_factory=dict)  # the last rho, and what it gave
 
     @classmethod
-    def of(cls, rows: Sequence[Array], left: Sequence[Array]) -> _Joint:
-        """Return a joint; rows of zeros do not count."""
+    def of(cls, pieces: Sequence[Array], turn: Array) -> _Joint:
+        """Return a joint of pieces (b + 1, N), the last row of which is the residual; samples of zeros do not count."""
+        rows, left = [one[:-1] for one in pieces], [one[-1] for one in pieces]
         used = [np.abs(e) > 0 for e in left]
         return cls(
             tuple(rows),
+            turn,
             max(sum(int(x.sum()) for x in used), 1),
             max(sum(int((x[1:] & x[:-1]).sum()) for x in used), 1),
             sum(float(e @ e) for e in left),
             sum(float(e[1:] @ e[:-1]) for e in left),
-            np.sum([y.T @ y for y in rows], axis=0),
-            np.sum([y[1:].T @ y[:-1] for y in rows], axis=0),
+            turn.T @ np.sum([y @ y.T for y in rows], axis=0) @ turn,
+            turn.T @ np.sum([y[:, 1:] @ y[:, :-1].T for y in rows], axis=0) @ turn,
         )
 
     def ahead(self, rho: float) -> Array:
         """Return sum_(s < t) rho^(t - s) y_t y_s' (r, r)."""
-        from scipy.signal import lfilter
-
-        return np.asarray(sum(y.T @ lfilter([0.0, rho], [1.0, -rho], y, axis=0) for y in self.rows))
+        if self.known.get("rho") != rho:
+            inner = np.sum([rho * y[:, 1:] @ one_pole(rho, y[:, :-1]).T for y in self.rows], axis=0)
+            self.known.update(rho=rho, ahead=self.turn.T @ inner @ self.turn)
+        return np.asarray(self.known["ahead"])
 
     def spread(self, v: float, rho: float) -> Array:
         """Return Y' R Y (r, r)."""
@@ -118,14 +132,11 @@ class _Joint:
         return 2 * own - float((self.gram * total).sum()), 2 * next_to - float((self.lagged * total).sum())
 
 
-def _series(part: Regression, theta: Array, w: Array, kept: list[int], turn: Array) -> tuple[Array, Array]:
-    """Return the weighted rows (N, n, r), turned to be orthonormal, and residuals (N, n) of a stretch."""
-    rows, left = [], []
-    for block in part.blocks():
-        used = w if block.keep is None else w * block.keep
-        rows.append((block.Y[:, :, kept] @ turn) * used[..., None])
-        left.append((block.tau - block.Y @ theta) * used)
-    return np.concatenate(rows), np.concatenate(left)
+def _series(part: Regression, theta: Array, w: Array, turns: Sequence[Array]) -> list[Array]:
+    """Return for each joint the weighted rows (b, N) of a stretch, turned, and below them its residual."""
+    blocks = list(part.entries(theta=theta))
+    whole = [np.concatenate([w[j] * block.used(j) for block in blocks], axis=1) for j in range(len(w))]
+    return [np.concatenate([turn @ one[:-1], one[-1:]]) for turn, one in zip(turns, whole, strict=True)]
 
 
 def _matched(joints: Sequence[_Joint], share: float) -> tuple[Array, Array]:

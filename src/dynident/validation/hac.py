@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError
 from dynident.log import pieces
-from dynident.regression import Regression, RegressorBlock, rank_of, stretches
+from dynident.regression import EntryBlock, Regression, rank_of, stretches
 
 __all__ = ["bandwidth", "bread", "long_run", "plain_std", "robust_covariance", "samples_of", "stretches_of"]
 
@@ -52,8 +52,11 @@ def robust_covariance(
     curved = replace(regression, weights=tuple(np.sqrt(np.maximum(one, 0.0)) for one in slopes))
     scale, inverse = bread(curved if slopes else regression, w, kept)
 
+    chosen = regression.model.structure_with(kept)
+    place = np.searchsorted(np.sort(kept), chosen.parameter)
+
     def scores(part: Regression) -> Iterator[Array]:
-        return (_scores(block, value, w, kept, scale) for block in part.blocks())
+        return (_scores(block, w, np.argsort(kept)[place], scale) for block in part.entries(chosen, value))
 
     parts = stretches_of(regression, MOST, PIECE)
     length = bandwidth(scores(part) for part in parts)
@@ -113,12 +116,18 @@ def bread(regression: Regression, w: Array, kept: list[int]) -> tuple[Array, Arr
     return found.scale, found.inverse * np.outer(found.scale, found.scale)
 
 
-def _scores(block: RegressorBlock, theta: Array, w: Array, kept: list[int], scale: Array) -> Array:
-    """Return u (B, r) in scaled columns, of all joints together, so that their correlation counts too."""
-    error = (block.tau - block.Y @ theta) * w**2
+def _scores(block: EntryBlock, w: Array, place: NDArray[np.intp], scale: Array) -> Array:
+    """Return u (B, r) in scaled columns, of all joints together, so that their correlation counts too.
+
+    ``place`` (M) is the column of each entry.
+    """
+    error = block.tau * w[:, None] ** 2
     if block.keep is not None:
         error = np.where(block.keep, error, 0.0)
-    return np.asarray(np.einsum("bj,bjp->bp", error, block.Y[:, :, kept]) / scale)
+    u = np.zeros((len(scale), block.tau.shape[1]))
+    for j, part in enumerate(block.structure.parts):
+        u[place[part]] += error[j] * block.entries[part]
+    return u.T / scale
 
 
 def _bartlett(blocks: Iterator[Array], length: int, width: int) -> tuple[int, Array]:

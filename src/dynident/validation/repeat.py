@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.filters import correlated
 from dynident.log import Log, Motion
 
 __all__ = ["REPEATED", "Repeat", "repeat_of"]
@@ -78,9 +79,7 @@ def _overlap(a: int, b: int) -> Array:
 
 def _differences(a: Array, b: Array) -> Array:
     """Return sum |a(k) - b(k + lag)|^2 over sum |a(k)|^2 at the lags -a + 1 to b - 1, over the common samples."""
-    from scipy.signal import correlate
-
-    crossed = sum(correlate(y, x, mode="full", method="fft") for x, y in zip(a.T, b.T, strict=True))
+    crossed = np.sum([correlated(x, y) for x, y in zip(a.T, b.T, strict=True)], axis=0)
     left, right = (np.concatenate(([0.0], np.cumsum(np.square(x).sum(axis=1)))) for x in (a, b))
     lags = np.arange(-len(a) + 1, len(b))
     start, stop = np.maximum(0, -lags), np.minimum(len(a), len(b) - lags)
@@ -97,8 +96,11 @@ def _at(one: Log | Motion, other: Log | Motion, lag: float, span: Array, every: 
         return Repeat(lag, np.inf, np.inf)
     errors = []
     ones = np.ones(len(span))
+    # one search for all columns, as np.interp does for each
+    k = np.clip(np.searchsorted(u, t[use], side="right") - 1, 0, len(u) - 2)
+    share = ((t[use] - u[k]) / (u[k + 1] - u[k]))[:, None]
     for mine, its, about, unit in ((one.tau, other.tau, 0.0, ones), (one.q, other.q, one.q.mean(axis=0), span)):
-        twin, own = np.column_stack([np.interp(t[use], u, x) for x in its.T]), mine[::every][use]
-        size = float(np.linalg.norm((own - about) / unit))
-        errors.append(100.0 * float(np.linalg.norm((own - twin) / unit)) / size if size > 0 else np.inf)
+        twin, own = its[k] + share * (its[k + 1] - its[k]), mine[::every][use]
+        size, left = (float(np.sqrt(np.square(x / unit).sum())) for x in (own - about, own - twin))
+        errors.append(100.0 * left / size if size > 0 else np.inf)
     return Repeat(lag, *errors)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.filters import welch
+
 __all__ = [
     "LOW",
     "Cause",
@@ -173,9 +175,7 @@ def ljung_box(correlation: Array, samples: int, lags: int = LAGS) -> float:
 
 def _spectrum(x: Array, step: float) -> tuple[Array, Array]:
     """Return frequencies (Hz) and power by Welch's method, from stretches of about 4 s."""
-    from scipy.signal import welch
-
-    return welch(x, fs=1 / step, nperseg=min(len(x), max(round(4 / step), 64)), detrend="constant")  # type: ignore[no-any-return]
+    return welch(x, step, min(len(x), max(round(4 / step), 64)))
 
 
 def _share(power: Array, chosen: NDArray[np.bool_]) -> float:

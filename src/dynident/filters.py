@@ -1,0 +1,128 @@
+"""Recursive filters: Butterworth's low-pass, and their zero-phase use forward and backward.
+
+By the kernel where there is one, many series side by side, else by SciPy, whose ``scipy.signal`` takes half a second to
+import. Conventions are SciPy's: a filter is an array (k, 6) of second-order sections b0, b1, b2, 1, a1, a2.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.kernel import function
+
+__all__ = ["butterworth", "correlated", "one_pole", "response", "slowest_pole", "welch", "zero_phase"]
+
+Array = NDArray[np.float64]
+MOST = 8  # sections that the kernel takes
+
+
+def butterworth(order: int, cutoff: float, rate: float) -> Array:
+    """Return the second-order sections of a Butterworth low-pass, ``cutoff`` and sampling ``rate`` in Hz.
+
+    The bilinear transform of the analogue filter whose cut-off is warped. As SciPy does, the section nearest to the
+    unit circle comes last, and the gain of all is in the first.
+    """
+    warped = 2.0 * np.tan(np.pi * cutoff / rate)
+    angles = np.pi * np.arange(-order + 1, order, 2) / (2 * order)
+    analogue = -warped * np.exp(1j * angles)
+    poles = (2.0 + analogue) / (2.0 - analogue)
+    gain = warped**order / np.prod(2.0 - analogue).real
+    pairs = sorted(poles[poles.imag > 1e-12 * np.abs(poles)], key=abs)
+    sections = [[1.0, 2.0, 1.0, 1.0, -2.0 * pole.real, abs(pole) ** 2] for pole in pairs]
+    if order % 2:
+        sections.insert(0, [1.0, 1.0, 0.0, 1.0, -poles[order // 2].real, 0.0])
+    found = np.array(sections)
+    found[0, :3] *= gain
+    return found
+
+
+def zero_phase(sections: Array, x: ArrayLike, pad: int, axis: int = -1) -> Array:
+    """Return x filtered forward and backward along an axis, extended by ``pad`` samples at both ends, oddly.
+
+    It is ``scipy.signal.sosfiltfilt``, and fastest for series that are contiguous in memory.
+    """
+    run = _kernel()
+    if run is None or len(sections) > MOST:
+        from scipy.signal import sosfiltfilt
+
+        return np.asarray(sosfiltfilt(sections, x, axis=axis, padlen=pad))
+    series = np.moveaxis(np.asarray(x, dtype=float), axis, -1)
+    n = series.shape[-1]
+    if pad >= n:
+        raise ValueError(f"a series of {n} samples cannot be extended by {pad}")
+    wide = np.empty((int(np.prod(series.shape[:-1])), n + 2 * pad))
+    inner = wide[:, pad : pad + n]
+    inner[:] = series.reshape(-1, n)
+    wide[:, :pad] = 2 * inner[:, :1] - inner[:, pad:0:-1]
+    wide[:, pad + n :] = 2 * inner[:, -1:] - inner[:, -2 : -pad - 2 : -1]
+    steady = _steady(sections)
+    for back, first in ((0, 0), (1, -1)):
+        state = steady * wide[:, first, None, None]
+        run(*wide.shape, wide.ctypes.data, len(sections), sections.ctypes.data, state.ctypes.data, back)
+    return np.moveaxis(wide[:, pad : pad + n].reshape(series.shape), -1, axis)
+
+
+def one_pole(a: float, x: Array) -> Array:
+    """Return y(k) = x(k) + a y(k - 1) along the last axis of x, from y = 0."""
+    run = _kernel()
+    if run is None:
+        from scipy.signal import lfilter
+
+        return np.asarray(lfilter([1.0], [1.0, -a], x))
+    out = np.array(x, dtype=float, order="C").reshape(-1, x.shape[-1])
+    section, state = np.array([1.0, 0.0, 0.0, 1.0, -a, 0.0]), np.zeros((len(out), 1, 2))
+    run(*out.shape, out.ctypes.data, 1, section.ctypes.data, state.ctypes.data, 0)
+    return out.reshape(x.shape)
+
+
+def response(sections: Array, points: int) -> Array:
+    """Return the frequency response at ``points`` frequencies from zero to below half of the sampling rate."""
+    z = np.exp(-1j * np.pi * np.arange(points) / points)
+    return np.asarray(np.prod([np.polyval(one[2::-1], z) / np.polyval(one[:2:-1], z) for one in sections], axis=0))
+
+
+def slowest_pole(sections: Array) -> float:
+    """Return the largest absolute value of the poles."""
+    return float(max(np.abs(np.roots(one[3:])).max(initial=0.0) for one in sections))
+
+
+def welch(x: Array, step: float, length: int) -> tuple[Array, Array]:
+    """Return frequencies (Hz) and power density of x (N), sampled at ``step`` (s), by Welch's method.
+
+    Stretches of ``length`` overlap by half, less their mean and under Hann's window.
+    """
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
+    parts = np.lib.stride_tricks.sliding_window_view(x, length)[:: length - length // 2]
+    power = np.square(np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)))
+    power *= step / np.square(window).sum()
+    power[:, 1 : -1 if length % 2 == 0 else None] *= 2
+    return np.asarray(np.fft.rfftfreq(length, step), dtype=np.float64), np.asarray(power.mean(axis=0))
+
+
+def correlated(x: Array, y: Array) -> Array:
+    """Return sum_k x(k) y(k + lag) of series (N) and (M) at the lags -N + 1 to M - 1."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    count = len(x) + len(y) - 1
+    size = next_fast_len(count, real=True)
+    return np.asarray(irfft(rfft(x[::-1], size) * rfft(y, size), size)[:count])
+
+
+def _steady(sections: Array) -> Array:
+    """Return what each section (k, 2) remembers when its input has been one for ever."""
+    found, level = np.empty((len(sections), 2)), 1.0
+    for state, (b0, b1, b2, _, a1, a2) in zip(found, sections, strict=True):
+        out = level * (b0 + b1 + b2) / (1.0 + a1 + a2)
+        state[1] = b2 * level - a2 * out
+        state[0] = b1 * level - a1 * out + state[1]
+        level = out
+    return found
+
+
+def _kernel() -> Callable[..., None] | None:
+    whole, pointer = ctypes.c_int64, ctypes.c_void_p
+    return function("sections", whole, whole, pointer, whole, pointer, pointer, whole)

@@ -1,0 +1,192 @@
+"""The entries that hold all others give back the regressor; nothing is assumed of a term that says nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.models import (
+    Coulomb,
+    CoupledMotor,
+    Model,
+    RigidBodies,
+    RotorInertia,
+    Viscous,
+    random_states,
+    structure_of,
+)
+from dynident.models.gallery import two_link_arm
+from dynident.models.structure import Structure, independent, is_selective, support_of
+from dynident.models.term import Partials
+from tests.robots import joint, link, urdf
+
+Array = NDArray[np.float64]
+ARM = urdf(
+    link("base"),
+    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
+    link("upper", 2.0, (0.15, 0.0, 0.02)),
+    link("fore", 1.0, (0.1, 0.01, 0.0)),
+    joint("j1", "revolute", "base", "shoulder", axis=(0, 0, 1)),
+    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
+    joint("j3", "prismatic", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
+)
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Rigid bodies that give chosen entries by taking them from the regressor; ``wrong`` spoils what they say."""
+
+    bodies: RigidBodies
+    wrong: str = ""
+
+    @property
+    def joints(self) -> Any:
+        return self.bodies.joints
+
+    @property
+    def parameters(self) -> Any:
+        return self.bodies.parameters
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        return self.bodies.gravity
+
+    def with_gravity(self, gravity: tuple[float, ...]) -> Chosen:
+        return replace(self, bodies=self.bodies.with_gravity(gravity))
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.bodies.regressor(q, dq, ddq)
+
+    def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
+        return self.bodies.partials(q, dq, ddq, theta)
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        if self.wrong == "support":
+            return np.ones((1, 30), dtype=bool)
+        return np.repeat(np.tri(3, dtype=bool).T, 10, axis=1)
+
+    def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
+        rows = self.regressor(q, dq, ddq).transpose(1, 2, 0)[joint, parameter]
+        return rows[:-1] if self.wrong == "entries" else rows
+
+
+class Heavier(Chosen):
+    """A subclass with a regressor of its own, of which the support and entries are no longer true."""
+
+    def regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
+        return self.bodies.regressor(q, dq, ddq) + 1.0
+
+
+def arm(gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Model:
+    bodies = Chosen(RigidBodies(ARM, gravity=gravity))
+    joints = bodies.joints
+    motor = CoupledMotor(joints, {"j2": 1.0, "j3": -6.0}, "motor")
+    return Model((bodies, RotorInertia(joints), Viscous(joints), Coulomb(joints), motor))
+
+
+def recovered(structure: Structure, model: Model, *states: Array) -> Array:
+    entries = model.entries(*states, structure.joint, structure.parameter)
+    parts = zip(structure.parts, structure.maps, strict=True)
+    return np.stack([entries[part].T @ one for part, one in parts], axis=1)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.3, -0.2, -9.8), (0.0, 0.0, 0.0)])
+def test_the_entries_hold_the_whole_regressor(gravity: tuple[float, float, float]) -> None:
+    model = arm(gravity)
+    states = random_states(model.joints, np.random.default_rng(7), 50)
+    Y = model.regressor(*states)
+    np.testing.assert_allclose(recovered(model.structure, model, *states), Y, rtol=1e-12, atol=1e-12 * np.abs(Y).max())
+
+
+def test_of_a_body_at_most_seven_columns_are_needed() -> None:
+    columns = arm((0.3, -0.2, -9.8)).structure.columns
+    bodies = [int((one < 30).sum()) for one in columns]
+    assert all(count <= 7 * (3 - j) for j, count in enumerate(bodies))
+    assert [int((one >= 30).sum()) for one in columns] == [3, 6, 6]
+
+
+def test_a_tilted_base_has_more_columns_than_a_level_one() -> None:
+    level, tilted = (len(arm(gravity).structure.columns[0]) for gravity in ((0.0, 0.0, -9.81), (0.3, -0.2, -9.8)))
+    assert level < tilted
+
+
+def test_one_structure_under_four_gravities_holds_under_any() -> None:
+    structure = structure_of([arm(gravity) for gravity in ((0, 0, 0), (9.81, 0, 0), (0, 9.81, 0), (0, 0, 9.81))])
+    model = arm((1.0, -2.0, 5.0))
+    states = random_states(model.joints, np.random.default_rng(3), 20)
+    Y = model.regressor(*states)
+    np.testing.assert_allclose(recovered(structure, model, *states), Y, rtol=1e-12, atol=1e-12 * np.abs(Y).max())
+
+
+def test_nothing_is_assumed_of_a_term_that_says_nothing() -> None:
+    model = two_link_arm()
+    structure, count = model.structure, len(model.parameters)
+    kept = [len(one) for one in structure.columns]
+    silent = Model(model.terms[:1]).structure
+    assert [len(one) for one in silent.columns] == [len(model.terms[0].parameters)] * 2
+    assert sum(kept) <= 2 * count
+    states = random_states(model.joints, np.random.default_rng(0), 9)
+    np.testing.assert_array_equal(recovered(structure, model, *states), model.regressor(*states))
+
+
+def test_a_subclass_with_another_regressor_inherits_no_structure() -> None:
+    heavier = Heavier(RigidBodies(ARM))
+    assert is_selective(Chosen(RigidBodies(ARM)))
+    assert not is_selective(heavier)
+    assert support_of(heavier).all()
+    states = random_states(heavier.joints, np.random.default_rng(0), 9)
+    model = Model((heavier,))
+    np.testing.assert_allclose(recovered(model.structure, model, *states), model.regressor(*states))
+
+
+@pytest.mark.parametrize("wrong", ["support", "entries"])
+def test_a_wrong_shape_is_an_error(wrong: str) -> None:
+    with pytest.raises(ModelError, match=wrong):
+        _ = Model((Chosen(RigidBodies(ARM), wrong),)).structure
+
+
+def test_entries_that_are_not_finite_are_named() -> None:
+    model = arm()
+    q = np.full((2, 3), 0.1)
+    q[1, 2] = np.inf
+    with np.errstate(invalid="ignore"), pytest.raises(ModelError, match="at sample 1 in its entries"):
+        model.entries(q, q, q, model.structure.joint, model.structure.parameter)
+
+
+@pytest.mark.parametrize(("step", "kept"), [(0.0, 2), (1e-15, 2), (1e-10, 3), (1e-5, 3)])
+def test_columns_are_dependent_only_to_rounding(step: float, kept: int) -> None:
+    X = np.random.default_rng(1).normal(size=(200, 3))
+    X[:, 2] = X[:, 0] - 2 * X[:, 1] + step * X[:, 2]
+    b, K = independent(X)
+    assert len(b) == kept
+    np.testing.assert_allclose(X[:, b] @ K, X, atol=1e-13)
+
+
+def test_what_holds_in_half_of_the_states_only_is_not_used() -> None:
+    X = np.random.default_rng(1).normal(size=(200, 3))
+    X[::2, 2] = X[::2, 0]
+    b, K = independent(X)
+    assert b.tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(K, np.eye(3))
+
+
+def test_columns_beside_a_model() -> None:
+    model = arm()
+    wide = model.structure.beside(2)
+    p = len(model.parameters)
+    assert [one[-2:].tolist() for one in wide.columns] == [[p, p + 1]] * 3
+    for one, map_ in zip(model.structure.maps, wide.maps, strict=True):
+        np.testing.assert_array_equal(map_[:-2, :p], one)
+        np.testing.assert_array_equal(map_[-2:], np.eye(p + 2)[p:])
+
+
+def test_chosen_columns_are_taken_where_they_have_support() -> None:
+    model = arm()
+    some = model.structure_with([0, 10, 35])
+    assert [one.tolist() for one in some.columns] == [[0, 10], [10], [35]]

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, brief
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.arrow import Arrow
+from dynident.estimators.maximum_likelihood.columns import Columns
+from dynident.estimators.maximum_likelihood.elimination import Elimination, Quadratic
 from dynident.estimators.maximum_likelihood.equations import Equations, equations
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.models import Model
@@ -49,13 +51,14 @@ class LikelihoodFit:
     """The result of Newton's method; ``information`` (p, p) of theta with all else profiled out.
 
     ``gradient`` (p) is the data's gradient of the cost after the remaining step.
-    ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
+    ``segments`` give the step of each trajectory that is left to go, as a function of the parameters of ``columns``.
     """
 
     theta: Array
     states: tuple[State, ...]
     information: Array
-    maps: tuple[tuple[Array, int], ...]
+    segments: tuple[Elimination, ...]
+    columns: Columns
     cost: float
     gradient: Array
     decrement: float
@@ -66,87 +69,39 @@ class LikelihoodFit:
 
     def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states for another theta nearby, to first order."""
-        return _carried(segments, self.states, self.maps, theta - self.theta)
-
-
-def _solve_border(one: Equations, border: Array) -> Array:
-    """Return N^-1 times minus the gradient by C and a border, side by side."""
-    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).border_solution
-
-
-def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
-    """Eliminate a segment's trajectory, then its torque knots (k columns of the border); ``turned`` as above.
-
-    Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
-    d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
-    """
-    b = border.shape[1]
-    S = one.corner[:b, :b] - border.T @ turned[:, 1:]
-    S = (S + S.T) / 2
-    g = one.by_border[:b] - border.T @ turned[:, 0]
-    inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
-    free = np.column_stack([turned[:, 0], turned[:, k + 1 :]]) - turned[:, 1 : k + 1] @ inner
-    information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
-    gradient = g[k:] - S[k:, :k] @ inner[:, 0]
-    fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
-    return information, gradient, np.concatenate([free, inner]), fall
+        change = self.columns.combination @ (theta - self.theta)
+        return _carried(segments, self.states, [one.step(change) for one in self.segments])
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A step of theta and, as maps [a, A] with the number k of torques, of each segment's (C, W)."""
+    """A step of theta, and of each segment's C and W."""
 
     theta: Array
-    maps: tuple[tuple[Array, int], ...]
+    moves: tuple[tuple[Array, Array], ...]
+    segments: tuple[Elimination, ...]
     decrement: float
     information: Array
     gradient: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Quadratic:
-    """Information (p, p), gradient (p), twice the fall that the trajectories alone promise, and the maps to them."""
-
-    information: Array
-    gradient: Array
-    fall: float
-    maps: tuple[tuple[Array, int], ...]
-
-    @classmethod
-    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, mixed_hessian: bool) -> _Quadratic:
-        """Sum over the segments; ``turned`` are N^-1 [gradient, border, mixed_hessian] of each."""
-        information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
-        for one, whole in zip(found, turned, strict=True):
-            border, back = one.border, whole[:, : one.border.shape[1] + 1]
-            if mixed_hessian:
-                border, back = border.copy(), back.copy()
-                border[:, -p:] += one.mixed_hessian
-                back[:, -p:] += whole[:, -p:]
-            k = border.shape[1] - p
-            S, g, way, extra = _schur(one, border, back, k)
-            information, gradient, fall = information + S, gradient + g, fall + extra
-            maps.append((way, k))
-        if not np.isfinite(information).all():
-            raise ModelError("the normal equations of the parameters are not finite.")
-        return cls(information, gradient, fall, tuple(maps))
-
-
 def _step(found: Sequence[Equations], theta: Array, likelihood: Likelihood, settings: NewtonSettings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
-    p = len(theta)
-    turned = [_solve_border(one, np.column_stack([one.border, one.mixed_hessian])) for one in found]
-    gauss = used = _Quadratic.of(found, turned, p, mixed_hessian=False)
+    K = likelihood.columns.combination
+    arrows = [Arrow(one.band, one.side) for one in found]
+    gauss = used = Quadratic.of(found, arrows, len(K), mixed_hessian=False)
     if settings.newton:
-        bent = _Quadratic.of(found, turned, p, mixed_hessian=True)
+        bent = Quadratic.of(found, arrows, len(K), mixed_hessian=True)
         if _safe(bent.information, gauss.information):
             used = bent
-    H, g = _positive(used.information), used.gradient
+    H, g = _positive(K.T @ used.information @ K), used.gradient @ K
     barrier = likelihood.barrier
     ways = likelihood.open_directions(H, theta, settings.fixed)
     along = barrier.along(theta, ways)
     dtheta = ways @ along.minimum(ways.T @ H @ ways, ways.T @ g, INEXACT * settings.tolerance)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
+    moves, change = tuple(one.step(K @ dtheta) for one in used.segments), H @ dtheta - g
+    return _Step(dtheta, moves, used.segments, used.fall + 2 * gain, K.T @ gauss.information @ K, change)
 
 
 def _positive(H: Array) -> Array:
@@ -178,6 +133,7 @@ class Likelihood:
     sigma: Sigma
     barrier: Barrier
     directions: Array
+    columns: Columns
 
     def open_directions(self, information: Array, theta: Array, fixed: int | None) -> Array:
         """Return the directions (p, w) along which the information (p, p) or a prior moves all but the fixed one."""
@@ -196,49 +152,37 @@ class Likelihood:
 
     def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
         """Return the normal equations of each segment."""
+        settings = {"mixed_hessian": mixed_hessian, "columns": self.columns}
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian) for one, x in pairs]
+        return [equations(one, self.model, x, theta, self.sigma, **settings) for one, x in pairs]
 
     def linearised(
         self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool
     ) -> list[Equations]:
         """Return the equations about states and theta; with the second derivatives of those before, if any."""
         found = self.equations(states, theta, mixed_hessian=mixed_hessian and not before)
-        return (
-            [replace(one, mixed_hessian=old.mixed_hessian) for one, old in zip(found, before, strict=True)]
-            if before
-            else found
-        )
+        if not before:
+            return found
+        return [one.with_mixed_hessian(old.mixed_hessian) for one, old in zip(found, before, strict=True)]
 
     def gauss_newton_step(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
-        """Return the states after one step of Gauss and Newton at this theta."""
-        p, out = len(theta), []
-        for one, state, found in zip(
-            self.segments, states, self.equations(states, theta, mixed_hessian=False), strict=True
-        ):
-            k = found.border.shape[1] - p
-            border = found.border[:, :k]
-            move = _schur(found, border, _solve_border(found, border), k)[2][:, 0]
-            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-        return tuple(out)
+        """Return the states after one step of Gauss and Newton at this theta, for which no regressor is needed."""
+        moves, none = [], Columns.none(len(theta))
+        for one, state in zip(self.segments, states, strict=True):
+            found = equations(one, self.model, state, theta, self.sigma, mixed_hessian=False, columns=none)
+            moves.append(Elimination.of(found, Arrow(found.band, found.side), 0).step(np.zeros(0)))
+        return _carried(self.segments, states, moves)
 
     def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
         """Return the states that a share ``size`` of the step leads to."""
-        return _carried(self.segments, states, step.maps, step.theta, size)
+        return _carried(self.segments, states, step.moves, size)
 
 
 def _carried(
-    segments: Sequence[Segment],
-    states: Sequence[State],
-    maps: Sequence[tuple[Array, int]],
-    dtheta: Array,
-    size: float = 1.0,
+    segments: Sequence[Segment], states: Sequence[State], moves: Sequence[tuple[Array, Array]], size: float = 1.0
 ) -> tuple[State, ...]:
-    out = []
-    for one, state, (back, k) in zip(segments, states, maps, strict=True):
-        move = size * (back[:, 0] - back[:, 1:] @ dtheta)
-        out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-    return tuple(out)
+    found = zip(segments, states, moves, strict=True)
+    return tuple(one.moved(state, size * dC, size * dW) for one, state, (dC, dW) in found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +222,7 @@ def maximise(
             break
         slow = slow + 1 if at.cost - better.cost < STALLED * 0.5 * step.decrement else 0
         at, near = better, step.decrement < NEAR
-    left = (step.information, step.maps, at.cost, step.gradient, step.decrement)
+    left = (step.information, step.segments, likelihood.columns, at.cost, step.gradient, step.decrement)
     return LikelihoodFit(at.theta, at.states, *left, iteration, converged)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, Step
 from dynident.estimators.constraints import Barrier
+from dynident.estimators.maximum_likelihood.columns import Columns
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
 from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
 from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
@@ -79,7 +80,8 @@ class Search:
     @property
     def likelihood(self) -> Likelihood:
         """The likelihood at the current settings."""
-        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions)
+        columns = Columns.all(len(self.theta))
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions, columns)
 
     def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
@@ -270,8 +272,9 @@ class Search:
         independent; no assumption is made on the noise within them.
         """
         out = []
-        for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
-            pulls = scores(one, self.model, state, fitted.theta, self.sigma, back[:, 1:])
+        for one, state, known in zip(self.segments, fitted.states, fitted.segments, strict=True):
+            follow = known.follow @ fitted.columns.combination
+            pulls = scores(one, self.model, state, fitted.theta, self.sigma, follow)
             middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
             part = max(int(CLUSTERS / len(self.segments)), 2)
             edges = np.searchsorted(

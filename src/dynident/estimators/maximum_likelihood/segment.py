@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
+from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, band_of, places
 from dynident.estimators.maximum_likelihood.torques import Torques, condensed
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, TrajectoryBlock
 from dynident.log import Log
@@ -111,7 +111,7 @@ class Segment:
     @cached_property
     def blocks(self) -> tuple[TrajectoryBlock, ...]:
         """Blocks of intervals and their points."""
-        return tuple(self.trajectory.blocks(self.points, self.log.q.shape[1]))
+        return tuple(self.trajectory.blocks(self.points))
 
     @cached_property
     def local(self) -> Array:
@@ -137,10 +137,16 @@ class Segment:
         """The basis at the positions (N, m)."""
         return self._sparse(*self.shown)
 
+    def _band(self, blocks: Array) -> Array:
+        """Return the band (5, m) of one joint's coefficients from blocks (I, 5, 5) by interval."""
+        total = np.zeros((self.trajectory.size, 1, 5))
+        add_ahead(total, blocks[:, :, None], places(self.trajectory.first, 5))
+        return band_of(total)
+
     @cached_property
-    def _adds(self) -> csr_array:
-        """Sums (m, 5 I) over the intervals of what they say of one joint's coefficients."""
-        return overlap(self.trajectory.first, 5, self.trajectory.size)
+    def gram_band(self) -> Array:
+        """The band (5, m) of the products of the basis over all positions."""
+        return self._band(self.gram)
 
     @cached_property
     def _summed(self) -> tuple[csr_array, Array, Array, Array]:
@@ -148,7 +154,7 @@ class Segment:
         and of what these leave the basis's share (m, n) and the squares (n).
         """
         turned = self.positions.T
-        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
+        band = self.gram_band.copy()
         band[0] += RIDGE * band[0].max()
         middle = self.log.q.mean(axis=0)  # positions may be far from zero
         C = middle + Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ (self.log.q - middle))
@@ -245,7 +251,7 @@ class Segment:
         share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0]) / sigma_ddq**2
         blocks = self.gram / sigma_q**2 + share[:, None, None] * bend[:, :, None] * bend[:, None, :]
         size = self.trajectory.size
-        band, _ = gather(blocks, np.zeros((len(blocks), 5, 0)), self._adds)
+        band = self._band(blocks)
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))

@@ -9,10 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import overlap
+from dynident.estimators.maximum_likelihood.arrow import places
 from dynident.splines.bspline import local_basis
 
 __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
@@ -48,30 +47,38 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
 class TrajectoryBlock:
     """Some of a trajectory's ``intervals``, and all points in them, as slices.
 
-    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K)
-    with the same number c of points, and where these are (K, c), for each c, both counted within the block.
+    ``at`` are the :func:`places` of their five coefficients. ``groups`` are the intervals (K) with the same number c of
+    points, and where these are (K, c), for each c, both counted within the block; slices where they are neighbours.
     """
 
     intervals: slice
     points: slice
-    adds: csr_array
-    groups: tuple[tuple[Index, Index], ...]
+    at: list[slice | Index]
+    groups: tuple[tuple[slice | Index, slice | Index, int], ...]
 
     def products(self, left: Array, right: Array) -> Array:
         """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
         a, b = left.shape[-1], right.shape[-1]
         out = np.zeros((self.intervals.stop - self.intervals.start, a, b))
-        for there, at in self.groups:
-            one, other = left[at].reshape(len(at), -1, a), right[at].reshape(len(at), -1, b)
+        for there, at, c in self.groups:
+            rows = c * int(np.prod(left.shape[1:-1]))
+            one, other = left[at].reshape(-1, rows, a), right[at].reshape(-1, rows, b)
             out[there] = np.swapaxes(one, 1, 2) @ other
         return out
 
 
-def _groups(edges: Index) -> tuple[tuple[Index, Index], ...]:
+def _groups(edges: Index) -> tuple[tuple[slice | Index, slice | Index, int], ...]:
     """Return the groups of intervals that end at ``edges`` of the points."""
     count = np.diff(edges)
-    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
-    return tuple((there, edges[there][:, None] + along) for there, along in same)
+    found: list[tuple[slice | Index, slice | Index, int]] = []
+    for c in np.unique(count[count > 0]).tolist():
+        there = np.flatnonzero(count == c)
+        lo, hi = int(there[0]), int(there[-1]) + 1
+        if hi - lo == len(there):
+            found.append((slice(lo, hi), slice(int(edges[lo]), int(edges[hi])), c))
+        else:
+            found.append((there, edges[there][:, None] + np.arange(c), c))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +112,14 @@ class Trajectory:
         """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
         return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
 
-    def blocks(self, t: Array, n: int) -> Iterator[TrajectoryBlock]:
+    def blocks(self, t: Array) -> Iterator[TrajectoryBlock]:
         """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
         count, lo = len(self.first), 0
         edges = np.searchsorted(self.interval(t), np.arange(count + 1))
         while lo < count:
             hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
-            points, adds = slice(int(edges[lo]), int(edges[hi])), overlap(self.first[lo:hi] * n, 5 * n, self.size * n)
-            yield TrajectoryBlock(slice(lo, hi), points, adds, _groups(edges[lo : hi + 1] - edges[lo]))
+            points, at = slice(int(edges[lo]), int(edges[hi])), places(self.first[lo:hi], DEGREE + 1)
+            yield TrajectoryBlock(slice(lo, hi), points, at, _groups(edges[lo : hi + 1] - edges[lo]))
             lo = hi
 
     def local(self, t: Array) -> Array:

@@ -73,6 +73,9 @@ def _parts(
 ) -> Iterator[_Part]:
     """Yield the parts of a segment, so that the regressor is never formed whole."""
     motion, weight, wanted = segment.motion(state), segment.weights(sigma_tau), segment.wanted(state)
+    n, most = len(sigma_tau), max(block.points.stop - block.points.start for block in segment.blocks)
+    # one for all blocks: memory that is new has to be cleared by the system
+    work = np.zeros((most, n, 5 * n + segment.hats.shape[1] * n + len(columns.kept) + 1))
     for block in segment.blocks:
         states = (motion[0][block.points], motion[1][block.points], motion[2][block.points])
         if columns.kept.size:
@@ -81,23 +84,24 @@ def _parts(
         else:
             torque = model.torque(*states, theta)
             Z = np.zeros((*torque.shape, 0))
-        own, left = weight[block.points], wanted[block.points] - torque
-        yield _Part(block, _rows(segment, block.points, Z, model.partials(*states, theta), left, own), states, Z, own)
+        own, rows = weight[block.points], work[: len(torque)]
+        _write_rows(rows, segment, block.points, Z, model.partials(*states, theta), own)
+        np.multiply(wanted[block.points] - torque, own, out=rows[:, :, -1])
+        yield _Part(block, rows, states, Z, own)
 
 
-def _rows(segment: Segment, points: slice, Z: Array, slopes: Partials, left: Array, weight: Array) -> Array:
-    """Return the derivatives (B, n, 5 n + k n + r) of the model by C, W and parameters, then what is left, weighted."""
-    B, n, r = Z.shape
+def _write_rows(rows: Array, segment: Segment, points: slice, Z: Array, slopes: Partials, weight: Array) -> None:
+    """Write the derivatives (B, n, 5 n + k n + r) of the weighted model by C, W and parameters to all but the last of
+    ``rows``, which are zero where no torque knot acts.
+    """
+    B, n, _ = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
-    rows = np.zeros((B, n, w + k * n + r + 1))
     by = np.stack([slopes.q, slopes.dq, slopes.ddq], axis=1) * weight[:, None, :, None]
     along = np.moveaxis(segment.local[:, points], 0, 2) @ by.reshape(B, 3, n * n)  # (B, 5, n n)
     rows[:, :, :w].reshape(B, n, 5, n)[:] = np.swapaxes(along.reshape(B, 5, n, n), 1, 2)
     for j in range(n if k else 0):
         rows[:, j, w + j : w + k * n : n] = -segment.hats[points] * weight[:, j : j + 1]
     np.multiply(Z, weight[:, :, None], out=rows[:, :, w + k * n : -1])
-    rows[:, :, -1] = left * weight
-    return rows
 
 
 def equations(
@@ -115,9 +119,10 @@ def equations(
     n, r, k = len(sigma.q), len(columns.kept), segment.hats.shape[1]
     w, b, m = 5 * n, k * n + r, segment.trajectory.size
     ahead, side, total = np.zeros((m, n, w)), np.zeros((m, n, b + 1 + r * mixed_hessian)), np.zeros((b + 1, b + 1))
+    work = np.empty((max(one.intervals.stop - one.intervals.start for one in segment.blocks), w, w + b + 1))
     for part in _parts(segment, model, state, theta, sigma.tau, columns):
         block = part.block
-        blocks = block.products(part.rows[:, :, :w], part.rows).reshape(-1, 5, n, w + b + 1)
+        blocks = block.products(part.rows[:, :, :w], part.rows, work).reshape(-1, 5, n, w + b + 1)
         add_ahead(ahead, blocks[..., :w], block.at)
         add_rows(side[..., : b + 1], blocks[..., w:], block.at)
         if mixed_hessian:

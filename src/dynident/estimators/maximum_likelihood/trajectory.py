@@ -19,7 +19,7 @@ __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 DEGREE = 4
-BLOCK = 4096  # points in about one block
+BLOCK = 1024  # points in about one block: few enough to stay in a processor's cache
 JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 
@@ -47,38 +47,37 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
 class TrajectoryBlock:
     """Some of a trajectory's ``intervals``, and all points in them, as slices.
 
-    ``at`` are the :func:`places` of their five coefficients. ``groups`` are the intervals (K) with the same number c of
-    points, and where these are (K, c), for each c, both counted within the block; slices where they are neighbours.
+    ``at`` are the :func:`places` of their five coefficients. ``runs`` are neighbouring intervals with the same number
+    of points, which is above zero: intervals and points, both counted within the block.
     """
 
     intervals: slice
     points: slice
     at: list[slice | Index]
-    groups: tuple[tuple[slice | Index, slice | Index, int], ...]
+    runs: tuple[tuple[slice, slice], ...]
 
-    def products(self, left: Array, right: Array) -> Array:
-        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
-        a, b = left.shape[-1], right.shape[-1]
-        out = np.zeros((self.intervals.stop - self.intervals.start, a, b))
-        for there, at, c in self.groups:
-            rows = c * int(np.prod(left.shape[1:-1]))
-            one, other = left[at].reshape(-1, rows, a), right[at].reshape(-1, rows, b)
-            out[there] = np.swapaxes(one, 1, 2) @ other
+    def products(self, left: Array, right: Array, out: Array | None = None) -> Array:
+        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval.
+
+        ``out`` (intervals or more, a, b) may be overwritten by them.
+        """
+        a, b, count = left.shape[-1], right.shape[-1], self.intervals.stop - self.intervals.start
+        out = np.empty((count, a, b)) if out is None else out[:count]
+        if sum(there.stop - there.start for there, _ in self.runs) < count:
+            out[:] = 0.0
+        for there, at in self.runs:
+            size = there.stop - there.start
+            one, other = left[at].reshape(size, -1, a), right[at].reshape(size, -1, b)
+            np.matmul(np.swapaxes(one, 1, 2), other, out=out[there])
         return out
 
 
-def _groups(edges: Index) -> tuple[tuple[slice | Index, slice | Index, int], ...]:
-    """Return the groups of intervals that end at ``edges`` of the points."""
+def _runs(edges: Index) -> tuple[tuple[slice, slice], ...]:
+    """Return the runs of intervals that end at ``edges`` of the points."""
     count = np.diff(edges)
-    found: list[tuple[slice | Index, slice | Index, int]] = []
-    for c in np.unique(count[count > 0]).tolist():
-        there = np.flatnonzero(count == c)
-        lo, hi = int(there[0]), int(there[-1]) + 1
-        if hi - lo == len(there):
-            found.append((slice(lo, hi), slice(int(edges[lo]), int(edges[hi])), c))
-        else:
-            found.append((there, edges[there][:, None] + np.arange(c), c))
-    return tuple(found)
+    ends = [0, *(np.flatnonzero(np.diff(count)) + 1).tolist(), len(count)]
+    found = ((slice(a, b), slice(int(edges[a]), int(edges[b]))) for a, b in itertools.pairwise(ends))
+    return tuple((there, at) for there, at in found if at.stop > at.start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +118,7 @@ class Trajectory:
         while lo < count:
             hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
             points, at = slice(int(edges[lo]), int(edges[hi])), places(self.first[lo:hi], DEGREE + 1)
-            yield TrajectoryBlock(slice(lo, hi), points, at, _groups(edges[lo : hi + 1] - edges[lo]))
+            yield TrajectoryBlock(slice(lo, hi), points, at, _runs(edges[lo : hi + 1] - edges[lo]))
             lo = hi
 
     def local(self, t: Array) -> Array:

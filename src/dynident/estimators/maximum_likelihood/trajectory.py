@@ -19,7 +19,7 @@ __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 DEGREE = 4
-BLOCK = 1024  # points in about one block: few enough to stay in a processor's cache
+BLOCK = 512  # points in about one block: few enough to stay in a processor's cache
 JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 

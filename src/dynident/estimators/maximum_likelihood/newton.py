@@ -29,6 +29,7 @@ INEXACT = 1e-6  # share of the tolerance to which a step is found
 IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
+FOLLOWED, SHARES = 2, (1.0, 0.4)  # steps of the trajectories after one that fails, and their lengths to try
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,15 @@ def _safe(observed: Array, gauss: Array) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
+class _Point:
+    """The current point of the search."""
+
+    states: tuple[State, ...]
+    theta: Array
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier.
 
@@ -165,17 +175,18 @@ class Likelihood:
             return found
         return [one.with_mixed_hessian(old.mixed_hessian) for one, old in zip(found, before, strict=True)]
 
-    def gauss_newton_step(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
-        """Return the states after one step of Gauss and Newton at this theta, for which no regressor is needed."""
+    def trajectory_step(self, states: Sequence[State], theta: Array) -> tuple[tuple[Array, Array], ...]:
+        """Return the step of Gauss and Newton of each C and W at this theta, for which no regressor is needed."""
         moves, none = [], Columns.none(len(theta))
         for one, state in zip(self.segments, states, strict=True):
             found = equations(one, self.model, state, theta, self.sigma, mixed_hessian=False, columns=none)
             moves.append(Elimination.of(found, Arrow(found.band, found.side), 0).step(np.zeros(0)))
-        return _carried(self.segments, states, moves)
+        return tuple(moves)
 
-    def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
-        """Return the states that a share ``size`` of the step leads to."""
-        return _carried(self.segments, states, step.moves, size)
+    def point(self, states: tuple[State, ...], theta: Array) -> _Point | None:
+        """Return a point with its cost; None outside the feasible set."""
+        cost = self.cost(states, theta)
+        return _Point(states, theta, cost) if np.isfinite(cost) else None
 
 
 def _carried(
@@ -183,15 +194,6 @@ def _carried(
 ) -> tuple[State, ...]:
     found = zip(segments, states, moves, strict=True)
     return tuple(one.moved(state, size * dC, size * dW) for one, state, (dC, dW) in found)
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """The current point of the search."""
-
-    states: tuple[State, ...]
-    theta: Array
-    cost: float
 
 
 def maximise(
@@ -203,7 +205,8 @@ def maximise(
 ) -> LikelihoodFit:
     """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    A failing step is corrected by a step of the trajectory at fixed theta before it is halved.
+    A failing step is corrected by steps of the trajectory at fixed theta before it is shortened; one that succeeds is
+    doubled as long as the cost falls.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
@@ -230,7 +233,7 @@ def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: 
     """Return the start after ``hold`` steps of the states alone; ModelError for an infeasible start."""
     states = tuple(states)
     for _ in range(hold):
-        states = likelihood.gauss_newton_step(states, theta)
+        states = _carried(likelihood.segments, states, likelihood.trajectory_step(states, theta))
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{likelihood.model.name}: the start violates the physical constraints.")
@@ -249,15 +252,40 @@ def _improved(
 
 
 def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
-    """Return the point after a share of the step that lowers the cost; None where there is none."""
+    """Return the point after a share of the step, or a multiple, that lowers the cost; None where there is none."""
     size = 1.0
     while size > SHORTEST:
-        moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
+        aim, needed = at.theta + size * step.theta, at.cost - 1e-2 * size * min(step.decrement, 1.0)
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
-            for _ in range(3):
-                cost = likelihood.cost(moved, aim)
-                if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
-                    return _Point(moved, aim, cost)
-                moved = likelihood.gauss_newton_step(moved, aim)
+            trial: _Point | None = likelihood.point(_carried(likelihood.segments, at.states, step.moves, size), aim)
+            if trial and trial.cost < needed:
+                return _lengthened(likelihood, at, step, trial) if size == 1.0 else trial
+            for _ in range(FOLLOWED):
+                trial = _followed(likelihood, trial) if trial else None
+                if trial and trial.cost < needed:
+                    return trial
         size *= 0.4
+    return None
+
+
+def _lengthened(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) -> _Point:
+    """Return the point after twice the step, or four times, ..., as long as the cost falls."""
+    size = 2.0
+    with suppress(ModelError, np.linalg.LinAlgError):
+        while True:
+            moved = _carried(likelihood.segments, at.states, step.moves, size)
+            further = likelihood.point(moved, at.theta + size * step.theta)
+            if further is None or further.cost >= found.cost:
+                break
+            found, size = further, 2 * size
+    return found
+
+
+def _followed(likelihood: Likelihood, at: _Point) -> _Point | None:
+    """Return the point after a step of the trajectories alone that lowers the cost; None where there is none."""
+    moves = likelihood.trajectory_step(at.states, at.theta)
+    for size in SHARES:
+        found = likelihood.point(_carried(likelihood.segments, at.states, moves, size), at.theta)
+        if found and found.cost < at.cost:
+            return found
     return None

@@ -47,9 +47,7 @@ class Elimination:
         S, g = one.corner - lost[:b, :b], one.by_border - lost[:b, b]
         inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
         fall = float(lost[b, b] + g[:k] @ inner[:, 0])
-        return cls(
-            arrow, whole, inner, S[k:, k:] - S[k:, :k] @ inner[:, 1:], g[k:] - S[k:, :k] @ inner[:, 0], fall
-        )
+        return cls(arrow, whole, inner, S[k:, k:] - S[k:, :k] @ inner[:, 1:], g[k:] - S[k:, :k] @ inner[:, 0], fall)
 
     def step(self, change: Array) -> tuple[Array, Array]:
         """Return the step of C (m n) and W (k) that goes with a ``change`` (r) of the parameters."""
@@ -84,4 +82,6 @@ class Quadratic:
         information = sum((one.information for one in parts), np.zeros((r, r)))
         if not np.isfinite(information).all():
             raise ModelError("the normal equations of the parameters are not finite.")
-        return cls(information, sum((one.gradient for one in parts), np.zeros(r)), sum(one.fall for one in parts), parts)
+        return cls(
+            information, sum((one.gradient for one in parts), np.zeros(r)), sum(one.fall for one in parts), parts
+        )

@@ -76,12 +76,19 @@ class Search:
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = field(default=())
     progress: Callable[[str], None] = lambda _: None
+    _found: tuple[Model, Columns] | None = field(default=None, repr=False)
 
     @property
     def likelihood(self) -> Likelihood:
         """The likelihood at the current settings."""
-        columns = Columns.all(len(self.theta))
-        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions, columns)
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions, self._columns)
+
+    @property
+    def _columns(self) -> Columns:
+        """The independent columns of the model's regressor, found once."""
+        if self._found is None or self._found[0] is not self.model:
+            self._found = (self.model, Columns.independent(self.model))
+        return self._found[1]
 
     def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.

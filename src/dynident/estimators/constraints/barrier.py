@@ -5,7 +5,6 @@ Boyd and Vandenberghe (2004), "Convex optimization", chapters 9 to 11.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -93,7 +92,7 @@ class Barrier:
             raise np.linalg.LinAlgError("a constrained matrix is not positive definite.")
         gradient, hessian = self.linear_gradient + np.zeros(len(x)), np.zeros((len(x), len(x)))
         for one, root in zip(self.matrices, roots, strict=True):
-            turned, share = one.turned(np.linalg.inv(root)), one.share[:, None, None]
+            turned, share = one.turned(np.asarray(np.linalg.inv(root))), one.share[:, None, None]
             one.add_gradient(gradient, turned, -share * np.eye(root.shape[-1]))
             one.add_hessian(hessian, turned * np.sqrt(share))
         weight = self.weight if weight is None else weight
@@ -137,25 +136,28 @@ class Penalised:
 
     def minimised(self, x: Array, enough: float, steps: int = INNER) -> tuple[Array, float]:
         """Take Newton's steps from x until the predicted decrease is below ``enough``; return x and twice that."""
-        fall = np.inf
+        fall, here = np.inf, self._barred(x)
         for _ in range(steps):
             step, fall = self.newton(x)
-            length = self._length(x, step, fall)
+            length, here = self._length(x, step, fall, here)
             x = x + length * step
             if fall < enough or not length:
                 break
         return x, fall
 
-    def _length(self, x: Array, step: Array, fall: float) -> float:
-        """Return the step length by backtracking, 0 where rounding prevents a decrease."""
-        here, slope, bend = self._barred(x), float((self.H @ x - self.g) @ step), float(step @ self.H @ step)
+    def _length(self, x: Array, step: Array, fall: float, here: float) -> tuple[float, float]:
+        """Return the step length by backtracking, 0 where rounding prevents a decrease, and the barriers there.
+
+        ``here`` are the barriers at x.
+        """
+        slope, bend = float((self.H @ x - self.g) @ step), float(step @ self.H @ step)
         length = 1.0
         while length > SHORTEST:
-            change = length * slope + 0.5 * length**2 * bend
-            if self._barred(x + length * step) - here + change <= -0.1 * length * fall:
-                return length
+            change, there = length * slope + 0.5 * length**2 * bend, self._barred(x + length * step)
+            if there - here + change <= -0.1 * length * fall:
+                return length, there
             length *= 0.6
-        return 0.0
+        return 0.0, here
 
     def _barred(self, x: Array) -> float:
         return sum(one.value(x, weight) for one, weight in self.barriers)

@@ -60,7 +60,7 @@ class _Pair:
     def scaled(self) -> _Scaled:
         """Return the scaling in which both are the same diagonal matrix."""
         L, R = np.linalg.cholesky(self.primal), np.linalg.cholesky(self.dual)
-        U, values, Vt = np.linalg.svd(np.swapaxes(R, 1, 2) @ L)
+        U, values, _ = np.linalg.svd(np.swapaxes(R, 1, 2) @ L)
         inverse = np.swapaxes(R @ U, 1, 2) / np.sqrt(values)[:, :, None]
         return _Scaled(self, values, inverse, self.of.turned(inverse))
 

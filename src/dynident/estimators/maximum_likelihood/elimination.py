@@ -45,7 +45,7 @@ class Elimination:
             whole[:, k:b] += half[:, b + 1 :]
         lost = whole.T @ whole
         S, g = one.corner - lost[:b, :b], one.by_border - lost[:b, b]
-        inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
+        inner = np.asarray(np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]])))
         fall = float(lost[b, b] + g[:k] @ inner[:, 0])
         return cls(arrow, whole, inner, S[k:, k:] - S[k:, :k] @ inner[:, 1:], g[k:] - S[k:, :k] @ inner[:, 0], fall)
 

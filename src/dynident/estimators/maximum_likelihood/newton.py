@@ -162,9 +162,11 @@ class Likelihood:
 
     def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
         """Return the normal equations of each segment."""
-        settings = {"mixed_hessian": mixed_hessian, "columns": self.columns}
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma, **settings) for one, x in pairs]
+        return [
+            equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian, columns=self.columns)
+            for one, x in pairs
+        ]
 
     def linearised(
         self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool

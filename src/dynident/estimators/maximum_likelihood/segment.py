@@ -111,7 +111,7 @@ class Segment:
     @cached_property
     def blocks(self) -> tuple[TrajectoryBlock, ...]:
         """Blocks of intervals and their points."""
-        return tuple(self.trajectory.blocks(self.points))
+        return tuple(self.trajectory.blocks(self.points, self.log.q.shape[1]))
 
     @cached_property
     def local(self) -> Array:
@@ -197,6 +197,14 @@ class Segment:
         V = self.shown[1]
         return self.by_interval(V[:, :, None] * V[:, None, :])
 
+    @cached_property
+    def _bends(self) -> Array:
+        """The band (5, m) of the squared acceleration, summed over as many times as there are positions."""
+        breaks = self.trajectory.breaks
+        bend = self.basis((breaks[:-1] + breaks[1:]) / 2)[2]
+        share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0])
+        return self._band(share[:, None, None] * bend[:, :, None] * bend[:, None, :])
+
     def motion(self, state: State) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (P, n) at the points."""
         q, dq, ddq = (basis @ state.C for basis in self._points)
@@ -246,12 +254,7 @@ class Segment:
 
     def smooth(self, sigma_q: float, sigma_ddq: float) -> Arrow:
         """Return the normal equations of one joint's positions, with accelerations of about ``sigma_ddq`` kept down."""
-        breaks = self.trajectory.breaks
-        bend = self.basis((breaks[:-1] + breaks[1:]) / 2)[2]
-        share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0]) / sigma_ddq**2
-        blocks = self.gram / sigma_q**2 + share[:, None, None] * bend[:, :, None] * bend[:, None, :]
-        size = self.trajectory.size
-        band = self._band(blocks)
+        size, band = self.trajectory.size, self.gram_band / sigma_q**2 + self._bends / sigma_ddq**2
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))

@@ -19,7 +19,7 @@ __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 DEGREE = 4
-BLOCK = 512  # points in about one block: few enough to stay in a processor's cache
+BLOCK = 25000  # entries of a joint's derivatives in about one block: few enough to stay in a processor's cache
 JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 
@@ -111,12 +111,15 @@ class Trajectory:
         """Return the interval (N) that each time lies in; a break belongs to the one that begins there."""
         return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
 
-    def blocks(self, t: Array) -> Iterator[TrajectoryBlock]:
-        """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
-        count, lo = len(self.first), 0
+    def blocks(self, t: Array, n: int) -> Iterator[TrajectoryBlock]:
+        """Yield the blocks of whole intervals, each with some hundred or thousand of the times (N), which are sorted.
+
+        The more joints n there are, the fewer.
+        """
+        count, lo, size = len(self.first), 0, max(BLOCK // n**2, 1)
         edges = np.searchsorted(self.interval(t), np.arange(count + 1))
         while lo < count:
-            hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
+            hi = min(max(int(np.searchsorted(edges, edges[lo] + size, side="right")) - 1, lo + 1), count)
             points, at = slice(int(edges[lo]), int(edges[hi])), places(self.first[lo:hi], DEGREE + 1)
             yield TrajectoryBlock(slice(lo, hi), points, at, _runs(edges[lo : hi + 1] - edges[lo]))
             lo = hi

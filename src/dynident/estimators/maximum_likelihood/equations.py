@@ -96,9 +96,9 @@ def _write_rows(rows: Array, segment: Segment, points: slice, Z: Array, slopes: 
     """
     B, n, _ = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
-    by = np.stack([slopes.q, slopes.dq, slopes.ddq], axis=1) * weight[:, None, :, None]
-    along = np.moveaxis(segment.local[:, points], 0, 2) @ by.reshape(B, 3, n * n)  # (B, 5, n n)
-    rows[:, :, :w].reshape(B, n, 5, n)[:] = np.swapaxes(along.reshape(B, 5, n, n), 1, 2)
+    by = np.stack([slopes.q, slopes.dq, slopes.ddq], axis=2) * weight[:, :, None, None]
+    along = np.moveaxis(segment.local[:, points], 0, 2)[:, None]  # (B, 1, 5, 3)
+    np.matmul(along, by, out=rows[:, :, :w].reshape(B, n, 5, n))
     for j in range(n if k else 0):
         rows[:, j, w + j : w + k * n : n] = -segment.hats[points] * weight[:, j : j + 1]
     np.multiply(Z, weight[:, :, None], out=rows[:, :, w + k * n : -1])

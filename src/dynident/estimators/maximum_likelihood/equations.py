@@ -156,15 +156,19 @@ def _mixed_hessian(segment: Segment, model: Model, part: _Part, columns: Columns
     return -part.block.products(np.moveaxis(segment.local[:, part.block.points], 0, 1), slopes).reshape(-1, 5 * n, p)
 
 
-def leverage(segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma) -> Array:
+def leverage(
+    segment: Segment, model: Model, state: State, theta: Array, sigma: Sigma, known: Arrow | None = None
+) -> Array:
     """Return the degrees of freedom (2, n) that the trajectory takes from the positions and torques of each joint.
 
-    These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory.
+    These are the traces of (N^-1 times a joint's share of N), with N the band of the trajectory, of ``known``.
     """
     n, out = len(sigma.q), np.zeros((2, len(sigma.q)))
     none = Columns.none(len(theta))
-    found = equations(segment, model, state, theta, sigma, mixed_hessian=False, columns=none)
-    inverse = Arrow(found.band, found.border).inverse
+    if known is None:
+        found = equations(segment, model, state, theta, sigma, mixed_hessian=False, columns=none)
+        known = Arrow(found.band, found.border)
+    inverse = known.inverse
     for part in _parts(segment, model, state, theta, sigma.tau, none):
         at = segment.trajectory.first[part.block.intervals, None] * n + np.arange(5 * n)
         low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])

@@ -29,6 +29,7 @@ INEXACT = 1e-6  # share of the tolerance to which a step is found
 IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
+BEYOND = 2 / 3  # fall of the cost, over twice the expected one, from which a parabola falls on up to twice the step
 FOLLOWED, SHARES = 2, (1.0, 0.4)  # steps of the trajectories after one that fails, and their lengths to try
 
 
@@ -261,7 +262,8 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
             trial: _Point | None = likelihood.point(_carried(likelihood.segments, at.states, step.moves, size), aim)
             if trial and trial.cost < needed:
-                return _lengthened(likelihood, at, step, trial) if size == 1.0 else trial
+                longer = size == 1.0 and at.cost - trial.cost > BEYOND * step.decrement
+                return _lengthened(likelihood, at, step, trial) if longer else trial
             for _ in range(FOLLOWED):
                 trial = _followed(likelihood, trial) if trial else None
                 if trial and trial.cost < needed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,19 +77,16 @@ class Search:
     segments: tuple[Segment, ...] = ()
     states: tuple[State, ...] = field(default=())
     progress: Callable[[str], None] = lambda _: None
-    _found: tuple[Model, Columns] | None = field(default=None, repr=False)
 
     @property
     def likelihood(self) -> Likelihood:
         """The likelihood at the current settings."""
         return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions, self._columns)
 
-    @property
+    @cached_property
     def _columns(self) -> Columns:
-        """The independent columns of the model's regressor, found once."""
-        if self._found is None or self._found[0] is not self.model:
-            self._found = (self.model, Columns.independent(self.model))
-        return self._found[1]
+        """The independent columns of the model's regressor, which smooth signs leave as they are."""
+        return Columns.independent(self.model)
 
     def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
@@ -203,11 +201,14 @@ class Search:
             (one.raw.weight > 0) * b / self.sigma.tau for (_, b), one in torques
         ]
 
-    def reweight(self, huber: float | None) -> None:
-        """Estimate the noise from the residuals and the degrees of freedom; with ``huber``, also the sample weights."""
+    def reweight(self, huber: float | None, fitted: LikelihoodFit) -> None:
+        """Estimate the noise from the residuals and degrees of freedom of the fit moved to; with ``huber``, also the
+        sample weights.
+        """
         q, tau = self.residuals()
-        pairs = zip(self.segments, self.states, strict=True)
-        taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
+        known = [one.arrow for one in fitted.segments]
+        found = zip(self.segments, self.states, known, strict=True)
+        taken = np.sum([leverage(one, self.model, x, self.theta, self.sigma, band) for one, x, band in found], axis=0)
         there = np.array(
             [sum(map(len, q)) + 0 * self.sigma.q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
         )

@@ -96,7 +96,9 @@ def _write_rows(rows: Array, segment: Segment, points: slice, Z: Array, slopes: 
     """
     B, n, _ = Z.shape
     w, k = 5 * n, segment.hats.shape[1]
-    by = np.stack([slopes.q, slopes.dq, slopes.ddq], axis=2) * weight[:, :, None, None]
+    by = np.empty((B, n, 3, n))
+    for d, one in enumerate((slopes.q, slopes.dq, slopes.ddq)):
+        np.multiply(one, weight[:, :, None], out=by[:, :, d])
     along = np.moveaxis(segment.local[:, points], 0, 2)[:, None]  # (B, 1, 5, 3)
     np.matmul(along, by, out=rows[:, :, :w].reshape(B, n, 5, n))
     for j in range(n if k else 0):

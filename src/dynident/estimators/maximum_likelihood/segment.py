@@ -172,12 +172,14 @@ class Segment:
         return found, squares - (change * (share + found)).sum(axis=0)
 
     @cached_property
-    def _points(self) -> tuple[csr_array, ...]:
-        return tuple(self._sparse(self.trajectory.interval(self.points), V) for V in self.local)
+    def _points(self) -> csr_array:
+        """Positions, velocities and accelerations (3 P, m) at the points."""
+        return self._sparse(np.tile(self.trajectory.interval(self.points), 3), self.local.reshape(-1, 5))
 
     @cached_property
-    def _torques(self) -> tuple[csr_array, ...]:
-        return tuple(self._sparse(self.trajectory.interval(self.raw.t), V) for V in self.basis(self.raw.t))
+    def _torques(self) -> csr_array:
+        """The same (3 K, m) at the torques as measured."""
+        return self._sparse(np.tile(self.trajectory.interval(self.raw.t), 3), self.basis(self.raw.t).reshape(-1, 5))
 
     def _sparse(self, interval: NDArray[np.intp], V: Array) -> csr_array:
         columns = (self.trajectory.first[interval][:, None] + np.arange(5)).ravel()
@@ -207,7 +209,7 @@ class Segment:
 
     def motion(self, state: State) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (P, n) at the points."""
-        q, dq, ddq = (basis @ state.C for basis in self._points)
+        q, dq, ddq = (self._points @ state.C).reshape(3, -1, state.C.shape[1])
         return q, dq, ddq
 
     def weights(self, sigma_tau: Array) -> Array:
@@ -222,7 +224,7 @@ class Segment:
         return self.offset(state), self.raw.tau - self._modelled(model, state, theta)
 
     def _modelled(self, model: Model, state: State, theta: Array) -> Array:
-        q, dq, ddq = (basis @ state.C for basis in self._torques)
+        q, dq, ddq = (self._torques @ state.C).reshape(3, -1, state.C.shape[1])
         return model.torque(q, dq, ddq, theta)
 
     def offset(self, state: State) -> Array:

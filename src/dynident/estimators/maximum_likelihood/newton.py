@@ -30,7 +30,7 @@ IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below whi
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 BEYOND = 2 / 3  # fall of the cost, over twice the expected one, from which a parabola falls on up to twice the step
-FOLLOWED, SHARES = 2, (1.0, 0.4)  # steps of the trajectories after one that fails, and their lengths to try
+FOLLOWED, SHARES = 2, (1.0, 0.4, 0.16)  # steps of the trajectories after one that fails, and their lengths to try
 
 
 @dataclass(frozen=True)
@@ -286,10 +286,11 @@ def _lengthened(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) 
 
 
 def _followed(likelihood: Likelihood, at: _Point) -> _Point | None:
-    """Return the point after a step of the trajectories alone that lowers the cost; None where there is none."""
-    moves = likelihood.trajectory_step(at.states, at.theta)
+    """Return the point after a step of the trajectories alone: the first that lowers the cost, else the best."""
+    moves, tried = likelihood.trajectory_step(at.states, at.theta), []
     for size in SHARES:
         found = likelihood.point(_carried(likelihood.segments, at.states, moves, size), at.theta)
         if found and found.cost < at.cost:
             return found
-    return None
+        tried += [found] if found else []
+    return min(tried, key=lambda one: one.cost, default=None)

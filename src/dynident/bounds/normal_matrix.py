@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.bounds.cramer_rao import variance
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
+from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, add_rows, band_of, places
 from dynident.log import Motion
 from dynident.models import Model
 from dynident.regression import fitted_rows, stretches
@@ -106,24 +106,21 @@ class _Linearised:
 
 def _built(known: _Linearised, part: slice) -> NormalMatrix:
     n, r, rows = len(known.model.joints), len(known.columns), part.stop - part.start
-    w, m = 3 * n, (rows + 2) * n
+    w, m = 3 * n, rows + 2
     local = _cubic(known.motion.t[part])
-    found = NormalMatrix(np.zeros((w, m)), np.zeros((w, m)), np.zeros((m, r)), np.zeros((r, r)))
+    position, torque, border, corner = (np.zeros(size) for size in ((m, n, w), (m, n, w), (m, n, r), (r, r)))
     for start in range(0, rows, CHUNK):
         here = slice(start, min(start + CHUNK, rows))
         k, V = here.stop - here.start, local[0, here]
         J, Y, weight = known.rows(slice(part.start + here.start, part.start + here.stop), local[:, here])
         pull = (J * weight[:, :, None]).swapaxes(1, 2)  # (k, w, n)
-        shown = np.einsum("ka,kb,ij->kaibj", V, V, np.diag(known.position)).reshape(k, w, w)
-        size = n * (k + 2)
-        place, adds = slice(n * here.start, n * here.start + size), overlap(n * np.arange(k), w, size)
-        torque, border = gather(pull @ J, pull @ Y, adds)
-        position, _ = gather(shown, np.zeros((k, w, 0)), adds)
-        found.torque[:, place] += torque
-        found.position[:, place] += position
-        found.border[place] += border
-        found.corner[:] += (Y * weight[:, :, None]).reshape(-1, r).T @ Y.reshape(-1, r)
-    return found
+        shown = np.einsum("ka,kb,ij->kaibj", V, V, np.diag(known.position))
+        at = places(np.arange(here.start, here.stop), 3)
+        add_ahead(torque, (pull @ J).reshape(k, 3, n, w), at)
+        add_ahead(position, shown.reshape(k, 3, n, w), at)
+        add_rows(border, (pull @ Y).reshape(k, 3, n, r), at)
+        corner += (Y * weight[:, :, None]).reshape(-1, r).T @ Y.reshape(-1, r)
+    return NormalMatrix(band_of(position), band_of(torque), border.reshape(m * n, r), corner)
 
 
 def _cubic(t: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
@@ -213,15 +213,11 @@ class Coulomb(PerJoint):
         """Whether the torque jumps with the sign of the velocity: no width and no dead band."""
         return not (self.width or self.dead_band)
 
-    def with_smooth_sign(self, width: Array) -> tuple[Coulomb, ...]:
-        """Return one friction for each joint, because each has its own width (n)."""
-        known = [joint.name for joint in self.joints]
-        found = []
-        for k, (name, parameter) in enumerate(zip(self.on or known, self.parameters, strict=True)):
-            value = None if self.values is None else (self.values[k],)
-            one = replace(self, on=(name,), names=(parameter.name,), expressions=None, values=value)
-            found.append(replace(one, width=float(width[known.index(name)])))
-        return tuple(found)
+    def with_smooth_sign(self, width: Array) -> tuple[SmoothCoulomb]:
+        """Return the friction with tanh(dq / width) in place of the sign, each joint with its own width (n)."""
+        names = tuple(parameter.name for parameter in self.parameters)
+        widths = tuple(float(width[j]) for j in self._columns)
+        return (SmoothCoulomb(self.joints, self.on, names, None, self.values, widths),)
 
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
@@ -242,6 +238,27 @@ class Coulomb(PerJoint):
             return np.zeros_like(dq)
         slope: Array = (1 - np.tanh(dq / self.width) ** 2) / self.width
         return slope
+
+
+@dataclass(frozen=True)
+class SmoothCoulomb(PerJoint):
+    """Coulomb friction with a ``width`` (rad/s, m/s) for each joint in ``on``: tau_j = Fc_j tanh(dq_j / width_j)."""
+
+    width: tuple[float, ...] = ()
+    symbol = "Fc"
+    role = "coulomb"
+
+    def meaning(self) -> str:
+        """Return the meaning of the parameter."""
+        return "Coulomb friction: torque per tanh(dq / width)"
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return np.tanh(dq / self.width)
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        return np.asarray((1 - np.tanh(dq / self.width) ** 2) / self.width)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynident.errors import ModelError
-from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
+from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, add_rows, band_of, places
 
 
 class TestArrow:
@@ -20,23 +20,31 @@ class TestArrow:
         A, band = self.matrix(rng)
         B = rng.standard_normal((14, 3))
         arrow, inverse = Arrow(band, B), np.linalg.inv(A)
-        np.testing.assert_allclose(arrow.border_solution, inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.inner(B), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.back(arrow.half), inverse @ B, rtol=1e-10)
+        np.testing.assert_allclose(arrow.profiled, B.T @ inverse @ B, rtol=1e-10)
         np.testing.assert_allclose(arrow.log_det, np.linalg.slogdet(A)[1], rtol=1e-12)
         for d in range(4):
             np.testing.assert_allclose(arrow.inverse[d, : 14 - d], np.diag(inverse, -d), rtol=1e-9, atol=1e-14)
 
-    def test_gathers_overlapping_blocks(self, rng: np.random.Generator) -> None:
-        first = np.array([0, 2, 3])
-        half = rng.standard_normal((3, 4, 4))
-        blocks, rows = half @ half.swapaxes(1, 2), rng.standard_normal((3, 4, 2))
-        full, side = np.zeros((7, 7)), np.zeros((7, 2))
+    @pytest.mark.parametrize("first", [[0, 2, 3], [0, 1, 2]])
+    def test_adds_up_overlapping_blocks(self, rng: np.random.Generator, first: list[int]) -> None:
+        """Blocks of three unknowns of two joints each, at places that do or do not follow each other."""
+        half = rng.standard_normal((3, 6, 6))
+        blocks, rows = half @ half.swapaxes(1, 2), rng.standard_normal((3, 6, 4))
+        full, side = np.zeros((12, 12)), np.zeros((12, 4))
         for at, block, row in zip(first, blocks, rows, strict=True):
-            full[at : at + 4, at : at + 4] += block
-            side[at : at + 4] += row
-        band, border = gather(blocks, rows, overlap(first, 4, 7))
-        for d in range(4):
-            np.testing.assert_allclose(band[d, : 7 - d], np.diag(full, -d))
-        np.testing.assert_allclose(border, side)
+            here = slice(2 * at, 2 * at + 6)
+            full[here, here] += block
+            side[here] += row
+        ahead, border, at = np.zeros((6, 2, 6)), np.zeros((6, 2, 4)), places(np.array(first), 3)
+        add_ahead(ahead, blocks.reshape(3, 3, 2, 6), at)
+        add_rows(border, rows.reshape(3, 3, 2, 4), at)
+        band = band_of(ahead)
+        for d in range(6):
+            np.testing.assert_allclose(band[d, : 12 - d], np.diag(full, -d), atol=1e-15)
+            assert not band[d, 12 - d :].any()
+        np.testing.assert_allclose(border.reshape(12, 4), side)
 
     def test_refuses_what_is_not_determined(self) -> None:
         with pytest.raises(ModelError, match="not determined"):

@@ -179,7 +179,7 @@ class _Run:
             self.notes.append(SmoothSigns(widths))
         fitted = search.run(hold=2, loose=ROUGH if settings.rounds > 1 else 1.0)
         for _ in range(settings.rounds - 1):
-            search.reweight(settings.huber)
+            search.reweight(settings.huber, fitted)
             fitted = search.run()
         bodies = not search.settings.newton  # some parameters of bodies are never determined
         undetermined = bool(self.directions(fitted).undetermined.any()) and not bodies

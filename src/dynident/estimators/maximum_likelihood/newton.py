@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, brief
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.arrow import Arrow
+from dynident.estimators.maximum_likelihood.columns import Columns
+from dynident.estimators.maximum_likelihood.elimination import Elimination, Quadratic
 from dynident.estimators.maximum_likelihood.equations import Equations, equations
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
 from dynident.models import Model
@@ -27,6 +29,8 @@ INEXACT = 1e-6  # share of the tolerance to which a step is found
 IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
+BEYOND = 2 / 3  # fall of the cost, over twice the expected one, from which a parabola falls on up to twice the step
+FOLLOWED, SHARES = 2, (1.0, 0.4, 0.16)  # steps of the trajectories after one that fails, and their lengths to try
 
 
 @dataclass(frozen=True)
@@ -49,13 +53,14 @@ class LikelihoodFit:
     """The result of Newton's method; ``information`` (p, p) of theta with all else profiled out.
 
     ``gradient`` (p) is the data's gradient of the cost after the remaining step.
-    ``maps`` are, by segment, [a, A] of the step d(C, W) = a - A dtheta that is left to go, and the number of torques.
+    ``segments`` give the step of each trajectory that is left to go, as a function of the parameters of ``columns``.
     """
 
     theta: Array
     states: tuple[State, ...]
     information: Array
-    maps: tuple[tuple[Array, int], ...]
+    segments: tuple[Elimination, ...]
+    columns: Columns
     cost: float
     gradient: Array
     decrement: float
@@ -66,87 +71,39 @@ class LikelihoodFit:
 
     def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states for another theta nearby, to first order."""
-        return _carried(segments, self.states, self.maps, theta - self.theta)
-
-
-def _solve_border(one: Equations, border: Array) -> Array:
-    """Return N^-1 times minus the gradient by C and a border, side by side."""
-    return Arrow(one.band, np.column_stack([one.by_coefficients, border])).border_solution
-
-
-def _schur(one: Equations, border: Array, turned: Array, k: int) -> tuple[Array, Array, Array, float]:
-    """Eliminate a segment's trajectory, then its torque knots (k columns of the border); ``turned`` as above.
-
-    Returns the information (p, p) and gradient (p) that it leaves for theta, the map back [a, A] to the step
-    d(C, W) = a - A dtheta, and twice the fall of the cost that (C, W) alone promise.
-    """
-    b = border.shape[1]
-    S = one.corner[:b, :b] - border.T @ turned[:, 1:]
-    S = (S + S.T) / 2
-    g = one.by_border[:b] - border.T @ turned[:, 0]
-    inner = np.linalg.solve(S[:k, :k], np.column_stack([g[:k], S[:k, k:]]))
-    free = np.column_stack([turned[:, 0], turned[:, k + 1 :]]) - turned[:, 1 : k + 1] @ inner
-    information = S[k:, k:] - S[k:, :k] @ inner[:, 1:]
-    gradient = g[k:] - S[k:, :k] @ inner[:, 0]
-    fall = float(one.by_coefficients @ free[:, 0] + one.by_border[:k] @ inner[:, 0])
-    return information, gradient, np.concatenate([free, inner]), fall
+        change = self.columns.combination @ (theta - self.theta)
+        return _carried(segments, self.states, [one.step(change) for one in self.segments])
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A step of theta and, as maps [a, A] with the number k of torques, of each segment's (C, W)."""
+    """A step of theta, and of each segment's C and W."""
 
     theta: Array
-    maps: tuple[tuple[Array, int], ...]
+    moves: tuple[tuple[Array, Array], ...]
+    segments: tuple[Elimination, ...]
     decrement: float
     information: Array
     gradient: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Quadratic:
-    """Information (p, p), gradient (p), twice the fall that the trajectories alone promise, and the maps to them."""
-
-    information: Array
-    gradient: Array
-    fall: float
-    maps: tuple[tuple[Array, int], ...]
-
-    @classmethod
-    def of(cls, found: Sequence[Equations], turned: Sequence[Array], p: int, *, mixed_hessian: bool) -> _Quadratic:
-        """Sum over the segments; ``turned`` are N^-1 [gradient, border, mixed_hessian] of each."""
-        information, gradient, fall, maps = np.zeros((p, p)), np.zeros(p), 0.0, []
-        for one, whole in zip(found, turned, strict=True):
-            border, back = one.border, whole[:, : one.border.shape[1] + 1]
-            if mixed_hessian:
-                border, back = border.copy(), back.copy()
-                border[:, -p:] += one.mixed_hessian
-                back[:, -p:] += whole[:, -p:]
-            k = border.shape[1] - p
-            S, g, way, extra = _schur(one, border, back, k)
-            information, gradient, fall = information + S, gradient + g, fall + extra
-            maps.append((way, k))
-        if not np.isfinite(information).all():
-            raise ModelError("the normal equations of the parameters are not finite.")
-        return cls(information, gradient, fall, tuple(maps))
-
-
 def _step(found: Sequence[Equations], theta: Array, likelihood: Likelihood, settings: NewtonSettings) -> _Step:
     """Solve for the step: Newton's where its matrix is safely positive definite, else that of Gauss and Newton."""
-    p = len(theta)
-    turned = [_solve_border(one, np.column_stack([one.border, one.mixed_hessian])) for one in found]
-    gauss = used = _Quadratic.of(found, turned, p, mixed_hessian=False)
+    K = likelihood.columns.combination
+    arrows = [Arrow(one.band, one.side) for one in found]
+    gauss = used = Quadratic.of(found, arrows, len(K), mixed_hessian=False)
     if settings.newton:
-        bent = _Quadratic.of(found, turned, p, mixed_hessian=True)
+        bent = Quadratic.of(found, arrows, len(K), mixed_hessian=True)
         if _safe(bent.information, gauss.information):
             used = bent
-    H, g = _positive(used.information), used.gradient
+    H, g = _positive(K.T @ used.information @ K), used.gradient @ K
     barrier = likelihood.barrier
     ways = likelihood.open_directions(H, theta, settings.fixed)
     along = barrier.along(theta, ways)
     dtheta = ways @ along.minimum(ways.T @ H @ ways, ways.T @ g, INEXACT * settings.tolerance)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
-    return _Step(dtheta, used.maps, used.fall + 2 * gain, gauss.information, H @ dtheta - g)
+    moves, change = tuple(one.step(K @ dtheta) for one in used.segments), H @ dtheta - g
+    return _Step(dtheta, moves, used.segments, used.fall + 2 * gain, K.T @ gauss.information @ K, change)
 
 
 def _positive(H: Array) -> Array:
@@ -167,6 +124,15 @@ def _safe(observed: Array, gauss: Array) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
+class _Point:
+    """The current point of the search."""
+
+    states: tuple[State, ...]
+    theta: Array
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
 class Likelihood:
     """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier.
 
@@ -178,6 +144,7 @@ class Likelihood:
     sigma: Sigma
     barrier: Barrier
     directions: Array
+    columns: Columns
 
     def open_directions(self, information: Array, theta: Array, fixed: int | None) -> Array:
         """Return the directions (p, w) along which the information (p, p) or a prior moves all but the fixed one."""
@@ -197,57 +164,39 @@ class Likelihood:
     def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
         """Return the normal equations of each segment."""
         pairs = zip(self.segments, states, strict=True)
-        return [equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian) for one, x in pairs]
+        return [
+            equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian, columns=self.columns)
+            for one, x in pairs
+        ]
 
     def linearised(
         self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool
     ) -> list[Equations]:
         """Return the equations about states and theta; with the second derivatives of those before, if any."""
         found = self.equations(states, theta, mixed_hessian=mixed_hessian and not before)
-        return (
-            [replace(one, mixed_hessian=old.mixed_hessian) for one, old in zip(found, before, strict=True)]
-            if before
-            else found
-        )
+        if not before:
+            return found
+        return [one.with_mixed_hessian(old.mixed_hessian) for one, old in zip(found, before, strict=True)]
 
-    def gauss_newton_step(self, states: Sequence[State], theta: Array) -> tuple[State, ...]:
-        """Return the states after one step of Gauss and Newton at this theta."""
-        p, out = len(theta), []
-        for one, state, found in zip(
-            self.segments, states, self.equations(states, theta, mixed_hessian=False), strict=True
-        ):
-            k = found.border.shape[1] - p
-            border = found.border[:, :k]
-            move = _schur(found, border, _solve_border(found, border), k)[2][:, 0]
-            out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-        return tuple(out)
+    def trajectory_step(self, states: Sequence[State], theta: Array) -> tuple[tuple[Array, Array], ...]:
+        """Return the step of Gauss and Newton of each C and W at this theta, for which no regressor is needed."""
+        moves, none = [], Columns.none(len(theta))
+        for one, state in zip(self.segments, states, strict=True):
+            found = equations(one, self.model, state, theta, self.sigma, mixed_hessian=False, columns=none)
+            moves.append(Elimination.of(found, Arrow(found.band, found.side), 0).step(np.zeros(0)))
+        return tuple(moves)
 
-    def tried(self, states: Sequence[State], step: _Step, size: float) -> tuple[State, ...]:
-        """Return the states that a share ``size`` of the step leads to."""
-        return _carried(self.segments, states, step.maps, step.theta, size)
+    def point(self, states: tuple[State, ...], theta: Array) -> _Point | None:
+        """Return a point with its cost; None outside the feasible set."""
+        cost = self.cost(states, theta)
+        return _Point(states, theta, cost) if np.isfinite(cost) else None
 
 
 def _carried(
-    segments: Sequence[Segment],
-    states: Sequence[State],
-    maps: Sequence[tuple[Array, int]],
-    dtheta: Array,
-    size: float = 1.0,
+    segments: Sequence[Segment], states: Sequence[State], moves: Sequence[tuple[Array, Array]], size: float = 1.0
 ) -> tuple[State, ...]:
-    out = []
-    for one, state, (back, k) in zip(segments, states, maps, strict=True):
-        move = size * (back[:, 0] - back[:, 1:] @ dtheta)
-        out.append(one.moved(state, move[: len(move) - k], move[len(move) - k :]))
-    return tuple(out)
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """The current point of the search."""
-
-    states: tuple[State, ...]
-    theta: Array
-    cost: float
+    found = zip(segments, states, moves, strict=True)
+    return tuple(one.moved(state, size * dC, size * dW) for one, state, (dC, dW) in found)
 
 
 def maximise(
@@ -259,7 +208,8 @@ def maximise(
 ) -> LikelihoodFit:
     """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    A failing step is corrected by a step of the trajectory at fixed theta before it is halved.
+    A failing step is corrected by steps of the trajectory at fixed theta before it is shortened; one that succeeds is
+    doubled as long as the cost falls.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
@@ -278,7 +228,7 @@ def maximise(
             break
         slow = slow + 1 if at.cost - better.cost < STALLED * 0.5 * step.decrement else 0
         at, near = better, step.decrement < NEAR
-    left = (step.information, step.maps, at.cost, step.gradient, step.decrement)
+    left = (step.information, step.segments, likelihood.columns, at.cost, step.gradient, step.decrement)
     return LikelihoodFit(at.theta, at.states, *left, iteration, converged)
 
 
@@ -286,7 +236,7 @@ def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: 
     """Return the start after ``hold`` steps of the states alone; ModelError for an infeasible start."""
     states = tuple(states)
     for _ in range(hold):
-        states = likelihood.gauss_newton_step(states, theta)
+        states = _carried(likelihood.segments, states, likelihood.trajectory_step(states, theta))
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{likelihood.model.name}: the start violates the physical constraints.")
@@ -305,15 +255,42 @@ def _improved(
 
 
 def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
-    """Return the point after a share of the step that lowers the cost; None where there is none."""
+    """Return the point after a share of the step, or a multiple, that lowers the cost; None where there is none."""
     size = 1.0
     while size > SHORTEST:
-        moved, aim = likelihood.tried(at.states, step, size), at.theta + size * step.theta
+        aim, needed = at.theta + size * step.theta, at.cost - 1e-2 * size * min(step.decrement, 1.0)
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
-            for _ in range(3):
-                cost = likelihood.cost(moved, aim)
-                if cost < at.cost - 1e-2 * size * min(step.decrement, 1.0):
-                    return _Point(moved, aim, cost)
-                moved = likelihood.gauss_newton_step(moved, aim)
+            trial: _Point | None = likelihood.point(_carried(likelihood.segments, at.states, step.moves, size), aim)
+            if trial and trial.cost < needed:
+                longer = size == 1.0 and at.cost - trial.cost > BEYOND * step.decrement
+                return _lengthened(likelihood, at, step, trial) if longer else trial
+            for _ in range(FOLLOWED):
+                trial = _followed(likelihood, trial) if trial else None
+                if trial and trial.cost < needed:
+                    return trial
         size *= 0.4
     return None
+
+
+def _lengthened(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) -> _Point:
+    """Return the point after twice the step, or four times, ..., as long as the cost falls."""
+    size = 2.0
+    with suppress(ModelError, np.linalg.LinAlgError):
+        while True:
+            moved = _carried(likelihood.segments, at.states, step.moves, size)
+            further = likelihood.point(moved, at.theta + size * step.theta)
+            if further is None or further.cost >= found.cost:
+                break
+            found, size = further, 2 * size
+    return found
+
+
+def _followed(likelihood: Likelihood, at: _Point) -> _Point | None:
+    """Return the point after a step of the trajectories alone: the first that lowers the cost, else the best."""
+    moves, tried = likelihood.trajectory_step(at.states, at.theta), []
+    for size in SHARES:
+        found = likelihood.point(_carried(likelihood.segments, at.states, moves, size), at.theta)
+        if found and found.cost < at.cost:
+            return found
+        tried += [found] if found else []
+    return min(tried, key=lambda one: one.cost, default=None)

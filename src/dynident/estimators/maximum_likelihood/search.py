@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, Step
 from dynident.estimators.constraints import Barrier
+from dynident.estimators.maximum_likelihood.columns import Columns
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
 from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
 from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
@@ -79,7 +81,12 @@ class Search:
     @property
     def likelihood(self) -> Likelihood:
         """The likelihood at the current settings."""
-        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions)
+        return Likelihood(self.model, self.segments, self.sigma, self.barrier, self.directions, self._columns)
+
+    @cached_property
+    def _columns(self) -> Columns:
+        """The independent columns of the model's regressor, which smooth signs leave as they are."""
+        return Columns.independent(self.model)
 
     def choose_knots(self, spacing: float | None, *, rest: bool, condense: bool) -> None:
         """Choose the knots: ``spacing`` samples, or as wide as fits to the positions alone allow.
@@ -194,11 +201,14 @@ class Search:
             (one.raw.weight > 0) * b / self.sigma.tau for (_, b), one in torques
         ]
 
-    def reweight(self, huber: float | None) -> None:
-        """Estimate the noise from the residuals and the degrees of freedom; with ``huber``, also the sample weights."""
+    def reweight(self, huber: float | None, fitted: LikelihoodFit) -> None:
+        """Estimate the noise from the residuals and degrees of freedom of the fit moved to; with ``huber``, also the
+        sample weights.
+        """
         q, tau = self.residuals()
-        pairs = zip(self.segments, self.states, strict=True)
-        taken = np.sum([leverage(one, self.model, state, self.theta, self.sigma) for one, state in pairs], axis=0)
+        known = [one.arrow for one in fitted.segments]
+        found = zip(self.segments, self.states, known, strict=True)
+        taken = np.sum([leverage(one, self.model, x, self.theta, self.sigma, band) for one, x, band in found], axis=0)
         there = np.array(
             [sum(map(len, q)) + 0 * self.sigma.q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
         )
@@ -270,8 +280,9 @@ class Search:
         independent; no assumption is made on the noise within them.
         """
         out = []
-        for one, state, (back, _) in zip(self.segments, fitted.states, fitted.maps, strict=True):
-            pulls = scores(one, self.model, state, fitted.theta, self.sigma, back[:, 1:])
+        for one, state, known in zip(self.segments, fitted.states, fitted.segments, strict=True):
+            follow = known.follow @ fitted.columns.combination
+            pulls = scores(one, self.model, state, fitted.theta, self.sigma, follow)
             middle = (one.trajectory.breaks[:-1] + one.trajectory.breaks[1:]) / 2
             part = max(int(CLUSTERS / len(self.segments)), 2)
             edges = np.searchsorted(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import Arrow, gather, overlap
+from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, band_of, places
 from dynident.estimators.maximum_likelihood.torques import Torques, condensed
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, TrajectoryBlock
 from dynident.log import Log
@@ -137,10 +137,16 @@ class Segment:
         """The basis at the positions (N, m)."""
         return self._sparse(*self.shown)
 
+    def _band(self, blocks: Array) -> Array:
+        """Return the band (5, m) of one joint's coefficients from blocks (I, 5, 5) by interval."""
+        total = np.zeros((self.trajectory.size, 1, 5))
+        add_ahead(total, blocks[:, :, None], places(self.trajectory.first, 5))
+        return band_of(total)
+
     @cached_property
-    def _adds(self) -> csr_array:
-        """Sums (m, 5 I) over the intervals of what they say of one joint's coefficients."""
-        return overlap(self.trajectory.first, 5, self.trajectory.size)
+    def gram_band(self) -> Array:
+        """The band (5, m) of the products of the basis over all positions."""
+        return self._band(self.gram)
 
     @cached_property
     def _summed(self) -> tuple[csr_array, Array, Array, Array]:
@@ -148,7 +154,7 @@ class Segment:
         and of what these leave the basis's share (m, n) and the squares (n).
         """
         turned = self.positions.T
-        band, _ = gather(self.gram, np.zeros((len(self.gram), 5, 0)), self._adds)
+        band = self.gram_band.copy()
         band[0] += RIDGE * band[0].max()
         middle = self.log.q.mean(axis=0)  # positions may be far from zero
         C = middle + Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ (self.log.q - middle))
@@ -166,12 +172,14 @@ class Segment:
         return found, squares - (change * (share + found)).sum(axis=0)
 
     @cached_property
-    def _points(self) -> tuple[csr_array, ...]:
-        return tuple(self._sparse(self.trajectory.interval(self.points), V) for V in self.local)
+    def _points(self) -> csr_array:
+        """Positions, velocities and accelerations (3 P, m) at the points."""
+        return self._sparse(np.tile(self.trajectory.interval(self.points), 3), self.local.reshape(-1, 5))
 
     @cached_property
-    def _torques(self) -> tuple[csr_array, ...]:
-        return tuple(self._sparse(self.trajectory.interval(self.raw.t), V) for V in self.basis(self.raw.t))
+    def _torques(self) -> csr_array:
+        """The same (3 K, m) at the torques as measured."""
+        return self._sparse(np.tile(self.trajectory.interval(self.raw.t), 3), self.basis(self.raw.t).reshape(-1, 5))
 
     def _sparse(self, interval: NDArray[np.intp], V: Array) -> csr_array:
         columns = (self.trajectory.first[interval][:, None] + np.arange(5)).ravel()
@@ -191,9 +199,17 @@ class Segment:
         V = self.shown[1]
         return self.by_interval(V[:, :, None] * V[:, None, :])
 
+    @cached_property
+    def _bends(self) -> Array:
+        """The band (5, m) of the squared acceleration, summed over as many times as there are positions."""
+        breaks = self.trajectory.breaks
+        bend = self.basis((breaks[:-1] + breaks[1:]) / 2)[2]
+        share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0])
+        return self._band(share[:, None, None] * bend[:, :, None] * bend[:, None, :])
+
     def motion(self, state: State) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (P, n) at the points."""
-        q, dq, ddq = (basis @ state.C for basis in self._points)
+        q, dq, ddq = (self._points @ state.C).reshape(3, -1, state.C.shape[1])
         return q, dq, ddq
 
     def weights(self, sigma_tau: Array) -> Array:
@@ -208,7 +224,7 @@ class Segment:
         return self.offset(state), self.raw.tau - self._modelled(model, state, theta)
 
     def _modelled(self, model: Model, state: State, theta: Array) -> Array:
-        q, dq, ddq = (basis @ state.C for basis in self._torques)
+        q, dq, ddq = (self._torques @ state.C).reshape(3, -1, state.C.shape[1])
         return model.torque(q, dq, ddq, theta)
 
     def offset(self, state: State) -> Array:
@@ -240,12 +256,7 @@ class Segment:
 
     def smooth(self, sigma_q: float, sigma_ddq: float) -> Arrow:
         """Return the normal equations of one joint's positions, with accelerations of about ``sigma_ddq`` kept down."""
-        breaks = self.trajectory.breaks
-        bend = self.basis((breaks[:-1] + breaks[1:]) / 2)[2]
-        share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0]) / sigma_ddq**2
-        blocks = self.gram / sigma_q**2 + share[:, None, None] * bend[:, :, None] * bend[:, None, :]
-        size = self.trajectory.size
-        band, _ = gather(blocks, np.zeros((len(blocks), 5, 0)), self._adds)
+        size, band = self.trajectory.size, self.gram_band / sigma_q**2 + self._bends / sigma_ddq**2
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))

@@ -9,10 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import overlap
+from dynident.estimators.maximum_likelihood.arrow import places
 from dynident.splines.bspline import local_basis
 
 __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
@@ -20,7 +19,7 @@ __all__ = ["DEGREE", "Trajectory", "TrajectoryBlock", "graded"]
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 DEGREE = 4
-BLOCK = 4096  # points in about one block
+BLOCK = 25000  # entries of a joint's derivatives in about one block: few enough to stay in a processor's cache
 JUMP = 3  # multiplicity of a knot at which the acceleration may jump: DEGREE - JUMP = 1 continuous derivative
 
 
@@ -48,30 +47,37 @@ def graded(start: float, stop: float, steps: Sequence[float], fine: float, coars
 class TrajectoryBlock:
     """Some of a trajectory's ``intervals``, and all points in them, as slices.
 
-    ``adds`` (m n, 5 n intervals) sums what they say of the coefficients of n joints. ``groups`` are the intervals (K)
-    with the same number c of points, and where these are (K, c), for each c, both counted within the block.
+    ``at`` are the :func:`places` of their five coefficients. ``runs`` are neighbouring intervals with the same number
+    of points, which is above zero: intervals and points, both counted within the block.
     """
 
     intervals: slice
     points: slice
-    adds: csr_array
-    groups: tuple[tuple[Index, Index], ...]
+    at: list[slice | Index]
+    runs: tuple[tuple[slice, slice], ...]
 
-    def products(self, left: Array, right: Array) -> Array:
-        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval."""
-        a, b = left.shape[-1], right.shape[-1]
-        out = np.zeros((self.intervals.stop - self.intervals.start, a, b))
-        for there, at in self.groups:
-            one, other = left[at].reshape(len(at), -1, a), right[at].reshape(len(at), -1, b)
-            out[there] = np.swapaxes(one, 1, 2) @ other
+    def products(self, left: Array, right: Array, out: Array | None = None) -> Array:
+        """Return the sums (intervals, a, b) of left' right over the rows (B, ..., a), (B, ..., b) of each interval.
+
+        ``out`` (intervals or more, a, b) may be overwritten by them.
+        """
+        a, b, count = left.shape[-1], right.shape[-1], self.intervals.stop - self.intervals.start
+        out = np.empty((count, a, b)) if out is None else out[:count]
+        if sum(there.stop - there.start for there, _ in self.runs) < count:
+            out[:] = 0.0
+        for there, at in self.runs:
+            size = there.stop - there.start
+            one, other = left[at].reshape(size, -1, a), right[at].reshape(size, -1, b)
+            np.matmul(np.swapaxes(one, 1, 2), other, out=out[there])
         return out
 
 
-def _groups(edges: Index) -> tuple[tuple[Index, Index], ...]:
-    """Return the groups of intervals that end at ``edges`` of the points."""
+def _runs(edges: Index) -> tuple[tuple[slice, slice], ...]:
+    """Return the runs of intervals that end at ``edges`` of the points."""
     count = np.diff(edges)
-    same = [(np.flatnonzero(count == c), np.arange(c)) for c in np.unique(count) if c]
-    return tuple((there, edges[there][:, None] + along) for there, along in same)
+    ends = [0, *(np.flatnonzero(np.diff(count)) + 1).tolist(), len(count)]
+    found = ((slice(a, b), slice(int(edges[a]), int(edges[b]))) for a, b in itertools.pairwise(ends))
+    return tuple((there, at) for there, at in found if at.stop > at.start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +112,16 @@ class Trajectory:
         return np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
 
     def blocks(self, t: Array, n: int) -> Iterator[TrajectoryBlock]:
-        """Yield the blocks of whole intervals, each with some thousand of the times (N), which are sorted."""
-        count, lo = len(self.first), 0
+        """Yield the blocks of whole intervals, each with some hundred or thousand of the times (N), which are sorted.
+
+        The more joints n there are, the fewer.
+        """
+        count, lo, size = len(self.first), 0, max(BLOCK // n**2, 1)
         edges = np.searchsorted(self.interval(t), np.arange(count + 1))
         while lo < count:
-            hi = min(max(int(np.searchsorted(edges, edges[lo] + BLOCK, side="right")) - 1, lo + 1), count)
-            points, adds = slice(int(edges[lo]), int(edges[hi])), overlap(self.first[lo:hi] * n, 5 * n, self.size * n)
-            yield TrajectoryBlock(slice(lo, hi), points, adds, _groups(edges[lo : hi + 1] - edges[lo]))
+            hi = min(max(int(np.searchsorted(edges, edges[lo] + size, side="right")) - 1, lo + 1), count)
+            points, at = slice(int(edges[lo]), int(edges[hi])), places(self.first[lo:hi], DEGREE + 1)
+            yield TrajectoryBlock(slice(lo, hi), points, at, _runs(edges[lo : hi + 1] - edges[lo]))
             lo = hi
 
     def local(self, t: Array) -> Array:

@@ -1,0 +1,42 @@
+"""A segment without its trajectory: the Schur complement, and the way back, as dense matrices have them."""
+
+import numpy as np
+import pytest
+
+from dynident.estimators.maximum_likelihood.arrow import Arrow
+from dynident.estimators.maximum_likelihood.elimination import Elimination
+from dynident.estimators.maximum_likelihood.equations import Equations
+
+M, K, R, W = 12, 2, 3, 4  # unknowns of the trajectory, torques, parameters, width of the band
+
+
+def random_equations(rng: np.random.Generator) -> tuple[np.ndarray, Equations]:
+    """Return the dense matrix of trajectory, torques and parameters, and its equations."""
+    A = rng.standard_normal((40, M + K + R))
+    whole = A.T @ A + np.eye(M + K + R)
+    apart = np.abs(np.subtract.outer(np.arange(M), np.arange(M))) >= W
+    whole[:M, :M] = np.where(apart, 0.0, whole[:M, :M]) + 40 * np.eye(M)
+    band = np.zeros((W, M))
+    for d in range(W):
+        band[d, : M - d] = np.diag(whole[:M, :M], -d)
+    side = np.concatenate([whole[:M, M:], rng.standard_normal((M, 1 + R))], axis=1)
+    return whole, Equations(band, side, whole[M:, M:], rng.standard_normal(K + R), 0.0)
+
+
+@pytest.mark.parametrize("mixed", [False, True])
+def test_it_is_the_schur_complement_and_leads_back(rng: np.random.Generator, mixed: bool) -> None:
+    """With second derivatives, the border of the parameters has them in addition."""
+    whole, one = random_equations(rng)
+    if mixed:
+        whole[:M, M + K :] += one.mixed_hessian
+        whole[M + K :, :M] = whole[:M, M + K :].T
+    pull = np.concatenate([one.by_coefficients, one.by_border])
+    found = Elimination.of(one, Arrow(one.band, one.side), R, mixed_hessian=mixed)
+    inner, away = whole[: M + K, : M + K], np.linalg.solve(whole[: M + K, : M + K], whole[: M + K, M + K :])
+    rest = np.linalg.solve(inner, pull[: M + K])
+    np.testing.assert_allclose(found.information, whole[M + K :, M + K :] - whole[M + K :, : M + K] @ away, rtol=1e-10)
+    np.testing.assert_allclose(found.gradient, pull[M + K :] - whole[M + K :, : M + K] @ rest, rtol=1e-10)
+    assert found.fall == pytest.approx(pull[: M + K] @ rest)
+    change = rng.standard_normal(R)
+    np.testing.assert_allclose(np.concatenate(found.step(change)), rest - away @ change, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.follow, away, rtol=1e-9, atol=1e-12)

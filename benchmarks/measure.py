@@ -4,7 +4,7 @@ A work is a function of a file beside this one. Of who does it, "dynident" or th
 it prepares the data and returns what is to be measured, a function without arguments; where that returns a dictionary,
 it has measured itself: these fields of a Figure. FileNotFoundError or ImportError say that data or a peer are not here.
 
-Only the standard library is imported here: a process inherits the peak memory of the one that starts it.
+Only the standard library is imported here: a process may inherit the peak memory of the one that starts it.
 """
 
 from __future__ import annotations
@@ -177,7 +177,11 @@ def peak() -> float:
     """Return the largest memory of this process, or of one that it has waited for, in GiB."""
     import resource
 
-    return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / GIB
+    own, children = (resource.getrusage(who).ru_maxrss / GIB for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    status = Path("/proc/self/status")  # of Linux: without what the process that started this one had used
+    if status.exists():
+        own = next(int(line.split()[1]) / 2**20 for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return max(own, children)
 
 
 if __name__ == "__main__":

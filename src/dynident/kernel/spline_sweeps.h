@@ -305,8 +305,8 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
 
 /* Solve, then refine until the error left is EPS or no correction is half the one before, which is then not made.
    Where that misses the aim (2, COUNT), a value of |D^-1 v|^2 and its logarithm's slope by log p, by little, p is
-   corrected, and u refined with the factor there is. out (5, COUNT): |D^-1 v|^2; squares of the residual over z and of
-   the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p. */
+   corrected, and u refined with the factor there is. out (6, COUNT): |D^-1 v|^2; squares of the residual over z and of
+   the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p; |u|^2. */
 FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const double *aim, double *out) {
     double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
     int active = 0, begun = 0, fresh[COUNT], tries[COUNT];
@@ -323,7 +323,7 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
         for (int k = 0; k < COUNT; k++) {
             fresh[k] = 0;
             if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
-            out[k] = sums[k];
+            out[k] = sums[k], out[5 * COUNT + k] = sums[2 * COUNT + k];
             out[COUNT + k] = sums[COUNT + k] / (sums[3 * COUNT + k] > TINY ? sums[3 * COUNT + k] : TINY);
             int done = left[k] <= EPS * EPS;
             if (done || !begun) {

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,26 +47,27 @@ def _spread(u: Array, step: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(NamedTuple):
     """u of eq. (32) for one p, and ``rss`` = |D Q u|^2; ``u`` is None where only figures were asked for.
 
     ``residual`` is the norm of Q' y - (Q' D^2 Q + p N) u relative to that of Q' y, and ``accuracy`` the relative error
     of u estimated from the last refinement step (both nan without refinement); ``slope`` is d log(rss) / d log(p) and
     ``energy`` u' N u. ``rise`` and ``bend`` are the first and second derivative of ``log_det``, the logarithm of the
-    determinant, by log p, where they were requested; 2 + ``rise`` are the effective degrees of freedom.
+    determinant, by log p, where they were requested; 2 + ``rise`` are the effective degrees of freedom. ``norm`` is that of u
+    with refinement.
     """
 
     p: float
     u: Array | None
     rss: float
-    residual: float = np.nan
-    accuracy: float = np.nan
-    slope: float = np.nan
-    energy: float = np.nan
-    log_det: float = np.nan
-    rise: float = np.nan
-    bend: float = np.nan
+    residual: float = nan
+    accuracy: float = nan
+    slope: float = nan
+    energy: float = nan
+    log_det: float = nan
+    rise: float = nan
+    bend: float = nan
+    norm: float = nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +219,7 @@ class System:
         v = self.smoothed_away(u)
         if refine:
             u, v, residual, accuracy = self._refine(p, factor, z, u, v)
-            return Solution(p, u, self.weighed(v), residual, accuracy)
+            return Solution(p, u, self.weighed(v), residual, accuracy, norm=float(np.sqrt(u @ u)))
         rss, mass_u = self.weighed(v), self.mass(u)
         energy = float(u @ mass_u)
         slope = self._slope(p, factor, mass_u, energy, rss)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from ctypes import addressof, c_char, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,11 @@ Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
 GIVEN = (c_int64, *(c_void_p,) * 5)
 FIGURES = 8  # that the kernel returns of each series
+ABREAST = 16  # rows that the kernel looks at side by side
 PRODUCTS = 8  # pivots in a product
 CLEAR = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
 KEPT, MOST = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
-NARROW = 2**17  # numbers of a work array from which on one series after the other is as fast, and needs less memory
+NARROW = 2**37  # numbers of a work array from which on one series after the other is as fast, and needs less memory
 BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
 
@@ -51,8 +52,7 @@ class Bare:
     z: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
+class Trial(NamedTuple):
     """A p to solve eq. (32) of a series for: for u, refined, or for figures alone, with the derivatives of the
     determinant (``trace``), and that itself (``determinant``).
 
@@ -178,20 +178,19 @@ class Solver:
         """Return u, refined as ``System`` does."""
         rows = trials[0].series.system.size + 2
         work = [self._array(key, rows, count).at for key in ("rd", "left", "g")]
-        u, out, aim = np.empty((rows, count)), self._array("results", 5, count), self._array("aim", 2, count)
+        u, out, aim = np.empty((rows, count)), self._array("results", 6, count), self._array("aim", 2, count)
         aim.array[:] = 0.0
         for k, trial in enumerate(trials):
             aim.array[:, k] = trial.aim
         self._calls[True, count](*given, *work, _address(u), aim.at, out.at)
         found: list[Answer] = []
         for k, (_, one) in enumerate(zip(trials, out.array.T.tolist(), strict=False)):
-            rss, residual, accuracy, state, p = one
+            rss, residual, accuracy, state, p, square = one
             if state:
                 words = f"iterative refinement stops at a relative correction of {accuracy**0.5:.1e}"
                 found.append(BROKEN if state == 1 else IllConditionedError(words))
             else:
-                own = u[1:-1, 0] if count == 1 else u[1:-1, k].copy()
-                found.append(Solution(p, own, rss, residual**0.5, accuracy**0.5))
+                found.append(Solution(p, u[1:-1, k], rss, residual**0.5, accuracy**0.5, norm=square**0.5))
         return found
 
 
@@ -226,9 +225,10 @@ def survey(columns: Array) -> tuple[list[float], list[float], bool]:
     call = function("spline_survey", c_int64, c_int64, c_void_p, c_void_p)
     if call is None:
         return columns.min(axis=0).tolist(), columns.max(axis=0).tolist(), bool(np.isfinite(columns).all())
-    out = np.empty((3, columns.shape[1]))
-    call(*columns.shape, _address(columns), _address(out))
-    low, high, bad = out.tolist()
+    n, k = columns.shape
+    out = np.empty((3, ABREAST * k))
+    call(n, k, _address(columns), _address(out))
+    low, high, bad = out[:, :k].tolist()
     return low, high, not any(bad)  # nan is true
 
 
@@ -248,11 +248,11 @@ def scaled(grid: Grid, t: Array, columns: Array, unit: Sequence[float]) -> tuple
             np.subtract(slope[1:], slope[:-1], out=z[j])
             steep.append(float(slope @ slope) ** 0.5)
         return z, steep, [nan] * k
-    out, units = np.empty((8, k)), np.array(unit, dtype=float)
+    out, units = np.empty((5, k)), np.array(unit, dtype=float)
     middle, rate = float(t[n // 2]), (n - 1) / float(t[-1] - t[0])
     given = map(_address, (columns, grid.reciprocal, units, t))
-    call(n, k, *given, middle, rate, _address(z), _address(out), _address(out) + out.strides[0] * 5)
-    squares, whole, left = out[5:].tolist()
+    call(n, k, *given, middle, rate, _address(z), _address(out), _address(out) + out.strides[0] * 2)
+    squares, whole, left = out[2:].tolist()
     kept = [one if one > CLEAR * all_of else nan for one, all_of in zip(left, whole, strict=True)]
     return z, [one**0.5 for one in squares], kept
 
@@ -262,7 +262,7 @@ def finished(
 ) -> tuple[Array, Array]:
     """Return values, columns (N, k) less ``size`` (k) D^2 Q u, and c, ``bend`` (k) times u with zeros at the ends."""
     n, k = columns.shape
-    call = function("spline_finish", c_int64, c_int64, *(c_void_p,) * 8)
+    call = function("spline_finish", c_int64, c_int64, *(c_void_p,) * 9)
     values, c = np.empty((n, k)), np.empty((n, k))
     if call is None:
         c[0] = c[-1] = 0.0
@@ -274,11 +274,11 @@ def finished(
         return values, c
     variances = [system.variance for system in systems if system.variance is not None]
     variance = _addresses(variances) if variances else None
-    first = _address(columns), _address(systems[0].grid.reciprocal), _address(at := _addresses(u))
+    at, apart = np.array([x.ctypes.data for x in u]), np.array([x.strides[0] // x.itemsize for x in u])
+    first = _address(columns), _address(systems[0].grid.reciprocal), _address(at), _address(apart)
     units = np.array([size, bend], dtype=float)
     last = _address(units), _address(units) + units.strides[0], _address(values), _address(c)
     call(n, k, *first, None if variance is None else _address(variance), *last)
-    del at  # kept until here
     return values, c
 
 

@@ -50,11 +50,17 @@ def together(searches: Sequence[Search]) -> list[Solution]:
         advance(k, None)
     while wanted:
         asked = list(wanted.items())
+        least = min(map(_cost, (trials[0] for _, trials in asked)))
+        asked = [one for one in asked if _cost(one[1][0]) == least]  # the others wait, to be computed side by side
         answers = iter(solver([trial for _, trials in asked for trial in trials]))
         for k, trials in asked:
             advance(k, [next(answers) for _ in trials])
     solver.tidy()
     return [found[k] for k in range(len(searches))]
+
+
+def _cost(trial: Trial) -> tuple[bool, int]:
+    return trial.refine, trial.series.system.size
 
 
 def once(

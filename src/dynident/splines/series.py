@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import log2, nan
+from math import isnan, log2, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,5 +133,5 @@ class Series:
             least = 1.0 if variance is None else float(variance.min())
             gain = 0.57 * min(found.p**-0.75 * least**-0.25, (len(step) / 4.73) ** 3 / least)
             gain *= float(step.max()) ** 0.5
-        size = float(np.sqrt(found.u @ found.u))
+        size = float(np.sqrt(found.u @ found.u)) if isnan(found.norm) else found.norm
         return max(found.accuracy, EPS * (4.0 + ROUNDINGS * gain * self.steep / size)) if size > 0 else found.accuracy

@@ -281,23 +281,37 @@ FORCED void NAME(remainder)(const NAME(job) *q, int weighted, const double *used
     NAME(write)(out, 3, whole);
 }
 
-FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int64_t i, V *f, V *f1) {
+/* Row i of the right-hand side of a correction: of g less `change` / 3 N u, where p is to change by `change`. */
+FORCED V NAME(wanted)(const NAME(job) *q, int shifted, V change, int64_t i) {
+    V out = NAME(read)(q->g, i);
+    if (!shifted) return out;
+    const double h = q->step[i], h1 = q->step[i + 1];
+    V mass = NAME(all)(h) * NAME(read)(q->u, i - 1) + NAME(all)(2.0 * (h + h1)) * NAME(read)(q->u, i)
+             + NAME(all)(h1) * NAME(read)(q->u, i + 1);
+    return out - change * mass;
+}
+
+FORCED void NAME(eliminate)(const NAME(job) *q, int side, int weighted, int shifted, V change, int64_t i, V *f, V *f1) {
     V g = *f * NAME(read)(q->rd, ROW(i)), next = *f1 - NAME(read)(q->l, ROW(i)) * *f;
     NAME(write)(q->g, ROW(i), g);
-    *f1 = NAME(read)(q->g, ROW(i + 2)) - NAME(beyond)(q, side, weighted, i) * g;
+    *f1 = NAME(wanted)(q, shifted, change, ROW(i + 2)) - NAME(beyond)(q, side, weighted, i) * g;
     *f = next;
 }
 
-/* Solve A x = g by the factor, into g. out (COUNT): squares of x. */
-FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
+/* Solve A x = g by the factor, into g; `shifted`: with N u times a third of `change` (COUNT) taken from g. out
+   (COUNT): squares of x. */
+FORCED void NAME(correct)(const NAME(job) *q, int weighted, int shifted, const double *changes, double *out) {
     const int64_t m = q->m, a = q->a, b = m - 2 - a;
-    V middle = NAME(read)(q->g, a), middle1 = NAME(read)(q->g, a + 1);
-    V f = NAME(read)(q->g, 0), f1 = NAME(read)(q->g, 1), h = NAME(read)(q->g, m - 1), h1 = NAME(read)(q->g, m - 2);
+    V change;
+    for (int k = 0; k < COUNT; k++) ((double *)&change)[k] = changes[k];
+    V middle = NAME(wanted)(q, shifted, change, a), middle1 = NAME(wanted)(q, shifted, change, a + 1);
+    V f = NAME(wanted)(q, shifted, change, 0), f1 = NAME(wanted)(q, shifted, change, 1);
+    V h = NAME(wanted)(q, shifted, change, m - 1), h1 = NAME(wanted)(q, shifted, change, m - 2);
     for (int64_t i = 0; i < b; i++) {
-        NAME(eliminate)(q, 1, weighted, i, &f, &f1);
-        NAME(eliminate)(q, -1, weighted, i, &h, &h1);
+        NAME(eliminate)(q, 1, weighted, shifted, change, i, &f, &f1);
+        NAME(eliminate)(q, -1, weighted, shifted, change, i, &h, &h1);
     }
-    if (a > b) NAME(eliminate)(q, 1, weighted, b, &f, &f1);
+    if (a > b) NAME(eliminate)(q, 1, weighted, shifted, change, b, &f, &f1);
     f = f + (h1 - middle), f1 = h + (f1 - middle1);
     V ix = NAME(read)(q->rd, a), iy = NAME(read)(q->rd, a + 1), iw = NAME(read)(q->l, a);
     NAME(write)(out, 0, NAME(outwards)(q, weighted, ix * f + iw * f1, iw * f + iy * f1, q->g));
@@ -305,11 +319,12 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, double *out) {
 
 /* Solve, then refine until the error left is EPS or no correction is half the one before, which is then not made.
    Where that misses the aim (2, COUNT), a value of |D^-1 v|^2 and its logarithm's slope by log p, by little, p is
-   corrected, and u refined with the factor there is. out (6, COUNT): |D^-1 v|^2; squares of the residual over z and of
+   corrected, and u with it, by the factor there is. out (6, COUNT): |D^-1 v|^2; squares of the residual over z and of
    the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p; |u|^2. */
 FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const double *aim, double *out) {
     double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
-    int active = 0, begun = 0, fresh[COUNT], tries[COUNT];
+    double shift[COUNT], step[COUNT];
+    int active = 0, begun = 0, tries[COUNT];
     NAME(solve)(q, weighted, state);
     for (int k = 0; k < COUNT; k++) {
         used[k] = 0.0, last[k] = left[k] = 1.0, tries[k] = 0;
@@ -318,10 +333,10 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
         active += state[k] == 0.0;
     }
     while (active) {
-        int wanted = 0;
+        int wanted = 0, shifted = 0;
         NAME(remainder)(q, weighted, used, sums);
         for (int k = 0; k < COUNT; k++) {
-            fresh[k] = 0;
+            shift[k] = step[k] = 0.0;
             if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
             out[k] = sums[k], out[5 * COUNT + k] = sums[2 * COUNT + k];
             out[COUNT + k] = sums[COUNT + k] / (sums[3 * COUNT + k] > TINY ? sums[3 * COUNT + k] : TINY);
@@ -329,23 +344,25 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
             if (done || !begun) {
                 double error = aim[k] > 0.0 ? sums[k] / aim[k] - 1.0 : 0.0, size = error < 0.0 ? -error : error;
                 if (size > MISSED && size < NEAR && aim[COUNT + k] < 0.0 && tries[k]++ < 3) {
-                    double by = 1.0 - error / aim[COUNT + k];
-                    out[4 * COUNT + k] *= by;
-                    ((double *)&q->third)[k] *= by;
-                    last[k] = left[k] = 1.0;
-                    fresh[k] = done ? 1 : 2; /* its residual is not known yet; at first that of the old p is as good */
+                    double *third = (double *)&q->third + k, before = *third;
+                    step[k] = error / aim[COUNT + k];
+                    out[4 * COUNT + k] *= 1.0 - step[k];
+                    *third *= 1.0 - step[k];
+                    shift[k] = *third - before;
+                    last[k] = 1.0, shifted = 1;
                 } else if (done) out[2 * COUNT + k] = EPS * EPS, active--;
             }
-            wanted += fresh[k] != 1 && out[2 * COUNT + k] < 0.0;
+            wanted += out[2 * COUNT + k] < 0.0;
         }
         begun = 1;
-        if (wanted) NAME(correct)(q, weighted, change);
+        if (wanted && shifted) NAME(correct)(q, weighted, 1, shift, change);
+        else if (wanted) NAME(correct)(q, weighted, 0, shift, change);
         for (int k = 0; k < COUNT; k++) {
             used[k] = 0.0;
-            if (fresh[k] == 1 || state[k] || out[2 * COUNT + k] >= 0.0) continue;
+            if (state[k] || out[2 * COUNT + k] >= 0.0) continue;
             double now = change[k] / (sums[2 * COUNT + k] > TINY ? sums[2 * COUNT + k] : TINY);
-            if (fresh[k]) used[k] = 1.0;
-            else if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * now / last[k], last[k] = now;
+            double rate = step[k] * step[k] > now ? step[k] * step[k] : now / last[k]; /* of the errors, by a correction */
+            if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * rate, last[k] = now;
             else out[2 * COUNT + k] = now, state[k] = now < LARGE * LARGE ? 0.0 : 2.0, active--;
         }
     }

@@ -24,9 +24,11 @@ Criterion = Callable[[Series, Solution], tuple[float, float]]
 Point = tuple[float, float, float]  # log p, a value, its slope
 Bracket = tuple[Point, Point]
 STAGNATION = 1e-6  # largest relative error of S allowed for rounding
-NEAR = 1e-4  # relative error of S from which on solutions are refined
+NEAR = 1e-4  # relative error of S, or change of log p, from which on solutions are refined
+CLOSING = 3e-4  # relative error of S from which the next step reaches that of the kernel's correction of p
+ROUGH = 3e-3  # relative error of S of the middle of the data, which only says where to start
 CURVED = 0.05  # relative error of S up to which a cubic describes log p
-BEYOND = 0.75  # of the model, in place of 1/2, where there is hardly more than noise in rss, which falls with p, too
+TAKEN = 5 / 2**3.5  # of the squares of white noise a spline takes this times p^(1/4)
 FAR = 0.01  # change of log p from which on the slope has changed, too
 GRID = 12  # values of p at which a criterion is looked at first
 STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p changes less
@@ -85,7 +87,7 @@ def constrained(series: Series, target: float) -> Search:
         share = target * len(chunk.data) / len(series.data)
         if chunk.straight_rss > share:
             try:
-                p = (yield from _newton(chunk, share, p, NEAR)).p
+                p = (yield from _newton(chunk, share, p, ROUGH)).p
             except IllConditionedError:
                 p = p_of_bandwidth(20.0)
     return (yield from _newton(series, target, p))
@@ -97,6 +99,7 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
     x, refine = log(p), False
     before: Point | None = None
     best: tuple[float, Solution] | None = None
+    whole = len(series.data) * series.noise**2 / target
     known = (inf, -1.0)  # where the slope was found last, and that
     for _ in range(200):
         now = yield from once(series, exp(x), refine=refine, aim=(target, known[1]) if refine else (0.0, 0.0))
@@ -104,7 +107,7 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
         if not isfinite(now.rss):
             raise IllConditionedError("the search for p left the range of numbers")
         error = log(max(now.rss, TINY) / target)
-        if abs(error) <= tolerance and (refine or tolerance >= NEAR):
+        if abs(error) <= tolerance and (refine or tolerance >= ROUGH):
             return now
         if refine:
             if best is None:  # what is not refined may be off by more than the tolerance, and so the bracket
@@ -120,16 +123,19 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
             known = (x, (yield from once(series, exp(x), refine=False)).slope)
         low, high = (max(x, low), high) if error > 0 else (low, min(x, high))
         here = (x, error, known[1])
-        new = _next(here, None if refine else before, low, high)
-        refine = refine or abs(error) < NEAR or abs(new - x) < NEAR
+        new = _next(here, None if refine else before, low, high, whole)
+        if not refine and tolerance < ROUGH and (abs(error) < CLOSING or abs(new - x) < NEAR):
+            refine = True
+            if before is not None and here[2] < 0:  # the slope there
+                known = (new, min(here[2] + (new - x) * (here[2] - before[2]) / (x - before[0]), 0.5 * here[2]))
         before, x = here, new
     raise IllConditionedError("the search for p does not converge")
 
 
-def _next(here: Point, before: Point | None, low: float, high: float) -> float:
+def _next(here: Point, before: Point | None, low: float, high: float, whole: float) -> float:
     """Return the next log p: by interpolation of two points near the root, by a model of one, else bisection.
 
-    The model is rss = a + b / p^2: noise, and the signal that is smoothed away.
+    ``whole`` is the rss expected of noise that is all smoothed away, over the target.
     """
     x, error, slope = here
     if slope < 0:
@@ -141,12 +147,38 @@ def _next(here: Point, before: Point | None, low: float, high: float) -> float:
             and (before[1] * error < 0.0 or abs(error) < 0.3 * abs(before[1]))
         ):
             new = hermite(here, before)
-        elif abs(error) > NEAR and slope > -2.0 and (above := exp(-error) - 1.0 - 0.5 * slope) > 0:
-            new = x + (0.5 if error > 0 else BEYOND) * log(-0.5 * slope / above)
+        elif abs(error) > NEAR and slope > -2.0:
+            new = _modelled(here, whole)
         new = min(max(new, x - 7.0), x + 7.0)
         if low < new < high:
             return new
     return 0.5 * (low + high) if isfinite(low + high) else x + copysign(3.0, error)
+
+
+def _modelled(here: Point, whole: float) -> float:
+    """Return log p by a model of rss: ``whole`` (1 - TAKEN p^(1/4)) of noise, and of the signal b p^-power.
+
+    Where that cannot be, by power 2, which smooth signals have away from their ends, and noise of another size.
+    """
+    x, error, slope = here
+    rss, lost = exp(error), TAKEN * exp(0.25 * x)
+    rate = slope * rss
+    signal, power = rss - whole * (1.0 - lost), 0.0
+    if signal > 0.0:
+        power = -(rate + 0.25 * whole * lost) / signal
+    if not 0.8 < power < 2.2:
+        whole, power = (2.0 * rss + rate) / (2.0 - 2.25 * lost), 2.0
+        signal = rss - whole * (1.0 - lost)
+    if not (signal > 0.0 and lost < 0.5):
+        return x - error / slope
+    new = 0.0  # of the change of log p, by Newton's method; the model is convex where signal is left
+    for _ in range(20):
+        left, gone = signal * exp(-power * new), whole * lost * exp(0.25 * new)
+        change = (whole - gone + left - 1.0) / (0.25 * gone + power * left)
+        new = min(max(new + min(max(change, -1.0), 1.0), -7.0), 7.0)
+        if abs(change) < 1e-3:
+            break
+    return x + new
 
 
 def hermite(a: Point, b: Point) -> float:

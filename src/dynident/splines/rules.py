@@ -48,7 +48,7 @@ class Constraint(Rule):
         """Solve F(p)^2 = S."""
         S = _per_column(self.S, column, "S")
         S = float(len(series.data)) if S is None else S
-        if not (np.isfinite(S) and S >= 0):
+        if not 0 <= S < np.inf:
             raise ConfigError(f"S is {S}; it must be a finite number >= 0 (S = n with the right sigma).")
         if S == 0:
             return _interpolation(series)
@@ -76,10 +76,9 @@ class Fixed(Rule):
         """Solve once."""
         p, lam = _per_column(self.p, column, "p"), _per_column(self.lam, column, "lam")
         name, value = ("p", p) if lam is None else ("lam", lam)
-        if value is None or np.isnan(value) or value < 0:
+        if value is None or not value >= 0:
             raise ConfigError(f"{name} is {value}; it must be a number >= 0.")
-        with np.errstate(divide="ignore"):
-            p = float(value if lam is None else np.float64(0.5) / value)
+        p = value if lam is None else 0.5 / value if value else np.inf
         if p == np.inf:
             return _interpolation(series)
         return series.straight() if p == 0 else (yield from once(series, p / series.p_scale))
@@ -119,13 +118,15 @@ class REML(Rule):
 def check_columns(rule: Rule, columns: int) -> None:
     """Raise ConfigError where a setting of the rule has entries for more columns than there are."""
     for name in ("S", "p", "lam"):
-        if (given := int(np.size(np.asarray(getattr(rule, name, None))))) > max(columns, 1):
+        value = getattr(rule, name, None)
+        given = 1 if value is None or isinstance(value, float) else int(np.size(np.asarray(value)))
+        if given > max(columns, 1):
             raise ConfigError(f"{name} has {given} entries, but the data have {columns} columns; give one for each.")
 
 
 def _per_column(value: float | Sequence[float] | None, column: int, name: str) -> float | None:
-    if value is None:
-        return None
+    if value is None or isinstance(value, float):
+        return value
     values = np.atleast_1d(np.asarray(value, dtype=float))
     if not values.size:
         raise ConfigError(f"{name} has no entries; give a number, or one for each column.")

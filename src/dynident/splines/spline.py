@@ -57,7 +57,7 @@ class SmoothingSpline:
         limits = {0.0: 2.0, np.inf: float(n)}
         out = np.array([limits.get(float(value), np.nan) for value in p])
         systems, step, variance = _systems(np.diff(self.t), self.weights, len(p))
-        scaled = p * step**3 / (variance * np.atleast_1d(self.sigma) ** 2)
+        scaled = p * step**3 / (np.array(variance) * np.atleast_1d(self.sigma) ** 2)
         asked = [k for k in range(len(p)) if np.isnan(out[k])]
         none = np.zeros(n - 2)
         found = together([once(Bare(systems[k], none), float(scaled[k]), refine=False, trace=True) for k in asked])
@@ -186,7 +186,8 @@ def smooth(
     weight = _weights(weights, columns)
     scale = _sigmas(time, columns, weight, sigma, needed=rule.needs_sigma)
     systems, h, variance = _systems(step, weight, k)
-    series = Series.of(systems, time, columns, (scale * np.sqrt(variance)).tolist(), h, low, high)
+    noise = [a * b**0.5 for a, b in zip(scale.tolist(), variance, strict=True)]
+    series = Series.of(systems, time, columns, noise, h, low, high)
     named = [f"column {j}" for j in range(k)] if names is None else names
     solved = together([_named(rule.choose(one, j), named[j]) for j, one in enumerate(series)])
     return _collect(time, data, series, solved, scale, weight)
@@ -201,7 +202,7 @@ def _checked(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Array, list[floa
         raise InputError(f"a smoothing spline needs at least 3 samples, got {len(time)}.")
     _check_values("t", time)
     low, high = _check_values("y", data)
-    step = np.diff(time)
+    step = time[1:] - time[:-1]
     if not step.min() > 0:
         i = int(np.argmax(step <= 0))
         raise InputError(f"t[{i + 1}] = {time[i + 1]!r} does not exceed t[{i}] = {time[i]!r}; sort, drop repeats.")
@@ -237,8 +238,8 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
         value = np.asarray(sigma, dtype=float)
         if value.shape not in ((), (k,)):
             raise ConfigError(f"sigma has shape {value.shape}; give one number, or one for each of {k} columns.")
-        value = np.broadcast_to(value, (k,)).copy()
-        if not ((value >= 1 / LARGEST) & (value < LARGEST)).all():
+        value = np.full(k, value)
+        if not all(1 / LARGEST <= one < LARGEST for one in value.tolist()):
             raise ConfigError(f"sigma is {sigma}; it must be positive (use Interpolation() for no smoothing).")
         return value
     if not needed:
@@ -248,21 +249,21 @@ def _sigmas(t: Array, columns: Array, weight: Array | None, sigma: ArrayLike | N
     return noise_sigma(t, columns, weight)
 
 
-def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, Array]:
+def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], float, list[float]]:
     """Return the scaled system of each of k columns, the mean step, and the means (k) of 1 / weight.
 
     ``step`` is scaled in place.
     """
-    h = float(step.mean())
+    h = float(step.sum()) / len(step)
     step /= h
     grid = Grid(step)
     if weights is None:
-        return [System(grid)] * k, h, np.ones(k)
+        return [System(grid)] * k, h, [1.0] * k
     variances = [1.0 / column for column in np.ascontiguousarray(weights.T)]
     means = [float(variance.mean()) for variance in variances]
     systems = [System(grid, variance / mean) for variance, mean in zip(variances, means, strict=True)]
     shared = k if len(systems) == 1 else 1
-    return systems * shared, h, np.array(means * shared)
+    return systems * shared, h, means * shared
 
 
 def _named(search: Search, name: str) -> Search:
@@ -292,13 +293,15 @@ def _collect(
     for k, one in enumerate(solved):
         if one.p == 0:
             values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
-    p = np.array([one.p * own.p_scale for own, one in zip(series, solved, strict=True)])
-    with np.errstate(divide="ignore"):
-        lam = 0.5 / p
-    S = np.array([one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)])
-    residual = np.array([one.residual for one in solved])
-    accuracy = np.array([own.accuracy(one) for own, one in zip(series, solved, strict=True)])
+    p = [one.p * own.p_scale for own, one in zip(series, solved, strict=True)]
+    found = (
+        p,
+        [0.5 / value if value else np.inf for value in p],
+        [one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)],
+        sigma.tolist(),
+        [one.residual for one in solved],
+        [own.accuracy(one) for own, one in zip(series, solved, strict=True)],
+    )
     if data.ndim == 2:
-        return SmoothingSpline(time, values, c, p, lam, S, sigma, residual, accuracy, weight)
-    p, lam, S, sigma, residual, accuracy = (x[0] for x in (p, lam, S, sigma, residual, accuracy))
-    return SmoothingSpline(time, values[:, 0], c[:, 0], p, lam, S, sigma, residual, accuracy, weight)
+        return SmoothingSpline(time, values, c, *map(np.array, found), weight)
+    return SmoothingSpline(time, values[:, 0], c[:, 0], *(np.float64(one[0]) for one in found), weight)

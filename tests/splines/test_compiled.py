@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from dynident.kernel import kernel
 from dynident.kernel.build import LEVELS, architecture
-from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, SmoothingSpline, compiled, smooth
+from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation, SmoothingSpline, compiled, noise_sigma, smooth
 from dynident.splines.banded import Grid, IllConditionedError, Solution, System, second_difference
 from dynident.splines.compiled import Bare, Solver, Trial, finished, scaled, slopes, survey
 
@@ -123,6 +123,7 @@ def test_all_levels_give_the_same_bits() -> None:
         "        fit = smooth(t, y, rule, sigma=0.01, weights=weights)\n"
         "        for x in (fit.values, fit.c, fit.derivative(1), fit.p, fit.edf, fit.S):\n"
         "            found.update(np.ascontiguousarray(x).tobytes())\n"
+        "found.update(noise_sigma(t, y).tobytes() + noise_sigma(t, y, w).tobytes())\n"
         "print(kernel().level, found.hexdigest())\n"
     )
     names = [name for name, _, _ in LEVELS[architecture()]]
@@ -185,6 +186,37 @@ def test_what_is_done_to_the_data(n: int, columns: int) -> None:
         line = np.polyval(np.polyfit(t, y[:, k], 1), t)
         if n > 3:
             np.testing.assert_allclose(left[k], np.sum(((y[:, k] - line) * unit[k]) ** 2), rtol=1e-9)
+
+
+@compiled_only
+@pytest.mark.parametrize("columns", [1, 3, 9])
+@pytest.mark.parametrize("weights", [None, 1, 9])
+@pytest.mark.parametrize("n", [6, 300])
+def test_the_noise_is_that_of_numpy(n: int, weights: int | None, columns: int) -> None:
+    rng = np.random.default_rng(n)
+    t, y = np.cumsum(steps(n + 1, 0.5, rng)), rng.standard_normal((n, 9))[:, :columns]
+    weight = None if weights is None else rng.uniform(0.5, 2, (n, min(weights, columns)))
+    found = noise_sigma(t, y, weight)
+    with without_kernel():
+        np.testing.assert_allclose(found, noise_sigma(t, y, weight), rtol=1e-12)
+    np.testing.assert_array_equal(noise_sigma(t, y[:, 0], None if weight is None else weight[:, 0]), found[0])
+
+
+@compiled_only
+@pytest.mark.parametrize("n", [5, 254, 255, 256, 257, 258, 259, 600])
+@pytest.mark.parametrize("columns", [1, 3, 7, 8, 11])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_what_lies_side_by_side_is_finished_as_what_does_not(n: int, columns: int, weighted: bool) -> None:
+    rng = np.random.default_rng(n)
+    grid, y = Grid(steps(n, 0.5, rng)), rng.standard_normal((n, columns))
+    systems = [System(grid, rng.uniform(0.5, 2, n) if weighted else None) for _ in range(columns)]
+    unit = rng.uniform(0.5, 2, columns).tolist()
+    lanes = [rng.standard_normal((n, Solver().lanes)) for _ in range(0, columns, Solver().lanes)]
+    u = [part[1:-1, j] for part in lanes for j in range(Solver().lanes)][:columns]
+    for some in (u, [u[0].copy(), *u[1:]], [*u[:-1], u[-1].copy()]):
+        expected = finished(y, systems, [np.ascontiguousarray(one) for one in u], unit, unit)
+        for one, other in zip(finished(y, systems, some, unit, unit), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 @compiled_only

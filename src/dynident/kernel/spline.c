@@ -114,7 +114,8 @@ static void finish_rows(int64_t start, int64_t end, int64_t n, int64_t k, int64_
     const double *x = u[j] - apart; /* row by row; zero at both ends */
     lanes none = {0}, sizes = {0}, bends = {0}, weight;
     for (int64_t l = 0; l < count; l++) sizes[l] = size[j + l], bends[l] = bend[j + l];
-    lanes here = start > 0 ? load(x + start * apart) : none, before = start > 1 ? load(x + (start - 1) * apart) : none;
+    lanes here = start > 0 && start < n - 1 ? load(x + start * apart) : none;
+    lanes before = start > 1 ? load(x + (start - 1) * apart) : none;
     lanes down = start ? (here - before) * all(r[start - 1]) : none;
     for (int64_t i = start; i < end; i++) {
         lanes after = i + 1 < n - 1 ? load(x + (i + 1) * apart) : none;
@@ -195,4 +196,34 @@ EXPORTED void API(spline_slope)(int64_t n, int64_t k, const double *restrict t, 
         }
     double h = t[n - 1] - t[n - 2];
     for (int64_t j = (n - 1) * k; j < n * k; j++) out[j] = out[j - k] + h * (c[j - k] + c[j]);
+}
+
+/* Sums (k) of the squares of fourth divided differences of columns y (n, k) at times t (n), over their variances, where
+   that of a sample is 1 / weight; weight (n, own) has one column or k. */
+EXPORTED void API(spline_noise)(int64_t n, int64_t k, const double *restrict t, const double *restrict y,
+                                const double *restrict weight, int64_t own, double *restrict sum) {
+    for (int64_t j = 0; j < k; j++) sum[j] = 0.0;
+    for (int64_t i = 0; i + 4 < n; i++) {
+        const double rate = 1.0 / (t[i + 4] - t[i]);
+        double c[5], square[5], variance = 0.0;
+        for (int a = 0; a < 5; a++) {
+            double product = 1.0;
+            for (int b = 0; b < 5; b++) product *= a == b ? 1.0 : (t[i + a] - t[i + b]) * rate;
+            c[a] = 1.0 / product, square[a] = c[a] * c[a];
+        }
+        if (own == 1) {
+            const double *w = weight + i;
+            variance = square[0] / w[0] + square[1] / w[1] + square[2] / w[2] + square[3] / w[3] + square[4] / w[4];
+        }
+        const double *x = y + i * k, reciprocal = 1.0 / variance;
+        for (int64_t j = 0; j < k; j++) {
+            double found = c[0] * x[j] + c[1] * x[j + k] + c[2] * x[j + 2 * k] + c[3] * x[j + 3 * k] + c[4] * x[j + 4 * k];
+            double over = reciprocal;
+            if (own > 1) {
+                const double *w = weight + i * k + j;
+                over = 1.0 / (square[0] / w[0] + square[1] / w[k] + square[2] / w[2 * k] + square[3] / w[3 * k] + square[4] / w[4 * k]);
+            }
+            sum[j] += found * found * over;
+        }
+    }
 }

@@ -53,8 +53,8 @@ class Solution(NamedTuple):
     ``residual`` is the norm of Q' y - (Q' D^2 Q + p N) u relative to that of Q' y, and ``accuracy`` the relative error
     of u estimated from the last refinement step (both nan without refinement); ``slope`` is d log(rss) / d log(p) and
     ``energy`` u' N u. ``rise`` and ``bend`` are the first and second derivative of ``log_det``, the logarithm of the
-    determinant, by log p, where they were requested; 2 + ``rise`` are the effective degrees of freedom. ``norm`` is that of
-    u, with refinement.
+    determinant, by log p, where they were requested; 2 + ``rise`` are the effective degrees of freedom. ``norm`` is
+    that of u, with refinement.
     """
 
     p: float

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynident.kernel import function
 from dynident.splines.banded import Grid, IllConditionedError, Solution, System
 
-__all__ = ["Answer", "Bare", "Data", "Solver", "Trial", "finished", "scaled", "slopes", "survey"]
+__all__ = ["Answer", "Bare", "Data", "Solver", "Trial", "finished", "roughness", "scaled", "slopes", "survey"]
 
 Array = NDArray[np.float64]
 Answer = Solution | IllConditionedError
@@ -280,6 +280,19 @@ def finished(
     last = _address(units), _address(units) + units.strides[0], _address(values), _address(c)
     call(n, k, *first, None if variance is None else _address(variance), *last)
     return values, c
+
+
+def roughness(t: Array, columns: Array, weight: Array) -> Array | None:
+    """Return the mean squares (k) of the fourth divided differences of columns (N, k), each over its variance, where
+    that of a sample is 1 / ``weight``, (N, 1) or (N, k); None where there is no kernel."""
+    call = function("spline_noise", c_int64, c_int64, *(c_void_p,) * 3, c_int64, c_void_p)
+    if call is None:
+        return None
+    n, k = columns.shape
+    t, columns, weight = map(np.ascontiguousarray, (t, columns, weight))
+    sums = np.empty(k)
+    call(n, k, _address(t), _address(columns), _address(weight), weight.shape[1], _address(sums))
+    return sums / (n - 4)
 
 
 def slopes(t: Array, values: Array, c: Array) -> Array | None:

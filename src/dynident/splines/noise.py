@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import InputError
+from dynident.splines.compiled import roughness, survey
 
 __all__ = ["NORMAL_95", "coloured_noise", "median_sigma", "noise_sigma", "steady_noise"]
 
+Array = NDArray[np.float64]
 NORMAL_95 = 1.959964  # standard deviations to each side that hold 95 % of a normal distribution
 TWICE = 16 * (np.sqrt(2.0) - 1.0)  # (2 pi f bandwidth)^4 at twice the cut-off
 FREQUENCIES, FEWEST = 4000, 20
@@ -41,6 +43,16 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
     data = np.asarray(y, dtype=float).reshape(len(time), -1)
     if len(time) < order + 2:
         raise InputError(f"estimating the noise needs at least {order + 2} samples, got {len(time)}.")
+    weight = np.ones((len(time), 1)) if weights is None else np.asarray(weights, float).reshape(len(time), -1)
+    squares = roughness(time, data, weight) if order == 4 else None
+    found = np.sqrt(_roughness(time, data, weight, order) if squares is None else squares)
+    low, high, _ = survey(np.ascontiguousarray(data))
+    rounding = 4 * np.finfo(float).eps * np.maximum(high, np.negative(low))
+    return np.asarray(np.maximum(found, np.maximum(rounding, 1e-100)))
+
+
+def _roughness(time: Array, data: Array, weight: Array, order: int) -> Array:
+    """Return the mean squares of divided differences, each over its variance."""
     count = len(time) - order
     position = np.lib.stride_tricks.sliding_window_view(time, order + 1)
     coefficients = np.ones((order + 1, count))
@@ -48,14 +60,11 @@ def noise_sigma(t: ArrayLike, y: ArrayLike, weights: ArrayLike | None = None, *,
         for j in range(order + 1):
             if i != j:
                 coefficients[i] /= (position[:, i] - position[:, j]) / (position[:, -1] - position[:, 0])
-    weight = np.ones((len(time), 1)) if weights is None else np.asarray(weights, float).reshape(len(time), -1)
     difference, variance = np.zeros((count, data.shape[1])), np.zeros((count, weight.shape[1]))
     for i in range(order + 1):
         difference += coefficients[i][:, None] * data[i : i + count]
         variance += coefficients[i][:, None] ** 2 / weight[i : i + count]
-    found = np.sqrt(np.mean(difference**2 / variance, axis=0))
-    rounding = 4 * np.finfo(float).eps * np.abs(data).max(axis=0)
-    return np.asarray(np.maximum(found, np.maximum(rounding, 1e-100)))
+    return np.asarray(np.mean(difference**2 / variance, axis=0))
 
 
 def coloured_noise(

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.models.tree import Tree
 
-__all__ = ["BLOCK", "NewtonEuler"]
+__all__ = ["AT_ONCE", "NewtonEuler"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-BLOCK = 6000  # samples times bodies that are computed together: they stay in the cache
+AT_ONCE = 6000  # samples times bodies: temporary arrays stay in the cache
 INERTIAS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 SQUARES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of w
 EPSILON = np.zeros((3, 3, 3))  # that of Levi-Civita
@@ -108,21 +108,24 @@ class NewtonEuler:
     def _products(self, k: int, roles: Integers, motion: Array, screws: Array) -> Array:
         """Return screws (V, 6, S) times the wrenches of parameters of body k: (R, V, S)."""
         turns, pushes = roles[roles > 0], roles[roles < 4]  # a mass has no moment, an inertia no force
-        out = np.zeros((len(roles), len(screws), motion.shape[1]))
-        some = np.empty_like(out)
-        for rows, first, chosen in ((slice(len(roles) - len(turns), None), 0, turns), (slice(len(pushes)), 3, pushes)):
-            sums, product = out[rows], some[rows]
-            for i in range(first, first + 3):
-                wrench = self.wrenches[k, i, chosen] @ motion
-                np.multiply(wrench[:, None], screws[:, i], out=product)
-                sums += product
+        moments, forces = (
+            (self.wrenches[k, rows][:, some].reshape(-1, 12) @ motion).reshape(3, len(some), motion.shape[1])
+            for rows, some in ((slice(3), turns), (slice(3, 6), pushes))
+        )
+        out = np.empty((len(roles), len(screws), motion.shape[1]))
+        turned, pushed = out[len(roles) - len(turns) :], out[: len(pushes)]
+        out[: len(roles) - len(turns)] = 0.0
+        np.einsum("irs,vis->rvs", moments, screws[:-1, :3], out=turned[:, :-1])
+        pushed[:, :-1] += np.einsum("irs,vis->rvs", forces, screws[:-1, 3:])
+        turned[:, -1] = 0.0 if self.layout.prismatic[k] else moments[2]  # its own joint is along z
+        pushed[:, -1] += forces[2] if self.layout.prismatic[k] else 0.0
         return out
 
     def _motions(self, states: list[Array]) -> Iterator[tuple[slice, Array, Array]]:
         """Return for some samples after the other cosine and sine of the joints that turn, the positions of those that
         slide (3, B, S); and w, dw, a, squares (B + 1, 15, S), first of the base.
         """
-        step = max(BLOCK // len(self.layout), 1)
+        step = max(AT_ONCE // len(self.layout), 1)
         for first in range(0, states[0].shape[1], step):
             q, dq, ddq = (state[:, first : first + step] for state in states)
             turn, out = np.stack((np.cos(q), np.sin(q), q)), np.empty((len(q) + 1, 15, q.shape[1]))

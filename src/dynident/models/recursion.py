@@ -1,12 +1,12 @@
 """Rigid-body dynamics of a tree of joints for many samples at once, by NumPy.
 
-All vectors have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base
-to the tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008,
-"Rigid body dynamics algorithms"). In the axes of a body, with w, dw and a, the acceleration of its origin less gravity,
-its wrench is linear in its parameters (m, h, I): force a m + L h with L = [dw] + [w][w], moment h x a + I dw + w x I w.
-The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of what a joint carries (Singh,
-Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra"; 12
-numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and end with bodies and samples.
+Torque and regressor are by ``newton_euler.py``; here are the mass matrix and the derivatives of the torque. All vectors
+have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base to the
+tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008, "Rigid
+body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of
+what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using
+spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and
+end with bodies and samples.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.models.newton_euler import NewtonEuler
+from dynident.models.newton_euler import AT_ONCE, NewtonEuler
 from dynident.models.tree import Chain, Layout, Tree
 from dynident.models.vectors import back, cross, diagonal, dot, outer, product, turn
 
@@ -27,7 +27,6 @@ __all__ = ["Recursion"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-AT_ONCE = 6000  # samples times bodies: temporary arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +61,15 @@ class Recursion:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""
         out = np.zeros((len(joint), len(q)))
         place, role = np.divmod(parameter, 10)
-        wanted = {}
+        roles, places = {}, {}
         for chain in self.layout.chains:
             mine = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
             if len(mine):
-                wanted[chain.body] = chain, mine, np.searchsorted(chain.joints, joint[mine])
-        roles = {body: np.unique(role[mine]) for body, (_, mine, _) in wanted.items()}
+                roles[chain.body], row = np.unique(role[mine], return_inverse=True)
+                places[chain.body] = chain, mine, (row, np.searchsorted(chain.joints, joint[mine]))
         for part, body, columns in self._newton_euler.columns(self._rows(q, dq, ddq), roles):
-            chain, mine, which = wanted[body]
-            out[mine, part] = self._of_joints(chain, columns)[np.searchsorted(roles[body], role[mine]), which]
+            chain, mine, source = places[body]
+            out[mine, part] = self._of_joints(chain, columns)[source]
         return out
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:

@@ -1,12 +1,12 @@
 """Rigid-body dynamics of a tree of joints for many samples at once, by NumPy.
 
-All vectors have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base
-to the tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008,
-"Rigid body dynamics algorithms"). In the axes of a body, with w, dw and a, the acceleration of its origin less gravity,
-its wrench is linear in its parameters (m, h, I): force a m + L h with L = [dw] + [w][w], moment h x a + I dw + w x I w.
-The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of what a joint carries (Singh,
-Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using spatial vector algebra"; 12
-numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and end with bodies and samples.
+Torque and regressor are by ``newton_euler.py``; here are the mass matrix and the derivatives of the torque. All vectors
+have the axes of the base; those of a body are about the origin of its joint frame. Motions go from the base to the
+tips, and the torque of a joint is what its axis takes of the wrench of all that it carries (Featherstone 2008, "Rigid
+body dynamics algorithms"). The derivatives need also the momentum, and the moments U = sum v r' dm of the velocity, of
+what a joint carries (Singh, Russo and Wensing 2022, "Efficient analytical derivatives of rigid-body dynamics using
+spatial vector algebra"; 12 numbers remain of their 6 x 6 matrices). Arrays begin with the components of vectors, and
+end with bodies and samples.
 """
 
 from __future__ import annotations
@@ -19,37 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.models.newton_euler import AT_ONCE, NewtonEuler
 from dynident.models.tree import Chain, Layout, Tree
-from dynident.models.vectors import NEXT, back, cross, diagonal, dot, outer, product, turn
+from dynident.models.vectors import back, cross, diagonal, dot, outer, product, turn
 
 __all__ = ["Recursion"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
-AT_ONCE = 6000  # samples times bodies: temporary arrays stay in the cache
-PRODUCTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # in the order of the inertias
-
-
-def _wrenches() -> Array:
-    """Return the wrenches of the parameters, moment before force, as linear in ``accelerations``: (12, 6 * 10)."""
-    epsilon = np.zeros((3, 3, 3))
-    for i, j, k in NEXT:
-        epsilon[i, j, k], epsilon[i, k, j] = 1.0, -1.0
-    both = np.zeros((6, 3, 3))  # a tensor is the sum of these times the inertias, w w' times the products
-    for column, (i, j) in enumerate(PRODUCTS):
-        both[column, i, j] = both[column, j, i] = 1.0
-    out = np.zeros((12, 2, 3, 10))
-    a, dw, ww = out[:3], out[3:6], out[6:]
-    a[:, 1, :, 0] = np.eye(3)
-    a[:, 0, :, 1:4] = np.einsum("icj->jic", epsilon)
-    dw[:, 1, :, 1:4] = np.einsum("ijc->jic", epsilon)
-    ww[:, 1, :, 1:4] = both - np.trace(both, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    dw[:, 0, :, 4:] = np.einsum("cil->lic", both)
-    ww[:, 0, :, 4:] = np.einsum("ijk,ckl,pjl->pic", epsilon, both, both)
-    return out.reshape(12, 60)
-
-
-WRENCHES = _wrenches()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,32 +50,32 @@ class Recursion:
         """Return Y (N, n, 10 L) for the parameters of the L listed bodies."""
         layout = self.layout
         Y = np.zeros((len(q), layout.joints, len(layout.listed), 10))
-        for part, motion in self._motions(q, dq, ddq):
-            for chain in layout.chains:
-                out = Y[part, chain.moved, chain.place] if isinstance(chain.moved, slice) else None
-                rows = np.matmul(*motion.factors(chain), out=out)
-                if out is None:
-                    Y[part, chain.moved, chain.place] = rows
+        chains = {chain.body: chain for chain in layout.chains}
+        all_ten = dict.fromkeys(chains, np.arange(10))
+        for part, body, columns in self._newton_euler.columns(self._rows(q, dq, ddq), all_ten):
+            chain = chains[body]
+            Y[part, chain.moved, chain.place] = self._of_joints(chain, columns).T
         return Y.reshape(len(q), layout.joints, 10 * len(layout.listed))
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: Integers, parameter: Integers) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows (M, N)."""
         out = np.zeros((len(joint), len(q)))
         place, role = np.divmod(parameter, 10)
-        for part, motion in self._motions(q, dq, ddq):
-            for chain in self.layout.chains:
-                mine = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
-                if len(mine):
-                    columns = np.matmul(*motion.factors(chain))
-                    out[mine, part] = columns[:, np.searchsorted(chain.joints, joint[mine]), role[mine]].T
+        roles, places = {}, {}
+        for chain in self.layout.chains:
+            mine = np.flatnonzero((place == chain.place) & np.isin(joint, chain.joints))
+            if len(mine):
+                roles[chain.body], row = np.unique(role[mine], return_inverse=True)
+                places[chain.body] = chain, mine, (row, np.searchsorted(chain.joints, joint[mine]))
+        for part, body, columns in self._newton_euler.columns(self._rows(q, dq, ddq), roles):
+            chain, mine, source = places[body]
+            out[mine, part] = self._of_joints(chain, columns)[source]
         return out
 
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return the inverse dynamics (N, n)."""
-        out = np.empty((len(q), len(self.layout)))
-        for part, motion in self._motions(q, dq, ddq):
-            out[part] = _Carried(motion, theta).torque.T
-        return out if self.layout.plain else out @ self.layout.drive
+        tau = self._newton_euler.torque(self._rows(q, dq, ddq), theta)
+        return np.ascontiguousarray(tau.T) if self.layout.plain else tau.T @ self.layout.drive
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration."""
@@ -132,9 +109,21 @@ class Recursion:
                 slope[part, j, k] = (dot(w, moment[:, k]) + dot(u, force[:, k])).T  # of a joint itself, too
         return out if self.layout.plain else np.asarray(drive.T @ out @ drive)
 
+    @cached_property
+    def _newton_euler(self) -> NewtonEuler:
+        return NewtonEuler(self.tree, self.gravity)
+
+    def _rows(self, q: Array, dq: Array, ddq: Array) -> list[Array]:
+        """Return the states (B, N) of the bodies."""
+        return [np.ascontiguousarray(state.T) for state in self.layout.moved(q, dq, ddq)]
+
+    def _of_joints(self, chain: Chain, columns: Array) -> Array:
+        """Return columns (R, J, S) of a body for its joints from those for the bodies of its chain."""
+        return columns if self.layout.plain else np.asarray(chain.shares(self.layout.gain) @ columns)
+
     def _motions(self, q: Array, dq: Array, ddq: Array) -> Iterator[tuple[slice, _Motion]]:
         """Return the motion of some samples after the other."""
-        states = [np.ascontiguousarray(state.T) for state in self.layout.moved(q, dq, ddq)]
+        states = self._rows(q, dq, ddq)
         step = max(AT_ONCE // len(self.layout), 1)
         for first in range(0, len(q), step):
             part = slice(first, first + step)
@@ -193,31 +182,6 @@ class _Motion:
         if self.zu is not None:
             u += self.zu[:, j]
         return w, u
-
-    @cached_property
-    def accelerations(self) -> Array:
-        """What the wrenches are linear in (B, N, 12): a, dw, and products of w, all in the axes of the bodies."""
-        a, dw, w = (back(self.R, vector) for vector in (self.a, self.dw, self.w))
-        out = np.empty((*w.shape[1:], 12))
-        for column, values in enumerate((*a, *dw, *(w[i] * w[j] for i, j in PRODUCTS))):
-            out[..., column] = values
-        return out
-
-    def factors(self, chain: Chain) -> tuple[Array, Array]:
-        """Return what the regressor of a body's parameters is the product of: screws (N, J, 6) of the joints of its
-        chain, and wrenches (N, 6, 10), in its axes.
-        """
-        pair = self.screws(chain.path, chain.body)
-        if not self.layout.plain:
-            shares = chain.shares(self.layout.gain)
-            pair = shares @ pair[0], shares @ pair[1]
-        joints, samples = pair[0].shape[1:]
-        screws = np.empty((samples, joints, 2, 3))
-        screws[:, :, 0], screws[:, :, 1] = pair[0].T, pair[1].T
-        axes = np.ascontiguousarray(self.R[:, :, chain.body].transpose(2, 0, 1))
-        wrenches = self.accelerations[chain.body] @ WRENCHES
-        local = (screws.reshape(samples, -1, 3) @ axes).reshape(samples, joints, 6)
-        return local, wrenches.reshape(samples, 6, 10)
 
     @cached_property
     def changes(self) -> tuple[tuple[Array, Array, Array], ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from itertools import count
 from typing import ClassVar, Literal
 
@@ -126,50 +126,57 @@ def find_time_offset(
         return TimeOffset(0.0, np.nan, np.nan)
     fast, trials = quick(estimator), count(1)
 
-    def at(time_offset: float, motions: Sequence[Motion] = motions) -> Regression:
-        return Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed)
+    def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
+        """Return the error at an offset, and less than any parameters leave there."""
+        at = cache(lambda time_offset: Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed))
 
-    def error(regression: Regression) -> float:
-        done = next(trials)
-        progress(Step("estimating the time offset", done, max(done, USUAL)))
-        return _error(regression, fast)
+        def error(time_offset: float) -> float:
+            done = next(trials)
+            progress(Step("estimating the time offset", done, max(done, USUAL)))
+            return _error(at(time_offset), fast)
 
-    best, after, before = _least(at, error)
+        return error, lambda time_offset: SAFE * _error(at(time_offset), LeastSquares())
+
+    error, floor = errors_of(motions)
+    best, after, before = _least(error, TRIALS, floor)
     if np.isnan(best):
         return TimeOffset(0.0, before, before)
     std = _offset_std(model, motions, rows, best, fast, min_speed)
     none = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - GAIN) * before or abs(best) < SURE * std:
         return none
-    there = at(best)
-    theta = called(fast, Problem(model, there.motions, there), Estimate).value
-    invented = [_least(partial(at, motions=one), error, TRIALS[:NEAR])[0] for one in repeat(theta)]
+    at = _shifted(motions, rows, best)
+    theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
+    invented = [_least(found, TRIALS[:NEAR], least)[0] for found, least in map(errors_of, repeat(theta))]
     if not np.isfinite(invented).all():  # smoothing alone shows one beyond the range: nothing is known of this one
         return none
     if invented:  # either sign is as likely where it is noise that is less between samples
         best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
-    after = error(at(best))
+    after = error(best)
     significant = after < (1.0 - GAIN) * before and SURE * std <= abs(best) <= MOST
     return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
 
 
 def _least(
-    at: Callable[[float], Regression], error: Callable[[Regression], float], trials: Sequence[float] = TRIALS
+    error: Callable[[float], float],
+    trials: Sequence[float] = TRIALS,
+    floor: Callable[[float], float] = lambda _: 0.0,
 ) -> tuple[float, float, float]:
     """Return the offset with the least error, nan beyond the range, its error, and that without offset.
 
-    It lies beside the best of the trials; where that is the last, all are tried.
+    It lies beside the best of the trials; where that is the last, all are tried. ``floor`` is quick, and never above
+    the error.
     """
     from scipy.optimize import minimize_scalar
 
-    known = _tried(at, error, [sign * trial for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))])
+    known = _tried(error, floor, [sign * trial for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))])
     best, before = min(known, key=lambda trial: known[trial]), known[0.0]
     if abs(best) == trials[-1]:
-        return (np.nan, before, before) if trials is TRIALS else _least(at, error)
+        return (np.nan, before, before) if trials is TRIALS else _least(error, TRIALS, floor)
 
     def squared(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
-        known[trial] = known[trial] if trial in known else error(at(trial))
+        known[trial] = known[trial] if trial in known else error(trial)
         return known[trial] ** 2
 
     ordered = sorted(known)
@@ -182,19 +189,18 @@ def _least(
 
 
 def _tried(
-    at: Callable[[float], Regression], error: Callable[[Regression], float], trials: Sequence[float]
+    error: Callable[[float], float], floor: Callable[[float], float], trials: Sequence[float]
 ) -> dict[float, float]:
-    """Return the errors of the trials: of the best one, those beside it and none, what the estimator leaves; of others
-    the least that any parameters leave, where that is more than the best."""
-    regressions = {trial: at(trial) for trial in sorted(trials)}
-    found = {trial: SAFE * _error(one, LeastSquares()) for trial, one in regressions.items()}
-    ordered, exact = list(found), set[float]()
+    """Return the errors of the best of the trials, of those beside it, and of none; of others the floor, where that is
+    above the best."""
+    found = {trial: floor(trial) for trial in trials}
+    ordered, exact = sorted(found), set[float]()
     while True:
         best = min(found, key=lambda trial: found[trial])
         k = ordered.index(best)
         if not (due := [one for one in (best, 0.0, *ordered[max(k - 1, 0) : k + 2]) if one not in exact]):
             return found
-        found[due[0]] = error(regressions[due[0]])
+        found[due[0]] = error(due[0])
         exact.add(due[0])
 
 

@@ -42,17 +42,10 @@ UNSURE = 0.3  # standard error over value from which a parameter wants better da
 EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
 MOST = 5  # next steps on single parameters
 _DIFFERENCES: WeakKeyDictionary[Motion, WeakKeyDictionary[Motion, float]] = WeakKeyDictionary()
-_JUDGED: WeakKeyDictionary[Identification, Verdict] = WeakKeyDictionary()
 
 
 def judge(found: Identification) -> Verdict:
-    """Judge an identification by its held-out logs, its mass matrix and free simulations; once: each text asks."""
-    if found not in _JUDGED:
-        _JUDGED[found] = _judged(found)
-    return _JUDGED[found]
-
-
-def _judged(found: Identification) -> Verdict:
+    """Judge an identification by its held-out logs, its mass matrix and free simulations; a pure function."""
     held = _held_back(found)
     against_use = (*_noted(found, Use.CONTROL), *held.get(Use.CONTROL, ()), *_against_use(found))
     against_simulation = (*_noted(found, Use.SIMULATION), *held.get(Use.SIMULATION, ()), *_against_simulation(found))

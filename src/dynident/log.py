@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any, Protocol
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +23,7 @@ __all__ = ["Controller", "Log", "Motion", "pieces", "subsample", "thinned"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+_FINITE: WeakValueDictionary[int, Array] = WeakValueDictionary()  # read-only arrays that are known to be, by id
 
 
 class Controller(Protocol):
@@ -56,13 +58,20 @@ def _matrix(value: ArrayLike, rows: int, columns: int, name: str, source: str) -
             f"{source}: {name} has shape {array.shape}, expected ({rows}, {columns}): "
             "one row per time stamp and one column per joint."
         )
-    if not np.isfinite(array).all():
+    if _FINITE.get(id(array)) is not array and not np.isfinite(array).all():
         bad = np.argwhere(~np.isfinite(array))
         i, j = bad[0]
         raise InputError(
             f"{source}: {name}[{i}, {j}] is {array[i, j]} ({len(bad)} non-finite values in all). "
             "Remove or interpolate these samples in the file, or leave them out with a window."
         )
+    _FINITE[id(array)] = array
+    return array
+
+
+def _owned(array: Array) -> Array:
+    """Return an array that was made here, read-only, so that it need not be copied."""
+    array.flags.writeable = False
     return array
 
 
@@ -273,8 +282,9 @@ class Motion:
         ddq = start + slope * s
         dq = self.dq[k] + (start + slope * s / 2) * s
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
+        q, dq, ddq, tau = map(_owned, (q, dq, ddq, self.tau[rows]))
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
-        late, tau = self.time_offset + time_offset, self.tau[rows]
+        late = self.time_offset + time_offset
         keep = None if self.keep is None else self.keep[rows]
         return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late, keep=keep)
 

@@ -312,3 +312,16 @@ def test_each_trial_tells_how_much_is_done() -> None:
     steps = [one for one in said if isinstance(one, Step)]
     assert [one.done for one in steps] == list(range(1, len(said) + 1))
     assert all(one.total is not None and one.total >= one.done for one in steps)
+
+
+def test_only_trials_that_may_be_the_best_are_fitted() -> None:
+    fitted: list[float] = []
+
+    def error(x: float) -> float:
+        fitted.append(x)
+        return 1.0 + 1e3 * abs(x - 0.0012)
+
+    best = _least(error, TRIALS, lambda x: 0.9 * (1.0 + 1e3 * abs(x - 0.0012)))
+    assert best == _least(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
+    assert {0.0, 0.001, 0.003} <= set(fitted)
+    assert not set(fitted) & {-0.001, -0.003, 0.01, -0.01, 0.032, -0.032, 0.05, -0.05}

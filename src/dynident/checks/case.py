@@ -14,7 +14,7 @@ from dynident.log import Motion, subsample
 from dynident.models import Model
 from dynident.regression import ParallelFilter, fast_enough, fitted_rows
 
-__all__ = ["Case", "as_measured", "case_of", "steady"]
+__all__ = ["SAMPLES", "Case", "as_measured", "case_of", "cases_of", "steady"]
 
 Array = NDArray[np.float64]
 SAMPLES = 1000  # of all motions, up to twice as many
@@ -60,18 +60,41 @@ def case_of(
     samples: int = SAMPLES,
 ) -> Case:
     """Return the case of a model and motions: low-passed as the recipe says, and thinned to ``samples``."""
+    return cases_of(model, motions, parallel_filter, min_speed, (samples,))[0]
+
+
+def cases_of(
+    model: Model,
+    motions: Sequence[Motion],
+    parallel_filter: ParallelFilter | None,
+    min_speed: tuple[float, ...] | None,
+    samples: Sequence[int],
+) -> list[Case]:
+    """Return the cases of ``case_of`` for several numbers of samples."""
     given = [] if parallel_filter is None else [parallel_filter.cutoff_at(motion) for motion in motions]
     cutoff = min([BAND, *given])
     slow = [_low_passed(motion, cutoff) for motion in motions]
+    calm = [steady(one, RESPONSE / cutoff) for one in slow]
+    noise = _noise(motions, slow, calm, cutoff)
+    return [_thinned(model, slow, calm, min_speed, noise, count) for count in samples]
+
+
+def _thinned(
+    model: Model,
+    slow: Sequence[Motion],
+    calm: Sequence[NDArray[np.bool_]],
+    min_speed: tuple[float, ...] | None,
+    noise: Array,
+    samples: int,
+) -> Case:
+    """Return the case of about so many samples of low-passed motions, with the variance (n) of the noise in them."""
     rows = subsample(slow, samples)
     pairs = list(zip(slow, rows, strict=True))
     q, dq, ddq, tau = (
         np.concatenate([getattr(one, name)[kept] for one, kept in pairs]) for name in ("q", "dq", "ddq", "tau")
     )
     jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in pairs]
-    calm = [steady(one, RESPONSE / cutoff) for one in slow]
     keep = [away[kept] & _fitted(one, min_speed, kept) for away, (one, kept) in zip(calm, pairs, strict=True)]
-    noise = _noise(motions, slow, calm, cutoff)
     return Case(model, q, dq, ddq, np.concatenate(jerks), tau, np.concatenate(keep), tuple(map(len, rows)), noise)
 
 

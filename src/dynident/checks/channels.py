@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ _GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that mus
 _STALE = 0.05  # share of repeated positions in motion to warn of
 _BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
 _PIECE = 6  # samples between outliers, at least, to estimate the noise from
+_KNOWN: WeakKeyDictionary[Log, dict[object, tuple[Finding, ...]]] = WeakKeyDictionary()  # logs are checked when read
 _REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
 
 
@@ -100,19 +102,26 @@ def check_log(
     number of turns. With ``torque`` False the torques are not checked. Raises InputError where a joint of the log has
     no kind.
     """
-    return _quickly(log, kinds, multi_turn, list(jumps(log)), torque)
+    asked, known = (frozenset(kinds.items()), frozenset(multi_turn), torque), _KNOWN.setdefault(log, {})
+    if asked not in known:
+        known[asked] = _quickly(log, kinds, multi_turn, torque)
+    return known[asked]
 
 
-def _quickly(
-    log: Log, kinds: Mapping[str, str], multi_turn: Set[str], jumped: Sequence[Finding], torque: bool = True
-) -> tuple[Finding, ...]:
-    """Return the findings of ``check_log``, of ``jumped`` those on positions that wrap."""
+def _jumped(log: Log) -> tuple[Finding, ...]:
+    known = _KNOWN.setdefault(log, {})
+    if Topic.JUMP not in known:
+        known[Topic.JUMP] = tuple(jumps(log))
+    return known[Topic.JUMP]
+
+
+def _quickly(log: Log, kinds: Mapping[str, str], multi_turn: Set[str], torque: bool) -> tuple[Finding, ...]:
     missing = [name for name in log.joints if name not in kinds]
     if missing:
         raise InputError(f"{log.source}: joint {missing[0]!r} has no kind; give 'revolute' or 'prismatic'.")
     clock = list(units.time_unit(log))
     findings = [*time.samples(log), *time.gaps(log), *time.jitter(log), *clock]
-    findings += [found for found in jumped if found.topic is Topic.WRAPPED]
+    findings += [found for found in _jumped(log) if found.topic is Topic.WRAPPED]
     wrapped = [found.joint for found in findings if found.topic is Topic.WRAPPED]
     for j, name in enumerate(log.joints):
         q, tau = log.q[:, j], log.tau[:, j]
@@ -130,12 +139,11 @@ def check_log_fully(
 
     Each finding names the log's source. Raises the errors of ``check_log``.
     """
-    jumped = list(jumps(log))
-    found = [finding for finding in _quickly(log, kinds, multi_turn, jumped) if finding.topic is not Topic.JITTER]
+    found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
         found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
-        found += [one for one in jumped if one.topic is Topic.JUMP]
+        found += [one for one in _jumped(log) if one.topic is Topic.JUMP]
         clean = repaired(log, torque=False)
         found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
                   for one in units.length_unit(name, log.t, clean.q[:, j])]  # fmt: skip

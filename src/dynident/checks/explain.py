@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import reduce
 
 from dynident.checks.alternatives import better_alternative
-from dynident.checks.case import Case, case_of
+from dynident.checks.case import SAMPLES, Case, cases_of
 from dynident.checks.clock import clock_suspect
 from dynident.checks.cost import Cost, cost
 from dynident.checks.delays import delay_findings
@@ -53,11 +53,11 @@ def robot_findings(
     ``progress`` is called before each cause is sought.
     """
     progress(Step(LOOKING))
-    large = list(better_alternative(case_of(model, motions, parallel_filter, min_speed, TRIAL)))
+    few, case = cases_of(model, motions, parallel_filter, min_speed, (TRIAL, SAMPLES))
+    large = list(better_alternative(few))
     yield from large
     if large:
         return
-    case = case_of(model, motions, parallel_filter, min_speed)
     found = list(explained(case, tilt, progress))
     left = [one for one in found if isinstance(one.message, Unexplained)]
     yield from (one for one in found if one not in left)

@@ -108,13 +108,15 @@ def weighted(
 
     What the motion shows does not depend on the weights: the directions are those without them.
     """
-    factor = triangular.stacked(weights)
-    if np.ptp(weights) == 0:
-        return factor, rank_of(factor, parameters, tolerance)
     key = tuple(parameters), tolerance  # asked at each step of the weights
     if key not in triangular.known:
-        triangular.known[key] = rank_of(triangular.stacked(), parameters, tolerance)
-    return factor, rank_of(factor, parameters, tolerance, triangular.known[key])
+        plain = triangular.stacked()
+        triangular.known[key] = plain, rank_of(plain, parameters, tolerance)
+    plain, rank = triangular.known[key]
+    if (weights == 1.0).all():
+        return plain, rank
+    factor = triangular.stacked(weights)
+    return factor, rank_of(factor, parameters, tolerance, None if np.ptp(weights) == 0 else rank)
 
 
 def check_weights(weights: str, iterations: int) -> None:

@@ -231,7 +231,7 @@ def _refitted(
 def _pieces(model: Model, log: Log, motion: Motion, smoother: Smoother, theta: Array, share: float) -> Iterator[_Piece]:
     """Yield the pieces of a log that stand for it, with the noise of its positions."""
     used = as_used(smoother, motion)
-    bare = called(unshifted(used), log, Motion)
+    bare = called(unshifted(used), log, Motion) if motion.time_offset else motion
     sigma, rho = _noise(log, bare)
     whole = slice(0, len(log))
     count = max(1, round(share * len(log) / PIECE))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from itertools import count
 from typing import ClassVar, Literal
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, Step, called
-from dynident.estimators import Estimate, Estimator, Problem, quick
+from dynident.estimators import Estimate, Estimator, LeastSquares, Problem, quick
 from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
@@ -32,6 +32,7 @@ ENTRIES = 200_000  # samples of all logs together times parameters: one or two u
 FEWEST = 200  # least number of samples to estimate a time offset
 TRIALS = (0.0, 0.001, 0.003, 0.01, 0.032, 0.05)  # s, of either sign; the search refines the best, but for the last
 MOST = 0.032  # s: what is later has another cause than filters and buses
+SAFE = 0.999  # share of the least error that rounding and the rank leave of it
 FINE, WIDE = 2e-5, 2e-3  # s: of the search, and of the slope at its end
 USUAL = 50  # fits that the search takes where it finds an offset
 NEAR = 3  # trials that come first where no offset is expected
@@ -125,12 +126,19 @@ def find_time_offset(
         return TimeOffset(0.0, np.nan, np.nan)
     fast, trials = quick(estimator), count(1)
 
-    def error(time_offset: float, motions: Sequence[Motion] = motions) -> float:
-        done = next(trials)
-        progress(Step("estimating the time offset", done, max(done, USUAL)))
-        return _error(Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed), fast)
+    def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
+        """Return the error at an offset, and less than any parameters leave there."""
+        at = cache(lambda time_offset: Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed))
 
-    best, after, before = _least(error)
+        def error(time_offset: float) -> float:
+            done = next(trials)
+            progress(Step("estimating the time offset", done, max(done, USUAL)))
+            return _error(at(time_offset), fast)
+
+        return error, lambda time_offset: SAFE * _error(at(time_offset), LeastSquares())
+
+    error, floor = errors_of(motions)
+    best, after, before = _least(error, TRIALS, floor)
     if np.isnan(best):
         return TimeOffset(0.0, before, before)
     std = _offset_std(model, motions, rows, best, fast, min_speed)
@@ -139,7 +147,7 @@ def find_time_offset(
         return none
     at = _shifted(motions, rows, best)
     theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
-    invented = [_least(partial(error, motions=one), TRIALS[:NEAR])[0] for one in repeat(theta)]
+    invented = [_least(found, TRIALS[:NEAR], least)[0] for found, least in map(errors_of, repeat(theta))]
     if not np.isfinite(invented).all():  # smoothing alone shows one beyond the range: nothing is known of this one
         return none
     if invented:  # either sign is as likely where it is noise that is less between samples
@@ -149,17 +157,22 @@ def find_time_offset(
     return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
 
 
-def _least(error: Callable[[float], float], trials: Sequence[float] = TRIALS) -> tuple[float, float, float]:
+def _least(
+    error: Callable[[float], float],
+    trials: Sequence[float] = TRIALS,
+    floor: Callable[[float], float] = lambda _: 0.0,
+) -> tuple[float, float, float]:
     """Return the offset with the least error, nan beyond the range, its error, and that without offset.
 
-    It lies beside the best of the trials; where that is the last, all are tried.
+    It lies beside the best of the trials; where that is the last, all are tried. ``floor`` is quick, and never above
+    the error.
     """
     from scipy.optimize import minimize_scalar
 
-    known = {sign * trial: error(sign * trial) for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))}
+    known = _tried(error, floor, [sign * trial for trial in trials for sign in ((-1.0, 1.0) if trial else (1.0,))])
     best, before = min(known, key=lambda trial: known[trial]), known[0.0]
     if abs(best) == trials[-1]:
-        return (np.nan, before, before) if trials is TRIALS else _least(error)
+        return (np.nan, before, before) if trials is TRIALS else _least(error, TRIALS, floor)
 
     def squared(x: float) -> float:  # nearly a parabola, of which a few values are enough
         trial = start.get(x, float(x) - 1.0)
@@ -173,6 +186,22 @@ def _least(error: Callable[[float], float], trials: Sequence[float] = TRIALS) ->
         minimize_scalar(squared, tuple(start), method="brent", options={"xtol": FINE})
         best = float(min(known, key=lambda trial: known[trial]))
     return (best, known[best], before) if abs(best) <= MOST else (np.nan, before, before)
+
+
+def _tried(
+    error: Callable[[float], float], floor: Callable[[float], float], trials: Sequence[float]
+) -> dict[float, float]:
+    """Return the errors of the best of the trials, of those beside it, and of none; of others the floor, where that is
+    above the best."""
+    found = {trial: floor(trial) for trial in trials}
+    ordered, exact = sorted(found), set[float]()
+    while True:
+        best = min(found, key=lambda trial: found[trial])
+        k = ordered.index(best)
+        if not (due := [one for one in (best, 0.0, *ordered[max(k - 1, 0) : k + 2]) if one not in exact]):
+            return found
+        found[due[0]] = error(due[0])
+        exact.add(due[0])
 
 
 def _shifted(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], time_offset: float) -> tuple[Motion, ...]:

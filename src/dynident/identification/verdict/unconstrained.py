@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 SAMPLES = 2000  # of all training motions
 FASTER = 2.0  # times the speed of the training, at which fits are compared
 RANK = 1e-5  # share of the largest singular value below which the data say nothing
+_KNOWN: WeakKeyDictionary[Identification, Held] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,14 @@ class Held:
 
 
 def held_back(found: Identification) -> Held:
-    """Compare an estimate with least squares, each joint by its residual, from samples of the training motions."""
+    """Compare an estimate with least squares, each joint by its residual, from samples of the training motions; once,
+    as each text of a result judges it."""
+    if found not in _KNOWN:
+        _KNOWN[found] = _held_back(found)
+    return _KNOWN[found]
+
+
+def _held_back(found: Identification) -> Held:
     motions = [log.motion for log in found.validations if log.role == "train"]
     pairs = list(zip(motions, subsample(motions, SAMPLES), strict=True))
     q, dq, ddq, tau = (

@@ -29,7 +29,8 @@ INEXACT = 1e-6  # share of the tolerance to which a step is found
 IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
-BEYOND = 2 / 3  # fall of the cost, over twice the expected one, from which a parabola falls on up to twice the step
+WORTH = 0.05  # share of the fall so far that the minimum of a parabola must promise to be tried
+LONGEST = 8.0  # length of a step, in its own
 FOLLOWED, SHARES = 2, (1.0, 0.4, 0.16)  # steps of the trajectories after one that fails, and their lengths to try
 
 
@@ -52,12 +53,14 @@ class NewtonSettings:
 class LikelihoodFit:
     """The result of Newton's method; ``information`` (p, p) of theta with all else profiled out.
 
-    ``gradient`` (p) is the data's gradient of the cost after the remaining step.
-    ``segments`` give the step of each trajectory that is left to go, as a function of the parameters of ``columns``.
+    ``before`` are theta and the states before the last step, whose expected fall of the cost is half the ``decrement``.
+    ``gradient`` (p) is the data's gradient of the cost after it. ``segments`` give the last step of each trajectory, as
+    a function of the parameters of ``columns``.
     """
 
     theta: Array
     states: tuple[State, ...]
+    before: tuple[Array, tuple[State, ...]]
     information: Array
     segments: tuple[Elimination, ...]
     columns: Columns
@@ -71,13 +74,14 @@ class LikelihoodFit:
 
     def extrapolated(self, segments: Sequence[Segment], theta: Array) -> tuple[State, ...]:
         """Return the states for another theta nearby, to first order."""
-        change = self.columns.combination @ (theta - self.theta)
-        return _carried(segments, self.states, [one.step(change) for one in self.segments])
+        origin, states = self.before
+        change = self.columns.combination @ (theta - origin)
+        return _carried(segments, states, [one.step(change) for one in self.segments])
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A step of theta, and of each segment's C and W."""
+    """A step of theta, and of each segment's C and W; ``pull`` is minus the gradient by all of them."""
 
     theta: Array
     moves: tuple[tuple[Array, Array], ...]
@@ -85,6 +89,26 @@ class _Step:
     decrement: float
     information: Array
     gradient: Array
+    pull: Array
+
+    @property
+    def flat(self) -> Array:
+        """The step of all unknowns, as in ``pull``."""
+        return np.concatenate([*(part for move in self.moves for part in move), self.theta])
+
+    def conjugate(self, before: _Step | None) -> _Step:
+        """Return the step that does not undo the one before: Hestenes and Stiefel (1952), nonlinear."""
+        if before is None:
+            return self
+        change, last = self.pull - before.pull, before.flat
+        share = -float(change @ self.flat) / (float(change @ last) or np.inf)
+        if share <= 0 or float(self.pull @ last) * share <= -0.5 * self.decrement:
+            return self
+        moves = tuple(
+            (dC + share * oldC, dW + share * oldW)
+            for (dC, dW), (oldC, oldW) in zip(self.moves, before.moves, strict=True)
+        )
+        return replace(self, theta=self.theta + share * before.theta, moves=moves)
 
 
 def _step(found: Sequence[Equations], theta: Array, likelihood: Likelihood, settings: NewtonSettings) -> _Step:
@@ -103,7 +127,10 @@ def _step(found: Sequence[Equations], theta: Array, likelihood: Likelihood, sett
     dtheta = ways @ along.minimum(ways.T @ H @ ways, ways.T @ g, INEXACT * settings.tolerance)
     gain = float(g @ dtheta) - 0.5 * float(dtheta @ H @ dtheta) - barrier.value(theta + dtheta) + barrier.value(theta)
     moves, change = tuple(one.step(K @ dtheta) for one in used.segments), H @ dtheta - g
-    return _Step(dtheta, moves, used.segments, used.fall + 2 * gain, K.T @ gauss.information @ K, change)
+    parts = [part for one in found for part in (one.by_coefficients, one.by_border[: len(one.by_border) - len(K)])]
+    by_theta = sum((one.by_border[len(one.by_border) - len(K) :] for one in found), np.zeros(len(K))) @ K
+    pull = np.concatenate([*parts, by_theta - barrier.slopes(theta)[0]])
+    return _Step(dtheta, moves, used.segments, used.fall + 2 * gain, K.T @ gauss.information @ K, change, pull)
 
 
 def _positive(H: Array) -> Array:
@@ -186,6 +213,10 @@ class Likelihood:
             moves.append(Elimination.of(found, Arrow(found.band, found.side), 0).step(np.zeros(0)))
         return tuple(moves)
 
+    def along(self, at: _Point, step: _Step, size: float) -> _Point | None:
+        """Return the point after ``size`` times a step; None outside the feasible set."""
+        return self.point(_carried(self.segments, at.states, step.moves, size), at.theta + size * step.theta)
+
     def point(self, states: tuple[State, ...], theta: Array) -> _Point | None:
         """Return a point with its cost; None outside the feasible set."""
         cost = self.cost(states, theta)
@@ -208,14 +239,15 @@ def maximise(
 ) -> LikelihoodFit:
     """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    A failing step is corrected by steps of the trajectory at fixed theta before it is shortened; one that succeeds is
-    doubled as long as the cost falls.
+    Steps are conjugate, which makes up for the second derivatives that are left out. A failing one is corrected by steps
+    of the trajectory at fixed theta before it is shortened; of one that succeeds the length is adjusted by a parabola.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
     settings = settings or NewtonSettings()
     at, near, slow = _begun(likelihood, states, theta, settings.hold), False, 0
     found: list[Equations] = []
+    before: _Step | None = None
     for iteration in itertools.count():
         found = likelihood.linearised(at.states, at.theta, found if near else [], mixed_hessian=settings.newton)
         step = _step(found, at.theta, likelihood, settings)
@@ -223,13 +255,14 @@ def maximise(
         converged = abs(step.decrement) < settings.tolerance
         if converged or iteration >= settings.iterations or slow >= PATIENCE:
             break
-        step, better = _improved(likelihood, at, step, found, settings)
+        before, better = _improved(likelihood, at, step, before, found, settings)
         if better is None:
             break
         slow = slow + 1 if at.cost - better.cost < STALLED * 0.5 * step.decrement else 0
         at, near = better, step.decrement < NEAR
-    left = (step.information, step.segments, likelihood.columns, at.cost, step.gradient, step.decrement)
-    return LikelihoodFit(at.theta, at.states, *left, iteration, converged)
+    end = (converged and _whole(likelihood, at, step, before, at.cost)[1]) or at
+    left = (step.information, step.segments, likelihood.columns, end.cost, step.gradient, step.decrement)
+    return LikelihoodFit(end.theta, end.states, (at.theta, at.states), *left, iteration, converged)
 
 
 def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
@@ -244,26 +277,47 @@ def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: 
 
 
 def _improved(
-    likelihood: Likelihood, at: _Point, step: _Step, found: Sequence[Equations], settings: NewtonSettings
-) -> tuple[_Step, _Point | None]:
-    """Return the step taken and the new point, None where no step lowers the cost."""
-    better = _descend(likelihood, at, step) if step.decrement > 0 else None
+    likelihood: Likelihood,
+    at: _Point,
+    step: _Step,
+    before: _Step | None,
+    found: Sequence[Equations],
+    settings: NewtonSettings,
+) -> tuple[_Step | None, _Point | None]:
+    """Return the step that was taken whole, if one was, and the new point, None where no step lowers the cost."""
+    better = None
+    if step.decrement > 0:
+        way, trial = _whole(likelihood, at, step, before, at.cost - STALLED * 0.5 * step.decrement)
+        if trial:
+            return way, _adjusted(likelihood, at, way, trial)
+        better = _descend(likelihood, at, step)
     if better is None and settings.newton:  # far from the solution Newton's matrix may mislead
         step = _step(found, at.theta, likelihood, replace(settings, newton=False))
         better = _descend(likelihood, at, step)
-    return step, better
+    return None, better
+
+
+def _whole(
+    likelihood: Likelihood, at: _Point, step: _Step, before: _Step | None, needed: float
+) -> tuple[_Step, _Point | None]:
+    """Return the conjugate step or else the step itself, and the point after it where the cost is below ``needed``."""
+    for way in [step] if before is None else [step.conjugate(before), step]:
+        with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
+            trial = likelihood.along(at, way, 1.0)
+            if trial and trial.cost < needed:
+                return way, trial
+    return step, None
 
 
 def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
-    """Return the point after a share of the step, or a multiple, that lowers the cost; None where there is none."""
+    """Return the point after a share of the step that lowers the cost; None where there is none."""
     size = 1.0
     while size > SHORTEST:
-        aim, needed = at.theta + size * step.theta, at.cost - 1e-2 * size * min(step.decrement, 1.0)
+        needed = at.cost - 1e-2 * size * min(step.decrement, 1.0)
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
-            trial: _Point | None = likelihood.point(_carried(likelihood.segments, at.states, step.moves, size), aim)
+            trial = likelihood.along(at, step, size)
             if trial and trial.cost < needed:
-                longer = size == 1.0 and at.cost - trial.cost > BEYOND * step.decrement
-                return _lengthened(likelihood, at, step, trial) if longer else trial
+                return trial
             for _ in range(FOLLOWED):
                 trial = _followed(likelihood, trial) if trial else None
                 if trial and trial.cost < needed:
@@ -272,16 +326,18 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
     return None
 
 
-def _lengthened(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) -> _Point:
-    """Return the point after twice the step, or four times, ..., as long as the cost falls."""
-    size = 2.0
-    with suppress(ModelError, np.linalg.LinAlgError):
-        while True:
-            moved = _carried(likelihood.segments, at.states, step.moves, size)
-            further = likelihood.point(moved, at.theta + size * step.theta)
-            if further is None or further.cost >= found.cost:
-                break
-            found, size = further, 2 * size
+def _adjusted(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) -> _Point:
+    """Return the point at the minimum of the parabola along the step, or ``found``, the point after the step, where
+    that is as good.
+    """
+    slope, fall = float(step.pull @ step.flat), at.cost - found.cost
+    bend = 2 * (slope - fall)
+    if bend <= 0 or (slope - bend) ** 2 > 2 * bend * WORTH * fall:
+        with suppress(ModelError, np.linalg.LinAlgError):
+            size = min(slope / bend, LONGEST) if bend > 0 else LONGEST
+            other = likelihood.along(at, step, size)
+            if other and other.cost < found.cost:
+                return other
     return found
 
 

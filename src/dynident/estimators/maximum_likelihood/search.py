@@ -260,7 +260,7 @@ class Search:
                 found = self._held(last, last.theta + along * (aim - last.theta[k]), k, aim)
                 if found is None:
                     return np.nan, np.nan
-                last, fall = found, found.cost - 0.5 * found.decrement - fitted.cost
+                last, fall = found, found.cost - fitted.cost
                 r = float(np.sqrt(2 * max(fall, TINY)))
                 path.append((side * r, found.theta))
                 slope = found.gradient[k] + self.barrier.slopes(found.theta)[0][k]

@@ -303,7 +303,7 @@ def test_shapes_that_do_not_fit_are_errors(kernel, monkeypatch):
         for call in (term.torque, term.partials):
             with pytest.raises(ModelError, match="theta has shape"):
                 call(q, q, q, short)
-    for joint, parameter in (([3], [0]), ([0], [30]), ([-1], [0]), ([0, 1], [0]), (0, 0)):
+    for row, column in (([3], [0]), ([0], [30]), ([-1], [0]), ([0, 1], [0]), (0, 0)):
         with pytest.raises(ModelError, match="joint"):
-            term.entries(q, q, q, np.array(joint), np.array(parameter))
+            term.entries(q, q, q, np.array(row), np.array(column))
     np.testing.assert_allclose(term.entries(q, q, q, [0, 2], [1, 25]).T, term.regressor(q, q, q)[:, [0, 2], [1, 25]])

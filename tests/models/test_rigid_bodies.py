@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from dynident.models import Joint, Model, RigidBodies, from_physical
+from dynident.errors import ModelError
+from dynident.models import Joint, Model, RigidBodies, from_physical, recursion_kernel
 from dynident.models.robot_file import Limits
 from tests.robots import ARM, ARM_MJCF, GRIPPER, joint, link, urdf
 
@@ -283,3 +284,26 @@ def test_a_turned_frame_carries_what_follows():
     states = np.random.default_rng(2).standard_normal((3, 5, 3))
     ahead = [states[0] + np.array([0, 0, 0.3]), *states[1:]]  # its axis is y
     np.testing.assert_allclose(turned.regressor(*states), given.regressor(*ahead), atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [True, False])
+def test_shapes_that_do_not_fit_are_errors(kernel, monkeypatch):
+    """The kernel knows only where arrays begin."""
+    if not kernel:
+        monkeypatch.setattr(recursion_kernel, "function", lambda *_: None)
+    term = RigidBodies(ARM)
+    q, theta = np.ones((4, 3)), np.ones(30)
+    for wrong in (q[:, :2], q[0], q[:2], np.ones((4, 4))):
+        for states in ((wrong, q, q), (q, wrong, q), (q, q, wrong)):
+            with pytest.raises(ModelError, match="expected"):
+                term.regressor(*states)
+        with pytest.raises(ModelError, match="expected"):
+            term.mass_and_bias(q, wrong, theta)
+    for short in (theta[:20], np.ones(40), np.ones((3, 10))):
+        for call in (term.torque, term.partials):
+            with pytest.raises(ModelError, match="theta has shape"):
+                call(q, q, q, short)
+    for row, column in (([3], [0]), ([0], [30]), ([-1], [0]), ([0, 1], [0]), (0, 0)):
+        with pytest.raises(ModelError, match="joint"):
+            term.entries(q, q, q, np.array(row), np.array(column))
+    np.testing.assert_allclose(term.entries(q, q, q, [0, 2], [1, 25]).T, term.regressor(q, q, q)[:, [0, 2], [1, 25]])

@@ -183,8 +183,14 @@ class RigidBodies:
         return self._recursion.layout.support
 
     def entries(self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp]) -> Array:
-        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
-        return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), joint, parameter)
+        """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N); ModelError where there is no such entry."""
+        rows, columns = np.asarray(joint, dtype=np.intp), np.asarray(parameter, dtype=np.intp)
+        of = self.support.shape
+        if rows.ndim != 1 or columns.shape != rows.shape:
+            raise ModelError(f"{self.source}: joint and parameter have the shapes {rows.shape}, {columns.shape}.")
+        if len(rows) and (min(rows.min(), columns.min()) < 0 or rows.max() >= of[0] or columns.max() >= of[1]):
+            raise ModelError(f"{self.source}: joint or parameter is not an index of a regressor (N, {of[0]}, {of[1]}).")
+        return self._recursion.entries(_floats(q), _floats(dq), _floats(ddq), rows, columns)
 
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n), for any theta (10 n), physical or not."""

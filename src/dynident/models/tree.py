@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import brief
+from dynident.errors import ModelError, brief
 from dynident.models.robot_file import Arm
 
 __all__ = ["Chain", "Layout", "Tree"]
@@ -106,15 +106,21 @@ class Layout:
         return self.drive[np.arange(len(self)), self.column]
 
     def moved(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-        """Return the states (N, B) of the bodies from those of the joints (N, n)."""
+        """Return the states (N, B) of the bodies from those of the joints (N, n); ModelError for other shapes."""
+        shapes = q.shape, dq.shape, ddq.shape
+        if q.ndim != 2 or set(shapes) != {(len(q), self.joints)}:  # the kernel would read beyond what there is
+            raise ModelError(f"q, dq and ddq have the shapes {shapes}, expected (N, {self.joints}) of all.")
         if self.plain:
             return q, dq, ddq
         q, dq, ddq = (state[:, self.column] * self.gain for state in (q, dq, ddq))
         return q + self.rest, dq, ddq
 
     def filled(self, theta: Array) -> Array:
-        """Return the parameters (B, 10) of all bodies from those of the listed (10 L)."""
-        values = np.asarray(theta, dtype=float).reshape(-1, 10)
+        """Return the parameters (B, 10) of all bodies from those of the listed (10 L); ModelError for another shape."""
+        values = np.asarray(theta, dtype=float)
+        if values.shape != (size := 10 * len(self.listed),):
+            raise ModelError(f"theta has shape {values.shape}, expected ({size},).")
+        values = values.reshape(-1, 10)
         if self.complete:
             return np.ascontiguousarray(values)
         out = np.zeros((len(self), 10))

@@ -31,7 +31,7 @@ CURVED = 0.05  # relative error of S up to which a cubic describes log p
 TAKEN = 5 / 2**3.5  # of the squares of white noise a spline takes this times p^(1/4)
 FAR = 0.01  # change of log p from which on the slope has changed, too
 GRID = 12  # values of p at which a criterion is looked at first
-STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p changes less
+STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p is as close
 NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which they lie
 
 
@@ -280,7 +280,7 @@ def _zero(
         a, b = (points[0], b) if points[0][2] < 0 else (a, points[0])
         new = _inverse(known)
         new = new if a[0] < new < b[0] else 0.5 * (a[0] + b[0])
-        if abs(new - x) < CLOSE:
+        if abs(new - x) * min(1.0, abs(new - known[1][0])) < CLOSE:  # more than what is left
             return new
         x = new
     return x

@@ -28,7 +28,7 @@ ABREAST = 16  # rows that the kernel looks at side by side
 PRODUCTS = 8  # pivots in a product
 CLEAR = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
 KEPT, MOST = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
-NARROW = 2**21  # numbers of a work array from which on one series after the other is as fast, and needs less memory
+NARROW = 2**21  # numbers of a work array from which on series are refined one after the other, which needs less memory
 BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
 

@@ -323,11 +323,11 @@ FORCED void NAME(correct)(const NAME(job) *q, int weighted, int shifted, const d
    the error estimated over u; 0 solved, 1 the factorisation broke down, 2 the corrections stay large; p; |u|^2. */
 FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const double *aim, double *out) {
     double used[COUNT], last[COUNT], left[COUNT], sums[4 * COUNT], change[COUNT], *state = out + 3 * COUNT;
-    double shift[COUNT], step[COUNT];
+    double shift[COUNT], step[COUNT], floor[COUNT]; /* of the corrections where they do not fall any more, else EPS^2 */
     int active = 0, begun = 0, tries[COUNT];
     NAME(solve)(q, weighted, state);
     for (int k = 0; k < COUNT; k++) {
-        used[k] = 0.0, last[k] = left[k] = 1.0, tries[k] = 0;
+        used[k] = 0.0, last[k] = left[k] = 1.0, floor[k] = EPS * EPS, tries[k] = 0;
         out[2 * COUNT + k] = -1.0; /* not known yet */
         out[4 * COUNT + k] = p[k];
         active += state[k] == 0.0;
@@ -343,14 +343,14 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
             int done = left[k] <= EPS * EPS;
             if (done || !begun) {
                 double error = aim[k] > 0.0 ? sums[k] / aim[k] - 1.0 : 0.0, size = error < 0.0 ? -error : error;
-                if (size > MISSED && size < NEAR && aim[COUNT + k] < 0.0 && tries[k]++ < 3) {
+                if (size > MISSED && size < NEAR && aim[COUNT + k] < 0.0 && tries[k]++ < 4) {
                     double *third = (double *)&q->third + k, before = *third;
                     step[k] = error / aim[COUNT + k];
                     out[4 * COUNT + k] *= 1.0 - step[k];
                     *third *= 1.0 - step[k];
                     shift[k] = *third - before;
                     last[k] = 1.0, shifted = 1;
-                } else if (done) out[2 * COUNT + k] = EPS * EPS, active--;
+                } else if (done) out[2 * COUNT + k] = floor[k], active--;
             }
             wanted += out[2 * COUNT + k] < 0.0;
         }
@@ -363,6 +363,7 @@ FORCED void NAME(refined)(NAME(job) *q, int weighted, const double *p, const dou
             double now = change[k] / (sums[2 * COUNT + k] > TINY ? sums[2 * COUNT + k] : TINY);
             double rate = step[k] * step[k] > now ? step[k] * step[k] : now / last[k]; /* of the errors, by a correction */
             if (now < 0.25 * last[k]) used[k] = 1.0, left[k] = now * rate, last[k] = now;
+            else if (now < LARGE * LARGE && aim[k] > 0.0) floor[k] = now, left[k] = 0.0; /* p may be wrong yet */
             else out[2 * COUNT + k] = now, state[k] = now < LARGE * LARGE ? 0.0 : 2.0, active--;
         }
     }

@@ -28,7 +28,7 @@ ABREAST = 16  # rows that the kernel looks at side by side
 PRODUCTS = 8  # pivots in a product
 CLEAR = 1e-4  # share of the sum of squares from which on what a line leaves may be had by subtraction
 KEPT, MOST = 2**20, 12  # numbers of the largest work array that is kept, and how many of them
-NARROW = 2**37  # numbers of a work array from which on one series after the other is as fast, and needs less memory
+NARROW = 2**21  # numbers of a work array from which on series are refined one after the other, which needs less memory
 BROKEN = IllConditionedError("the Cholesky factorisation broke down")
 
 
@@ -292,7 +292,8 @@ def roughness(t: Array, columns: Array, weight: Array) -> Array | None:
     t, columns, weight = map(np.ascontiguousarray, (t, columns, weight))
     sums = np.empty(k)
     call(n, k, _address(t), _address(columns), _address(weight), weight.shape[1], _address(sums))
-    return sums / (n - 4)
+    sums /= n - 4
+    return sums
 
 
 def slopes(t: Array, values: Array, c: Array) -> Array | None:

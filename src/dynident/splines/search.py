@@ -10,7 +10,6 @@ from itertools import pairwise
 from math import copysign, exp, inf, isfinite, isnan, log, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.splines.banded import TINY, IllConditionedError, Solution
 from dynident.splines.compiled import Answer, Data, Solver, Trial
@@ -18,7 +17,6 @@ from dynident.splines.series import Series
 
 __all__ = ["Search", "by_gcv", "by_reml", "constrained", "minimal", "once", "together"]
 
-Array = NDArray[np.float64]
 Search = Generator[Sequence[Trial], Sequence[Answer], Solution]
 Criterion = Callable[[Series, Solution], tuple[float, float]]
 Point = tuple[float, float, float]  # log p, a value, its slope
@@ -31,7 +29,8 @@ CURVED = 0.05  # relative error of S up to which a cubic describes log p
 TAKEN = 5 / 2**3.5  # of the squares of white noise a spline takes this times p^(1/4)
 FAR = 0.01  # change of log p from which on the slope has changed, too
 GRID = 12  # values of p at which a criterion is looked at first
-STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p changes less
+STEPS, CLOSE = 20, 1e-5  # of the search for the least value: at most so many, until log p is as close
+SHARES = np.linspace(0.0, 1.0, 65)  # of the way between two points, at which a cubic is looked at
 NARROWEST, WIDEST = 0.3, 2000.0  # bandwidths in samples between which they lie
 
 
@@ -127,7 +126,8 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
         if not refine and tolerance < ROUGH and (abs(error) < CLOSING or abs(new - x) < NEAR):
             refine = True
             if before is not None and here[2] < 0:  # the slope there
-                known = (new, min(here[2] + (new - x) * (here[2] - before[2]) / (x - before[0]), 0.5 * here[2]))
+                there = here[2] + (new - x) * (here[2] - before[2]) / (x - before[0])
+                known = (new, min(max(there, 1.1 * here[2]), 0.9 * here[2]))
         before, x = here, new
     raise IllConditionedError("the search for p does not converge")
 
@@ -212,7 +212,8 @@ def minimal(series: Series, criterion: Criterion) -> Search:
     if chunk is None or chunk.is_straight:  # a middle part at rest is not representative
         chunk = series
     widest = min(float(len(chunk.data)), WIDEST)
-    grid = np.log(p_of_bandwidth(1.0)) - 4 * np.linspace(np.log(widest), np.log(NARROWEST), GRID)
+    first, last = log(p_of_bandwidth(widest)), log(p_of_bandwidth(NARROWEST))
+    grid = [first + (last - first) * k / (GRID - 1) for k in range(GRID)]
     points = yield from _points(chunk, criterion, grid)
     if not points:
         raise IllConditionedError("the criterion cannot be computed for any p")
@@ -225,7 +226,7 @@ def minimal(series: Series, criterion: Criterion) -> Search:
 
 
 def _points(
-    series: Series, criterion: Criterion, grid: Sequence[float] | Array
+    series: Series, criterion: Criterion, grid: Sequence[float]
 ) -> Generator[Sequence[Trial], Sequence[Answer], list[Point]]:
     """Return log p, the criterion and its slope where they can be computed."""
     answers = yield [Trial(series, exp(x), trace=True, determinant=criterion is by_reml) for x in grid]
@@ -244,7 +245,7 @@ def _lowest(points: list[Point]) -> tuple[float, Bracket | None]:
 
 def _cubic(a: Point, b: Point) -> tuple[float, float]:
     """Return about the least value, and where, of the cubic with values and slopes of two points."""
-    h, s = b[0] - a[0], np.linspace(0.0, 1.0, 65)
+    h, s = b[0] - a[0], SHARES
     value = a[1] * (1 + 2 * s) * (1 - s) ** 2 + b[1] * s * s * (3 - 2 * s)
     value += h * s * (1 - s) * (a[2] * (1 - s) - b[2] * s)
     least = int(np.argmin(value))
@@ -280,7 +281,7 @@ def _zero(
         a, b = (points[0], b) if points[0][2] < 0 else (a, points[0])
         new = _inverse(known)
         new = new if a[0] < new < b[0] else 0.5 * (a[0] + b[0])
-        if abs(new - x) < CLOSE:
+        if abs(new - x) * min(1.0, abs(new - known[1][0])) < CLOSE:  # more than what is left
             return new
         x = new
     return x

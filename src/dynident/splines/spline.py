@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -294,14 +295,10 @@ def _collect(
         if one.p == 0:
             values[:, k] = columns[:, k] - size[k] * (series[k].y - series[k].line())
     p = [one.p * own.p_scale for own, one in zip(series, solved, strict=True)]
-    found = (
-        p,
-        [0.5 / value if value else np.inf for value in p],
-        [one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)],
-        sigma.tolist(),
-        [one.residual for one in solved],
-        [own.accuracy(one) for own, one in zip(series, solved, strict=True)],
-    )
-    if data.ndim == 2:
-        return SmoothingSpline(time, values, c, *map(np.array, found), weight)
-    return SmoothingSpline(time, values[:, 0], c[:, 0], *(np.float64(one[0]) for one in found), weight)
+    lam = [0.5 / value if value else np.inf for value in p]
+    S = [one.rss / own.noise**2 for own, one in zip(series, solved, strict=True)]
+    accuracy = [own.accuracy(one) for own, one in zip(series, solved, strict=True)]
+    figures: list[Any] = [np.array(x) for x in (p, lam, S, sigma, [one.residual for one in solved], accuracy)]
+    if data.ndim == 1:
+        values, c, figures = values[:, 0], c[:, 0], [x[0] for x in figures]
+    return SmoothingSpline(time, values, c, *(*figures, weight))

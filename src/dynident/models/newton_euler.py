@@ -100,9 +100,10 @@ class NewtonEuler:
             size, screws = motion.shape[2], list[Array]()
             for k, parent in enumerate(layout.parent):
                 above = screws[parent] if parent >= 0 else np.empty((0, 6, size))
-                own = np.zeros((len(above) + 1, 6, size))
+                own = np.empty((len(above) + 1, 6, size))
                 np.matmul(self.screws[k], above, out=own[:-1])
                 self._across(k, turn, own[:-1], 1.0)
+                own[-1] = 0.0
                 own[-1, 5 if layout.prismatic[k] else 2] = 1.0
                 screws.append(own)
                 if k in roles:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynident.models import recursion as module
+from dynident.models import newton_euler, recursion
 from tests.models.judge import Judge, assert_same, random_bodies, random_states, recursion_of
 
 few = settings(max_examples=30, deadline=None)
@@ -67,7 +67,8 @@ def test_samples_in_parts_are_the_same(monkeypatch):
     bodies, theta = random_bodies(8, 5)
     state, mine, values = random_states(bodies, 9, 23), recursion_of(bodies), full(bodies, theta)
     whole = mine.regressor(*state), mine.torque(*state, values), mine.partials(*state, values)
-    monkeypatch.setattr(module, "AT_ONCE", 20)
+    for module in (newton_euler, recursion):
+        monkeypatch.setattr(module, "AT_ONCE", 20)
     assert_same(mine.regressor(*state), whole[0], 1e-15)
     assert_same(mine.torque(*state, values), whole[1], 1e-15)
     assert_same(mine.partials(*state, values), whole[2], 1e-15)

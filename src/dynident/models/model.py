@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import DynidentError, ModelError, brief, listed
+from dynident.errors import ModelError, brief, listed
+from dynident.models.checked import called, checked, kind_of, listed_joints, states_of, theta_of
 from dynident.models.robot_file import Limits
 from dynident.models.structure import Structure, is_selective, structure_of, support_of
 from dynident.models.term import (
@@ -77,8 +78,9 @@ class Model:
         for term in self.terms[1:]:
             if tuple(term.joints) != self.joints:
                 raise ModelError(
-                    f"{self.name}: term {_name(term)} has joints {_listed(term.joints)}, but {_name(self.terms[0])} "
-                    f"has {_listed(self.joints)}; give all terms the same joints, in the same order."
+                    f"{self.name}: term {kind_of(term)} has joints {listed_joints(term.joints)}, but "
+                    f"{kind_of(self.terms[0])} has {listed_joints(self.joints)}; give all terms the same joints, in "
+                    "the same order."
                 )
         seen: set[str] = set()
         for name in self.names:
@@ -90,7 +92,7 @@ class Model:
 
     def __repr__(self) -> str:
         joints = listed((joint.name for joint in self.joints), 6)
-        terms = listed((f"{_name(term)} {len(term.parameters)}" for term in self.terms), 6)
+        terms = listed((f"{kind_of(term)} {len(term.parameters)}" for term in self.terms), 6)
         count = f"{len(self.joints)} joint{'s' * (len(self.joints) > 1)}"
         return f"<Model {self.name!r}: {count} ({joints}), {len(self.names)} parameters ({terms})>"
 
@@ -137,7 +139,7 @@ class Model:
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""
-        return self._regressor(*self._states(q=q, dq=dq, ddq=ddq))
+        return self._regressor(*states_of(self, q=q, dq=dq, ddq=ddq))
 
     @cached_property
     def support(self) -> NDArray[np.bool_]:
@@ -159,7 +161,7 @@ class Model:
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, joint: NDArray[np.intp], parameter: NDArray[np.intp]
     ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
-        states = self._states(q=q, dq=dq, ddq=ddq)
+        states = states_of(self, q=q, dq=dq, ddq=ddq)
         out, first = np.empty((len(joint), len(states[0]))), 0
         for k, width in enumerate(self._widths):
             mine = np.flatnonzero((parameter >= first) & (parameter < first + width))
@@ -167,30 +169,30 @@ class Model:
             if not len(mine):
                 continue
             if self._selective[k]:
-                rows = self._call(self.terms[k], "entries", *states, *where)
-                out[mine] = self._checked(self.terms[k], "entries", rows, (len(mine), len(out[0])), states)
+                rows = called(self, self.terms[k], "entries", *states, *where)
+                out[mine] = checked(self, self.terms[k], "entries", rows, (len(mine), len(out[0])), states)
             else:
                 out[mine] = self._block(k, states).transpose(1, 2, 0)[where]
         return out
 
     def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Array:
         """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
-        q, dq, ddq = self._states(q=q, dq=dq, ddq=ddq)
-        return self._torque(q, dq, ddq, self._theta(theta, len(q)))
+        q, dq, ddq = states_of(self, q=q, dq=dq, ddq=ddq)
+        return self._torque(q, dq, ddq, theta_of(self, theta, len(q)))
 
     def mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> Array:
         """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
-        (q,) = self._states(q=q)
-        return self._linear(q, np.zeros_like(q), self._theta(theta, len(q)))[0]
+        (q,) = states_of(self, q=q)
+        return self._linear(q, np.zeros_like(q), theta_of(self, theta, len(q)))[0]
 
     def mass_and_bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> tuple[Array, Array]:
         """Return ``mass_matrix`` and ``bias`` from one call of the regressor."""
-        q, dq = self._states(q=q, dq=dq)
-        return self._linear(q, dq, self._theta(theta, len(q)))
+        q, dq = states_of(self, q=q, dq=dq)
+        return self._linear(q, dq, theta_of(self, theta, len(q)))
 
     def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> Array:
         """Return the torque at ddq = 0, shape (N, n): C dq + G of the article's eq. (4), with friction."""
-        q, dq = self._states(q=q, dq=dq)
+        q, dq = states_of(self, q=q, dq=dq)
         return self.torque(q, dq, np.zeros_like(q), theta)
 
     def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, theta: ArrayLike) -> Array:
@@ -198,8 +200,8 @@ class Model:
 
         Raises ModelError where the mass matrix is singular.
         """
-        q, dq, tau = self._states(q=q, dq=dq, tau=tau)
-        theta = self._theta(theta, len(q))
+        q, dq, tau = states_of(self, q=q, dq=dq, tau=tau)
+        theta = theta_of(self, theta, len(q))
         mass, bias = self._linear(q, dq, theta)
         try:
             ddq = np.linalg.solve(mass, (tau - bias)[..., None])[..., 0]
@@ -213,19 +215,19 @@ class Model:
 
     def partials(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Partials:
         """Return the derivatives of the torque with respect to q, dq and ddq, each (N, n, n), for one theta (p)."""
-        states = self._states(q=q, dq=dq, ddq=ddq)
-        theta = self._theta(theta, None)
+        states = states_of(self, q=q, dq=dq, ddq=ddq)
+        theta = theta_of(self, theta, None)
         shape = (*states[0].shape, len(self.joints))
         total = np.zeros((3, *shape))
         for term, part in zip(self.terms, np.split(theta, np.cumsum(self._widths)[:-1]), strict=True):
-            slopes = self._call(term, "partials", *states, part)
+            slopes = called(self, term, "partials", *states, part)
             for k, wrt in enumerate(("q", "dq", "ddq")):
-                total[k] += self._checked(term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
+                total[k] += checked(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
         return Partials(*total)
 
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
         """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""
-        (q,) = self._states(q=q)
+        (q,) = states_of(self, q=q)
         if not len(q):
             raise ModelError(
                 f"{self.name}: the mass matrix cannot be checked at 0 configurations; give some rows of q."
@@ -250,10 +252,10 @@ class Model:
         tau = tau.reshape(n + 1, rows, n)
         mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
         for k in direct:
-            own = self._call(self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
+            own = called(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
             states = q, dq, np.zeros_like(q)
-            mass = mass + self._checked(self.terms[k], "mass matrix", own[0], (rows, n, n), states)
-            bias = bias + self._checked(self.terms[k], "bias", own[1], (rows, n), states)
+            mass = mass + checked(self, self.terms[k], "mass matrix", own[0], (rows, n, n), states)
+            bias = bias + checked(self, self.terms[k], "bias", own[1], (rows, n), states)
         return mass, bias
 
     def _singular(self, q: Array, mass: Array, theta: Array) -> NoReturn:
@@ -268,8 +270,8 @@ class Model:
 
     def _block(self, k: int, states: tuple[Array, ...]) -> Array:
         """Return the columns of the regressor that belong to term k."""
-        block = self._call(self.terms[k], "regressor", *states)
-        return self._checked(self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
+        block = called(self, self.terms[k], "regressor", *states)
+        return checked(self, self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
 
     @cached_property
     def _selective(self) -> list[bool]:
@@ -300,61 +302,11 @@ class Model:
             if k in without:
                 continue
             if self._recursive[k]:
-                tau = self._call(self.terms[k], "torque", *states, theta[part])
-                total += self._checked(self.terms[k], "torque", tau, q.shape, states)
+                tau = called(self, self.terms[k], "torque", *states, theta[part])
+                total += checked(self, self.terms[k], "torque", tau, q.shape, states)
             else:
                 total += _times(self._block(k, states), theta[part])
         return total
-
-    def _call(self, term: Term, method: str, *arguments: NDArray[Any]) -> Any:
-        try:
-            return getattr(term, method)(*arguments)
-        except DynidentError:
-            raise
-        except (Exception, SystemExit) as error:
-            raise ModelError(
-                f"{self.name}: {method} of term {_name(term)} failed with {type(error).__name__}: {error}"
-            ) from error
-
-    def _checked(self, term: Term, what: str, value: Any, shape: tuple[int, ...], states: tuple[Array, ...]) -> Array:
-        array: Array = np.asarray(value)
-        if array.shape != shape or array.dtype.kind not in "fiu":
-            raise ModelError(
-                f"{self.name}: the {what} of term {_name(term)} has shape {array.shape} and type {array.dtype}, "
-                f"expected floats of shape {shape}."
-            )
-        if not np.isfinite(array).all():
-            place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
-            sample, joint = (place[1], None) if what == "entries" else place[:2]
-            of = "" if joint is None else f", joint {self.joints[joint].name!r}"
-            q, dq, ddq = (state[sample].tolist() for state in states)
-            raise ModelError(
-                f"{self.name}: term {_name(term)} returned {array[place]} at sample {sample} in its {what}{of}, "
-                f"where q = {q}, dq = {dq}, ddq = {ddq}; check both."
-            )
-        return array
-
-    def _states(self, **given: ArrayLike) -> tuple[Array, ...]:
-        """Return the arrays as floats; ModelError unless all are (N, n) with the same N."""
-        arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}
-        rows = next(iter(arrays.values())).shape[:1]
-        for name, array in arrays.items():
-            if array.ndim != 2 or array.shape != (*rows, len(self.joints)):
-                raise ModelError(
-                    f"{self.name}: {name} has shape {array.shape}, expected ({rows[0] if rows else 'N'}, "
-                    f"{len(self.joints)}): one row per sample, one column per joint ({_listed(self.joints)})."
-                )
-        return tuple(arrays.values())
-
-    def _theta(self, theta: ArrayLike, rows: int | None) -> Array:
-        array = np.asarray(theta, dtype=float)
-        p = len(self.parameters)
-        if array.shape not in ((p,), (rows, p)):
-            per_sample = f" or ({rows}, {p})" if rows is not None else ""
-            raise ModelError(
-                f"{self.name}: theta has shape {array.shape}, expected ({p},){per_sample}: {', '.join(self.names)}."
-            )
-        return array
 
 
 def _times(Y: Array, theta: Array) -> Array:
@@ -364,11 +316,3 @@ def _times(Y: Array, theta: Array) -> Array:
 
 def _limits(term: Term) -> Mapping[str, Limits]:
     return term.limits if isinstance(term, HasLimits) else {}
-
-
-def _name(term: Term) -> str:
-    return type(term).__name__
-
-
-def _listed(joints: tuple[Joint, ...]) -> str:
-    return ", ".join(f"{joint.name} ({joint.kind})" for joint in joints)

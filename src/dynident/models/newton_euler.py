@@ -52,8 +52,11 @@ def _wrenches() -> Array:
     return out
 
 
+WRENCHES = _wrenches()
+
+
 class NewtonEuler:
-    """The constants of a ``tree`` under ``gravity`` (3), m/s^2, with the positions of its B bodies' joints as states."""
+    """A ``tree`` under ``gravity`` (3), m/s^2. States q, dq, ddq (B, N) are those of the joints of its B bodies."""
 
     def __init__(self, tree: Tree, gravity: Array) -> None:
         self.layout, self.gravity = tree.layout, gravity
@@ -70,7 +73,7 @@ class NewtonEuler:
         self.screws = np.zeros((len(R), 6, 6))  # rates of rotation and origin by the same of the parent
         self.screws[:, :3, :3] = self.screws[:, 3:, 3:] = back
         self.screws[:, 3:, :3] = -back @ cross
-        self.wrenches = np.einsum("rci,bcd->brdi", _wrenches(), _turned(Q))
+        self.wrenches = np.einsum("rci,bcd->brdi", WRENCHES, _turned(Q))
 
     __repr__ = brief
 
@@ -89,17 +92,18 @@ class NewtonEuler:
         return out
 
     def columns(self, states: list[Array], roles: dict[int, Integers]) -> Iterator[tuple[slice, int, Array]]:
-        """Return part by part of the samples the columns (R, V, S) that parameters ``roles[k]`` (R), increasing, of body
-        k have in the torques of the bodies above it and its own (V).
+        """Return for some samples after the other, and each body k of ``roles``, the columns (R, V, S) of its
+        parameters ``roles[k]`` (R), which increase, in the torques of the bodies above it and its own (V).
         """
         layout = self.layout
         for part, turn, motion in self._motions(states):
             size, screws = motion.shape[2], list[Array]()
             for k, parent in enumerate(layout.parent):
                 above = screws[parent] if parent >= 0 else np.empty((0, 6, size))
-                own = np.zeros((len(above) + 1, 6, size))
+                own = np.empty((len(above) + 1, 6, size))
                 np.matmul(self.screws[k], above, out=own[:-1])
                 self._across(k, turn, own[:-1], 1.0)
+                own[-1] = 0.0
                 own[-1, 5 if layout.prismatic[k] else 2] = 1.0
                 screws.append(own)
                 if k in roles:

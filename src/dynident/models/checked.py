@@ -1,0 +1,87 @@
+"""What goes into a model and comes out of its terms, checked: errors name the model, the term and the sample."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dynident.errors import DynidentError, ModelError
+from dynident.models.term import Joint, Term
+
+if TYPE_CHECKING:
+    from dynident.models.model import Model
+
+__all__ = ["called", "checked", "kind_of", "listed_joints", "states_of", "theta_of"]
+
+Array = NDArray[np.float64]
+
+
+def called(model: Model, term: Term, method: str, *arguments: NDArray[Any]) -> Any:
+    """Return what a method of a term returns; ModelError where it fails, unless with an error of dynident itself."""
+    try:
+        return getattr(term, method)(*arguments)
+    except DynidentError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ModelError(
+            f"{model.name}: {method} of term {kind_of(term)} failed with {type(error).__name__}: {error}"
+        ) from error
+
+
+def checked(
+    model: Model, term: Term, what: str, value: Any, shape: tuple[int, ...], states: tuple[Array, ...]
+) -> Array:
+    """Return what a term gave at the states as an array; ModelError unless it has this shape and is finite."""
+    array: Array = np.asarray(value)
+    if array.shape != shape or array.dtype.kind not in "fiu":
+        raise ModelError(
+            f"{model.name}: the {what} of term {kind_of(term)} has shape {array.shape} and type {array.dtype}, "
+            f"expected floats of shape {shape}."
+        )
+    if not np.isfinite(array).all():
+        place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
+        sample, joint = (place[1], None) if what == "entries" else place[:2]
+        of = "" if joint is None else f", joint {model.joints[joint].name!r}"
+        q, dq, ddq = (state[sample].tolist() for state in states)
+        raise ModelError(
+            f"{model.name}: term {kind_of(term)} returned {array[place]} at sample {sample} in its {what}{of}, "
+            f"where q = {q}, dq = {dq}, ddq = {ddq}; check both."
+        )
+    return array
+
+
+def states_of(model: Model, **given: ArrayLike) -> tuple[Array, ...]:
+    """Return the arrays as floats; ModelError unless all are (N, n) with the same N."""
+    arrays = {name: np.asarray(value, dtype=float) for name, value in given.items()}
+    rows = next(iter(arrays.values())).shape[:1]
+    for name, array in arrays.items():
+        if array.ndim != 2 or array.shape != (*rows, len(model.joints)):
+            raise ModelError(
+                f"{model.name}: {name} has shape {array.shape}, expected ({rows[0] if rows else 'N'}, "
+                f"{len(model.joints)}): one row per sample, one column per joint ({listed_joints(model.joints)})."
+            )
+    return tuple(arrays.values())
+
+
+def theta_of(model: Model, theta: ArrayLike, rows: int | None) -> Array:
+    """Return theta (p) or, unless ``rows`` is None, (rows, p) as floats; ModelError for another shape."""
+    array = np.asarray(theta, dtype=float)
+    p = len(model.parameters)
+    if array.shape not in ((p,), (rows, p)):
+        per_sample = f" or ({rows}, {p})" if rows is not None else ""
+        raise ModelError(
+            f"{model.name}: theta has shape {array.shape}, expected ({p},){per_sample}: {', '.join(model.names)}."
+        )
+    return array
+
+
+def kind_of(term: Term) -> str:
+    """Return the kind of a term as messages have it."""
+    return type(term).__name__
+
+
+def listed_joints(joints: tuple[Joint, ...]) -> str:
+    """Return names and kinds of joints as messages have them."""
+    return ", ".join(f"{joint.name} ({joint.kind})" for joint in joints)

@@ -177,7 +177,9 @@ def peak() -> float:
     """Return the largest memory of this process, or of one that it has waited for, in GiB."""
     import resource
 
-    own, children = (resource.getrusage(who).ru_maxrss / GIB for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    own, children = (
+        resource.getrusage(who).ru_maxrss / GIB for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
     status = Path("/proc/self/status")  # of Linux: without what the process that started this one had used
     if status.exists():
         own = next(int(line.split()[1]) / 2**20 for line in status.read_text().splitlines() if line.startswith("VmHWM"))

@@ -146,6 +146,8 @@ class Spline:
                 np.where(still, rest, part)
                 for rest, part in zip((log.q.mean(axis=0), np.zeros(1), np.zeros(1)), (q, dq, ddq), strict=True)
             )
+        for x in (q, dq, ddq):
+            x.flags.writeable = False  # no copy is made then
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
     def as_used(self, motion: Motion) -> Spline:

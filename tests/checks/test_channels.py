@@ -190,6 +190,16 @@ def test_spikes_of_positions_are_no_other_unit(kind: str, topic: str, height: fl
     assert topic not in topics
 
 
+def test_a_log_is_checked_once_for_the_same_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, calls = log(), []
+    monkeypatch.setattr(sys.modules[check_log.__module__], "jumps", lambda one: calls.append(one) or [])
+    first = check_log(one, {"elbow": "revolute"})
+    assert check_log(one, {"elbow": "revolute"}) is first
+    assert check_log(one, {"elbow": "prismatic"}) is not first
+    check_log_fully(one, {"elbow": "revolute"})
+    assert len(calls) == 1
+
+
 def test_jumps_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     monkeypatch.setattr(sys.modules[check_log.__module__], "jumps", lambda one: calls.append(one) or [])

@@ -190,6 +190,17 @@ def test_spikes_of_positions_are_no_other_unit(kind: str, topic: str, height: fl
     assert topic not in topics
 
 
+def test_a_log_is_checked_once_for_the_same_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, calls = log(), []
+    monkeypatch.setattr(sys.modules[check_log.__module__], "_still", lambda q: calls.append(q) or [])
+    for kind, count in (("revolute", 1), ("revolute", 1), ("prismatic", 2)):
+        check_log(one, {"elbow": kind})
+        check_log_fully(one, {"elbow": kind})
+        assert len(calls) == count
+    check_log(log(), {"elbow": "revolute"})
+    assert len(calls) == 3
+
+
 def test_jumps_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     monkeypatch.setattr(sys.modules[check_log.__module__], "jumps", lambda one: calls.append(one) or [])

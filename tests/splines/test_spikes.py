@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter1d
 
-from dynident.splines import bridged, frozen, median_sigma, spikes, torn_ends
+from dynident.splines import bridged, frozen, largest_up_to, median_sigma, spikes, torn_ends
 from dynident.splines.spikes import BLOCK, NEARBY, _candidates, _increment
 
 T = np.arange(5000) * 1e-3
@@ -165,3 +166,11 @@ def test_the_noise_nearby_is_the_largest_of_three_blocks(samples: int) -> None:
     around = [max(spread[k - 1], spread[k], spread[(k + 1) % len(spread)]) for k in range(len(spread))]
     _, nearby = _candidates(t, x)
     assert nearby == pytest.approx(NEARBY * np.repeat(around, [len(block) for block in blocks]), rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 8, 13])
+@pytest.mark.parametrize("n", [5, 40])
+def test_the_largest_of_the_samples_up_to_each(size: int, n: int) -> None:
+    x = np.random.default_rng(0).standard_normal(n)
+    expected = maximum_filter1d(x, size, origin=(size - 1) // 2)
+    np.testing.assert_array_equal(largest_up_to(x, size), expected)

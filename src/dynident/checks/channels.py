@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
@@ -247,6 +247,13 @@ def moving_span(log: Log) -> tuple[float, float]:
 
 def rest(log: Log) -> Iterator[Finding]:
     """Yield a warning where the whole arm is at rest for long."""
+    known = _KNOWN.setdefault(log, {})
+    if Topic.REST not in known:
+        known[Topic.REST] = tuple(_rest(log))
+    yield from known[Topic.REST]
+
+
+def _rest(log: Log) -> Iterator[Finding]:
     rests = np.asarray(_rests(log).all(axis=1))
     size = len(log) // len(rests)
     if not rests.any() or rests.all():

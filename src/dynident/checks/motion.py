@@ -52,7 +52,7 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
     """Return how a joint moves in the usable samples of all motions."""
     rows = [(motion, motion.joints.index(joint)) for motion in motions]
     q, dq, ddq, tau = (
-        np.concatenate([getattr(motion, name)[motion.mask, j] for motion, j in rows])
+        np.concatenate([getattr(motion, name)[:, j][motion.mask] for motion, j in rows])
         for name in ("q", "dq", "ddq", "tau")
     )
     peak = _peak(dq)
@@ -64,7 +64,7 @@ def excitation(motions: Sequence[Motion], joint: str) -> Excitation:
         rms_speed=_rms(dq),
         peak_acceleration=_peak(ddq),
         rms_acceleration=_rms(ddq),
-        reversals=sum(_reversals(motion.dq[motion.mask, j], SLOW * peak) for motion, j in rows),
+        reversals=sum(_reversals(motion.dq[:, j][motion.mask], SLOW * peak) for motion, j in rows),
         slow=float(np.mean(np.abs(dq) < SLOW * peak)) if peak > 0 else 1.0,
         torque=_peak(tau),
     )

@@ -14,7 +14,7 @@ from dynident.errors import Severity
 from dynident.identification.outliers import TorqueOutliers, runs
 from dynident.log import Log
 from dynident.smoothers.outliers import suspects
-from dynident.splines import bridged
+from dynident.splines import bridged, largest_up_to
 
 __all__ = ["jumps", "position_outliers", "torque_findings"]
 
@@ -52,18 +52,14 @@ def jumps(log: Log) -> Iterator[Finding]:
 
 def _jumps(t: Array, q: Array) -> NDArray[np.intp]:
     """Return the samples after which a position makes a step far larger than all steps near it."""
-    from scipy.ndimage import maximum_filter1d
-
     apart = np.diff(t)
     steps = np.abs(np.diff(q)) * np.median(apart) / apart  # lost samples are no jump
     if len(steps) < 4 * NEAR or not steps.any():
         return np.empty(0, dtype=int)
-    before = maximum_filter1d(steps, NEAR, origin=(NEAR - 1) // 2)
-    after = maximum_filter1d(steps, NEAR, origin=-(NEAR // 2))
-    inside = np.arange(NEAR, len(steps) - NEAR)
-    nearby = np.maximum(before[inside - 1], after[inside + 1])
+    largest = largest_up_to(steps, NEAR)
+    nearby = np.maximum(largest[NEAR - 1 : -NEAR - 1], largest[2 * NEAR :])  # before a step, and after it
     least = max(float(np.percentile(steps[steps > 0], 90)), 1e-9 * float(np.ptp(q)))
-    return np.asarray(inside[steps[inside] > JUMP * np.maximum(nearby, least)])
+    return np.asarray(NEAR + np.flatnonzero(steps[NEAR:-NEAR] > JUMP * np.maximum(nearby, least)))
 
 
 def position_outliers(log: Log, *, replaced: bool = True) -> Iterator[Finding]:

@@ -213,8 +213,9 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
             f"{source}: the window {interval_words(window)} holds {len(rows)} samples; "
             f"the recording runs from {t[0]:.9g} to {t[-1]:.9g} s."
         )
+    part = slice(int(rows[0]), int(rows[-1]) + 1)  # the stamps increase
     for column, values in found.used.items():
-        bad = rows[bad_values(values[rows])]
+        bad = rows[bad_values(values[part])]
         if len(bad):
             value = values[bad[0]]
             what = "empty or NaN" if np.isnan(value) else f"{value:.3g}"
@@ -222,7 +223,7 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
                 f"{source}: column {column!r} is {what} at {found.table.place(bad[0])} "
                 f"({len(bad)} such values in all). Correct these samples, or leave them out with a window."
             )
-    return Log(t[rows], found.q[rows], found.tau[rows], tuple(joint.name for joint in joints), name)
+    return Log(t[part], found.q[part], found.tau[part], tuple(joint.name for joint in joints), name)
 
 
 def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:

@@ -149,18 +149,23 @@ def _used(table: DataTable, config: Config, joints: Sequence[Joint], *, measured
 
 def _tidy(table: DataTable, used: Mapping[str, Array], stamped: bool) -> DataTable:
     """Drop incomplete rows at the start and the end, and rows written twice."""
-    values = np.column_stack(list(used.values()))
-    whole = np.flatnonzero(~np.isnan(values).any(axis=1))
+    columns = list(used.values())
+    whole = np.flatnonzero(~np.logical_or.reduce([np.isnan(one) for one in columns]))
     if not len(whole):
         return table
-    first, last = int(whole[0]), int(whole[-1])
-    if last - first + 1 < len(values):
-        inside = np.zeros(len(values), dtype=bool)
+    first, last, rows = int(whole[0]), int(whole[-1]), len(columns[0])
+    if last - first + 1 < rows:
+        inside = np.zeros(rows, dtype=bool)
         inside[first : last + 1] = True
-        lost = len(values) - inside.sum()
+        lost = rows - inside.sum()
         table = table.kept(inside, f"{lost} rows at the ends, where columns are empty or NaN, are left out.")
-        values = values[inside]
-    new = np.append(True, (values[1:] != values[:-1]).any(axis=1))
+        columns = [one[inside] for one in columns]
+    new = np.zeros(len(columns[0]), dtype=bool)
+    new[0] = True
+    for one in columns:
+        new[1:] |= one[1:] != one[:-1]
+        if new.all():
+            break
     if new.all() or not stamped:  # without stamps, equal rows are a joint at rest
         return table
     return table.kept(new, f"{(~new).sum()} rows that repeat the previous one, including its time, are left out.")

@@ -45,8 +45,8 @@ def parse_text(data: bytes, source: str) -> tuple[dict[str, Array], dict[str, st
     body = body[header:]
     if not body:
         raise InputError(f"{source}: holds a header, but no row of numbers.")
-    names, rows = _trimmed(names, [line.replace('"', "") for _, line in body], separator)
-    numbers = [k for k, _ in body]
+    numbers, rows = [k for k, _ in body], [row for _, row in body]
+    names, rows = _trimmed(names, [row.replace('"', "") for row in rows] if b'"' in data else rows, separator)
     _check_rows(rows, numbers, len(names), separator, source)
     columns, faults, stamps = _parsed(_cells(rows, separator), _distinct(names, source), numbers, source)
     return columns, faults, numbers, stamps
@@ -62,8 +62,10 @@ def weight(data: bytes) -> int:
 
 def _lines(data: bytes, source: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
     """Return the lines that are not empty with their numbers, and those of them that are no comments."""
-    lines = [(k, line) for k, line in enumerate(_decoded(data, source).splitlines(), 1) if line.strip()]
-    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"]
+    text = _decoded(data, source)
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line and not line.isspace()]
+    commented = "#" in text or "%" in text
+    body = [(k, line) for k, line in lines if line.lstrip()[0] not in "#%"] if commented else lines
     if not body:
         raise InputError(f"{source}: holds no numbers, only comments.")
     return lines, body
@@ -158,6 +160,10 @@ def _parsed(
     """
     import polars as pl
 
+    values = cells.cast(pl.Float64, strict=False)
+    if not values.null_count():  # all are plain numbers
+        found = values.to_numpy().reshape(-1, len(names))
+        return {name: found[:, k].copy() for k, name in enumerate(names)}, {}, ()
     comma, point = (rf"^[-+]?\d*[{mark}]\d+([eE][-+]?\d+)?$" for mark in ",.")
     decimal_comma = cells.str.contains(comma).any()
     if decimal_comma and cells.str.contains(point).any():

@@ -83,6 +83,8 @@ class ParallelFilter:
         for part in stretches(motion.mask):
             for x in series.values() if part.stop - part.start > 1 else ():
                 x[part] = self.apply(sections, x[part])
+        for x in series.values():
+            x.flags.writeable = False  # no copy is made then
         return replace(motion, **series)
 
     def pad(self, sections: Array) -> int:

@@ -108,9 +108,11 @@ def repaired(log: Log, *, torque: bool) -> Log:
 
 
 def _widened(found: Mask) -> Mask:
-    from scipy.ndimage import binary_dilation
+    if not found.any():
+        return found
+    from scipy.ndimage import binary_dilation  # seldom needed
 
-    return np.asarray(binary_dilation(found, np.ones((2 * MARGIN + 1, 1)))) if found.any() else found
+    return np.asarray(binary_dilation(found, np.ones((2 * MARGIN + 1, 1))))
 
 
 def motion_of(smoother: Smoother, log: Log) -> Motion:

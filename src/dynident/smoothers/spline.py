@@ -88,6 +88,7 @@ RULES: Mapping[Named, type[Rule]] = {
     "fixed": Fixed,
 }
 STILL = 3.0  # times the noise: a joint that moves less in the whole log is at rest
+FEW = 1000  # samples in which a step is looked for that is less than what an encoder at rest may show
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,8 @@ class Spline:
                 np.where(still, rest, part)
                 for rest, part in zip((log.q.mean(axis=0), np.zeros(1), np.zeros(1)), (q, dq, ddq), strict=True)
             )
+        for x in (q, dq, ddq):
+            x.flags.writeable = False  # no copy is made then
         return Motion(log.t, q, dq, ddq, log.tau, log.joints, mask, log.source, how)
 
     def as_used(self, motion: Motion) -> Spline:
@@ -167,10 +170,18 @@ class Spline:
 
 def _still(q: Array, smoothed: Array, noise: Array) -> NDArray[np.bool_]:
     """Return which joints (n) are at rest: within the noise, or within two counts of a quantised encoder."""
-    steps = np.abs(np.diff(q, axis=0))
-    count = np.where(steps > 0, steps, np.inf).min(axis=0)
-    flicker = np.ptp(q, axis=0) <= np.where(np.isfinite(count), 2.001 * count, 0.0)
+    span = np.ptp(q, axis=0)
+    flicker = span <= 2.001 * _count(q[:FEW])  # which is no less than that of all
+    if flicker.any():
+        count = _count(q)
+        flicker = span <= np.where(np.isfinite(count), 2.001 * count, 0.0)
     return np.asarray((np.ptp(smoothed, axis=0) <= STILL * noise) | flicker)
+
+
+def _count(q: Array) -> Array:
+    """Return the least step (n) other than zero, inf where there is none."""
+    steps = np.abs(np.diff(q, axis=0))
+    return np.asarray(np.where(steps > 0, steps, np.inf).min(axis=0))
 
 
 Spline.Settings = SplineSettings

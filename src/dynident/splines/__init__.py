@@ -2,7 +2,7 @@
 
 from dynident.splines.noise import NORMAL_95, coloured_noise, median_sigma, noise_sigma, steady_noise
 from dynident.splines.rules import GCV, REML, Constraint, Fixed, Interpolation, Rule, rule_named
-from dynident.splines.spikes import LONGEST_SPIKE, bridged, frozen, spikes, torn_ends
+from dynident.splines.spikes import LONGEST_SPIKE, bridged, frozen, largest_up_to, spikes, torn_ends
 from dynident.splines.spline import SmoothingSpline, smooth
 from dynident.splines.stretches import stretches
 
@@ -19,6 +19,7 @@ __all__ = [
     "bridged",
     "coloured_noise",
     "frozen",
+    "largest_up_to",
     "median_sigma",
     "noise_sigma",
     "rule_named",

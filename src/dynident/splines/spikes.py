@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynident.splines.noise import median_sigma
 from dynident.splines.stretches import stretches
 
-__all__ = ["LONGEST_SPIKE", "SHORTEST_FROZEN", "bridged", "frozen", "spikes", "torn_ends"]
+__all__ = ["LONGEST_SPIKE", "SHORTEST_FROZEN", "bridged", "frozen", "largest_up_to", "spikes", "torn_ends"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -199,13 +199,20 @@ def _paces(x: Array) -> tuple[Array, Array]:
 
     Values that are rounded, or read late, are off by about a step.
     """
-    from scipy.ndimage import maximum_filter1d
-
     increment = _increment(x)
     if not increment:
         return np.zeros(len(x)), np.zeros(len(x))
-    most = np.maximum(maximum_filter1d(np.abs(np.diff(x, prepend=x[0])), SIDE, origin=(SIDE - 1) // 2), increment)
+    most = np.maximum(largest_up_to(np.abs(np.diff(x, prepend=x[0])), SIDE), increment)
     return most, np.append(most[SIDE:], most[-SIDE:])
+
+
+def largest_up_to(x: Array, size: int) -> Array:
+    """Return the largest of the ``size`` samples up to each of x (N), which is mirrored before its start."""
+    found, width = np.pad(x, (size - 1, 0), mode="symmetric"), 1
+    while width < size:  # the largest of so many samples, from two windows of fewer
+        more = min(width, size - width)
+        found, width = np.maximum(found[more:], found[:-more]), width + more
+    return found
 
 
 def _candidates(t: Array, x: Array) -> tuple[Rows, Array]:

@@ -59,10 +59,11 @@ def robust_covariance(
         return (_scores(block, w, np.argsort(kept)[place], scale) for block in part.entries(chosen, value))
 
     parts = stretches_of(regression, MOST, PIECE)
-    length = bandwidth(scores(part) for part in parts)
+    series = [list(scores(part)) for part in parts]
+    length = bandwidth(map(iter, series))
     rows, total = 0, np.zeros((len(kept), len(kept)))
-    for part in parts:
-        count, one = _bartlett(scores(part), length, len(kept))
+    for blocks in series:
+        count, one = _bartlett(iter(blocks), length, len(kept))
         rows, total = rows + count, total + one
     small_sample = rows / max(rows - len(kept) / n, 1.0)
     total = total * (samples_of(regression) / sum(map(samples_of, parts)))

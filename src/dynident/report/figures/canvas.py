@@ -66,13 +66,14 @@ def thin(t: Array, y: Array, points: int = 2000) -> tuple[Array, Array]:
         raise InputError(f"A curve cannot be thinned to {points} points; ask for at least 8.")
     if len(t) <= points:
         return t, y
-    gaps = np.isnan(y).any()
+    gaps = bool(np.isnan(y).any())
     width = -(-len(t) // ((points - 2) // (3 if gaps else 2)))
-    rows = np.full((-(-len(t) // width), width), np.nan)
+    rows = np.full((-(-len(t) // width), width), np.nan if gaps else y[-1])
     rows.flat[: len(t)] = y
-    hole = np.isnan(rows)
-    picks = [np.where(hole, np.inf, rows).argmin(axis=1), np.where(hole, -np.inf, rows).argmax(axis=1)]
+    picks = [rows.argmin(axis=1), rows.argmax(axis=1)]
     if gaps:
+        hole = np.isnan(rows)
+        picks = [np.where(hole, np.inf, rows).argmin(axis=1), np.where(hole, -np.inf, rows).argmax(axis=1)]
         picks.append(hole.argmax(axis=1))
     starts = width * np.arange(len(rows))
     index = np.unique(np.concatenate([[0, len(t) - 1], *(starts + pick for pick in picks)]))

@@ -24,12 +24,15 @@ Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
-INEXACT = 1e-6  # share of the tolerance to which a step is found
+INEXACT = 1e-4  # share of the tolerance to which a step is found
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 WORTH = 0.05  # share of the fall so far that the minimum of a parabola must promise to be tried
 LONGEST = 8.0  # length of a step, in its own
-FOLLOWED, SHARES = 2, (1.0, 0.4, 0.16)  # steps of the trajectories after one that fails, and their lengths to try
+FOLLOWED, SHARES = (
+    2,
+    (1.0, 0.4, 0.16),
+)  # steps of the trajectories after one that fails, and their lengths to try
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,7 @@ STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many tim
 SHORTEST = 1e-3  # share of a step below which the search gives up
 WORTH = 0.05  # share of the fall so far that the minimum of a parabola must promise to be tried
 LONGEST = 8.0  # length of a step, in its own
-FOLLOWED, SHARES = (
-    2,
-    (1.0, 0.4, 0.16),
-)  # steps of the trajectories after one that fails, and their lengths to try
+FOLLOWED, SHARES = 2, (1.0, 0.4, 0.16)  # steps of the trajectories after one that fails, and their lengths to try
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from dynident.models.term import HasSupport, Joint, Parameter, Selective, Term, 
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
-__all__ = ["Structure", "is_selective", "random_states", "structure_of", "support_of"]
+__all__ = ["Structure", "independent", "is_selective", "random_states", "structure_of", "support_of"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

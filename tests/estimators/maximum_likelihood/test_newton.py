@@ -1,4 +1,4 @@
-"""The line search: steps followed, doubled and shortened."""
+"""The line search: steps conjugate, adjusted, followed and shortened; and the end of the search."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood import Likelihood, Sigma, newton, plan
 from dynident.estimators.maximum_likelihood.columns import Columns
+from dynident.estimators.maximum_likelihood.likelihood import Point
 from dynident.models import Model
 from dynident.models.gallery import two_link_arm
 from dynident.studies import SCENARIOS
@@ -24,35 +25,88 @@ class Along:
     def __init__(self, cost: Callable[[float], float], edge: float = np.inf) -> None:
         self.cost, self.edge, self.trials = cost, edge, list[float]()
 
-    def point(self, states: tuple[()], theta: np.ndarray) -> newton._Point | None:
+    def point(self, states: tuple[()], theta: np.ndarray) -> Point | None:
         self.trials.append(float(theta[0]))
-        return None if theta[0] >= self.edge else newton._Point(states, theta, self.cost(float(theta[0])))
+        return None if theta[0] >= self.edge else Point(states, theta, self.cost(float(theta[0])))
 
     def trajectory_step(self, *_: object) -> tuple[()]:
         return ()
 
 
-def descended(along: Along, decrement: float) -> float | None:
-    """Return where a step of one from zero leads."""
-    start = newton._Point((), np.zeros(1), along.cost(0.0))
-    found = newton._descend(along, start, SimpleNamespace(theta=np.ones(1), moves=(), decrement=decrement))
+def step_of(theta: list[float], pull: list[float], decrement: float) -> newton._Step:
+    """Return a step of theta alone, whose gradient is minus ``pull``."""
+    none = np.zeros((0, 0))
+    return newton._Step(np.array(theta), (), (), decrement, none, none, np.array(pull))
+
+
+def improved(along: Along, slope: float, decrement: float) -> float | None:
+    """Return where a step of one from zero leads, at which the cost falls by ``slope``."""
+    start, step = Point((), np.zeros(1), along.cost(0.0)), step_of([1.0], [slope], decrement)
+    found = newton._improved(along, start, step, None, [], newton.NewtonSettings(newton=False))[1]
     return None if found is None else float(found.theta[0])
 
 
-def test_a_step_that_gains_more_than_expected_is_doubled() -> None:
+def test_a_step_ends_at_the_minimum_of_a_parabola() -> None:
     along = Along(lambda x: (x - 4) ** 2)
-    assert descended(along, 8.0) == 4.0
-    assert along.trials == [1.0, 2.0, 4.0, 8.0]
+    assert improved(along, 8.0, 8.0) == 4.0
+    assert along.trials == [1.0, 4.0]
 
 
-def test_a_step_that_gains_what_is_expected_is_not_tried_longer() -> None:
+def test_a_step_that_gains_what_is_expected_is_not_adjusted() -> None:
     along = Along(lambda x: (x - 1) ** 2)
-    assert descended(along, 2.0) == 1.0
+    assert improved(along, 2.0, 2.0) == 1.0
     assert along.trials == [1.0]
 
 
-def test_doubling_ends_at_the_edge_of_what_is_feasible() -> None:
-    assert descended(Along(lambda x: -x, edge=3.0), 1.0) == 2.0
+def test_a_step_is_not_adjusted_to_beyond_the_edge_of_what_is_feasible() -> None:
+    along = Along(lambda x: -x, edge=3.0)
+    assert improved(along, 1.0, 1.0) == 1.0
+    assert along.trials == [1.0, newton.LONGEST]
+
+
+def test_conjugate_steps_find_the_minimum_of_a_quadratic_in_as_many_as_it_has_unknowns() -> None:
+    H, x, before = np.array([[3.0, 1.0, 0.2], [1.0, 2.0, 0.5], [0.2, 0.5, 0.7]]), np.array([3.0, -2.0, 5.0]), None
+    for _ in range(3):
+        pull = (-H @ x).tolist()
+        before = step_of(pull, pull, float(x @ H @ H @ x)).conjugate(before)
+        x = x + before.theta * (before.pull @ before.theta) / (before.theta @ H @ before.theta)
+    np.testing.assert_allclose(x, 0.0, atol=1e-12)
+
+
+def test_a_conjugate_step_that_fails_gives_way_to_the_step_itself() -> None:
+    along = Along(lambda x: (x - 1) ** 2)
+    start, step = Point((), np.zeros(1), 1.0), step_of([1.0], [2.0], 2.0)
+    before = step_of([4.0], [-0.5], 2.0)  # whose share leads too far
+    assert step.conjugate(before).theta[0] != 1.0 or step.conjugate(before) is step
+    taken, found = newton._improved(along, start, step, before, [], newton.NewtonSettings(newton=False))
+    assert taken is step
+    assert found is not None
+    assert found.theta[0] == 1.0
+
+
+def test_the_end_is_near_the_limit_and_does_not_depend_on_the_tolerance() -> None:
+    arm, theta = two_link_arm(), np.asarray(two_link_arm().values)
+    log = SCENARIOS["stated"].record(1e-6, np.random.default_rng(0)).log.window(stop=2.0)
+    one, sigma = plan(log, (), 40.0, np.full(2, 0.1), rest=True), Sigma(np.full(2, 1e-3), np.full(2, 0.1))
+    likelihood = Likelihood(arm, (one,), sigma, Barrier(), np.eye(7), Columns.all(7))
+    states = (one.start(sigma.q, np.full(2, 30.0)),)
+    limit, rough = (
+        newton.maximise(likelihood, states, 1.05 * theta, newton.NewtonSettings(tolerance, newton=False))
+        for tolerance in (1e-9, 1e-4)
+    )
+    assert rough.converged
+    assert rough.iterations < limit.iterations
+    std = np.sqrt(np.diag(np.linalg.inv(limit.information)))
+    np.testing.assert_allclose((rough.theta - limit.theta) / std, 0.0, atol=1e-3)
+    for a, b in zip(rough.extrapolated((one,), rough.theta), rough.states, strict=True):
+        np.testing.assert_allclose(a.C, b.C, rtol=0, atol=1e-9)
+
+
+def descended(along: Along, decrement: float) -> float | None:
+    """Return where a step of one from zero leads, if it may be shortened."""
+    start = Point((), np.zeros(1), along.cost(0.0))
+    found = newton._descend(along, start, SimpleNamespace(theta=np.ones(1), moves=(), decrement=decrement))
+    return None if found is None else float(found.theta[0])
 
 
 def test_no_trajectory_is_sought_where_the_step_leaves_the_feasible_set() -> None:

@@ -13,6 +13,7 @@ from dynident.estimators.maximum_likelihood import (
     plan,
     scores,
 )
+from dynident.estimators.maximum_likelihood.basis import basis
 from dynident.log import Log
 from dynident.models.gallery import two_link_arm
 from dynident.studies import SCENARIOS
@@ -52,7 +53,7 @@ class TestSegment:
         left = one.offset(state)
         share, squares = one.shares(state)
         np.testing.assert_allclose(squares, (left**2).sum(axis=0), rtol=1e-6)
-        np.testing.assert_allclose(share, one.positions.T @ left, atol=1e-4 * np.abs(left).max())
+        np.testing.assert_allclose(share, one.shown.values.T @ left, atol=1e-4 * np.abs(left).max())
 
     def test_bend_is_the_mixed_second_derivative(self, rng: np.random.Generator) -> None:
         """The gradient by C changes with theta by the border and the bend."""
@@ -109,9 +110,9 @@ class TestSegment:
             plan(log, (), 20.0, np.full(2, 0.1), rest=False),
             plan(late, (), 20.0, np.full(2, 0.1), rest=False, time_offset=time_offset),
         ):
-            basis = one.basis(np.array([1.5]))[0, 0]
+            local = basis(one.trajectory, np.array([1.5]), rest=False).local[0, 0]
             at = one.trajectory.first[one.trajectory.interval(np.array([1.5]))[0]]
-            states.append(basis @ one.start(*noise).C[at : at + 5])
+            states.append(local @ one.start(*noise).C[at : at + 5])
             assert one.raw.t[-1] <= one.trajectory.breaks[-1] + 1e-12
         np.testing.assert_allclose(states[1], states[0], atol=5e-3)
 

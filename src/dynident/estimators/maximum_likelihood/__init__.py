@@ -3,7 +3,8 @@
 from dynident.estimators.maximum_likelihood.equations import Equations, equations, leverage, scores
 from dynident.estimators.maximum_likelihood.fit import MaximumLikelihood
 from dynident.estimators.maximum_likelihood.friction import has_sign, with_smooth_signs
-from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
+from dynident.estimators.maximum_likelihood.likelihood import Likelihood
+from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings, maximise
 from dynident.estimators.maximum_likelihood.physics import psd_constraints
 from dynident.estimators.maximum_likelihood.plan import plan, steps_of, whiteness
 from dynident.estimators.maximum_likelihood.search import Recordings, Search

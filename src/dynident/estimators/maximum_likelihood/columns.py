@@ -6,15 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, solve_triangular
 
 from dynident.models import Model
+from dynident.models.structure import independent, random_states
 
 __all__ = ["Columns"]
 
 Array = NDArray[np.float64]
-STATES = 60  # random ones, for n rows each
-ROUNDING = 1e-12  # share of the largest column below which nothing is left of one
+STATES = 120  # random ones, for n rows each; an even number, so that either half has all joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +43,13 @@ class Columns:
         bodies = np.flatnonzero([bool(one.body) for one in model.parameters])
         if not len(bodies):
             return cls.all(p)
-        reach = np.array([np.pi if joint.kind == "revolute" else 1.0 for joint in model.joints])
-        states = np.random.default_rng(0).uniform(-1.0, 1.0, (3, STATES, len(reach))) * reach
-        Y = model.regressor(*states)[:, :, bodies].reshape(-1, len(bodies))
-        scale = np.linalg.norm(Y, axis=0)
-        R, order = qr(Y / np.where(scale > 0, scale, 1.0), mode="r", pivoting=True)
-        rank = int((np.abs(np.diag(R)) > ROUNDING * abs(R[0, 0])).sum())
-        lead, rest = bodies[order[:rank]], bodies[order[rank:]]
+        Y = model.regressor(*random_states(model.joints, np.random.default_rng(0), STATES))[:, :, bodies]
+        scale = np.sqrt((Y**2).mean(axis=(0, 1)))
+        scale[scale == 0] = 1.0
+        lead, shares = independent(Y.swapaxes(0, 1).reshape(-1, len(bodies)) / scale)
         combination = np.eye(p)
-        shares = solve_triangular(R[:rank, :rank], R[:rank, rank:])
-        combination[np.ix_(lead, rest)] = shares * scale[order[rank:]] / scale[order[:rank], None]
-        kept = np.setdiff1d(np.arange(p), rest)
+        combination[np.ix_(bodies[lead], bodies)] = shares * scale / scale[lead, None]
+        kept = np.setdiff1d(np.arange(p), np.delete(bodies, lead))
         return cls(kept, combination[kept])
 
     def of(self, Y: Array) -> Array:

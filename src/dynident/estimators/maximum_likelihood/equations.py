@@ -99,7 +99,7 @@ def _write_rows(rows: Array, segment: Segment, points: slice, Z: Array, slopes: 
     by = np.empty((B, n, 3, n))
     for d, one in enumerate((slopes.q, slopes.dq, slopes.ddq)):
         np.multiply(one, weight[:, :, None], out=by[:, :, d])
-    along = np.moveaxis(segment.local[:, points], 0, 2)[:, None]  # (B, 1, 5, 3)
+    along = np.moveaxis(segment.basis.local[:, points], 0, 2)[:, None]  # (B, 1, 5, 3)
     np.matmul(along, by, out=rows[:, :, :w].reshape(B, n, 5, n))
     for j in range(n if k else 0):
         rows[:, j, w + j : w + k * n : n] = -segment.hats[points] * weight[:, j : j + 1]
@@ -134,7 +134,7 @@ def equations(
     share, squares = segment.shares(state)
     side[:, :, b] += share / sigma.q**2
     band = band_of(ahead)
-    band.T.reshape(m, n, w)[:, :, ::n] += np.multiply.outer(segment.gram_band.T, sigma.q**-2.0).swapaxes(1, 2)
+    band.T.reshape(m, n, w)[:, :, ::n] += np.multiply.outer(segment.shown.gram_band.T, sigma.q**-2.0).swapaxes(1, 2)
     if segment.rest:
         band[0, :n] = 1.0  # the first coefficients are the second ones
     cost = segment.given(squares, sigma) + 0.5 * float(total[-1, -1])
@@ -155,7 +155,8 @@ def _mixed_hessian(segment: Segment, model: Model, part: _Part, columns: Columns
         change += there[:, :, j] * pull[:, j]
     change /= np.reshape(size, (-1, 1, 1))
     slopes = change.reshape(3, n, P, p).transpose(2, 0, 1, 3).reshape(P, 3, n * p)
-    return -part.block.products(np.moveaxis(segment.local[:, part.block.points], 0, 1), slopes).reshape(-1, 5 * n, p)
+    along = np.moveaxis(segment.basis.local[:, part.block.points], 0, 1)
+    return -part.block.products(along, slopes).reshape(-1, 5 * n, p)
 
 
 def leverage(
@@ -177,7 +178,7 @@ def leverage(
         Z = inverse[high - low, low]
         own = segment.measured[part.block.points]
         for j in range(n):
-            out[0, j] += (Z[:, j::n, j::n] * segment.gram[part.block.intervals]).sum() / sigma.q[j] ** 2
+            out[0, j] += (Z[:, j::n, j::n] * segment.shown.gram[part.block.intervals]).sum() / sigma.q[j] ** 2
             row = part.rows[:, j, : 5 * n] * own[:, None]
             out[1, j] += (Z * part.block.products(row, row)).sum()
     return out
@@ -189,8 +190,8 @@ def scores(segment: Segment, model: Model, state: State, theta: Array, sigma: Si
     ``follow`` (m n + k n, p) is minus the dependence of C and W on theta.
     """
     n, p, w, out = len(sigma.q), len(theta), 5 * len(sigma.q), []
-    edge, V = segment.trajectory.size * n, segment.shown[1]
-    shown = segment.by_interval(V[:, :, None] * (segment.offset(state) / sigma.q**2)[:, None, :])
+    edge, V = segment.trajectory.size * n, segment.shown.local[0]
+    shown = segment.shown.by_interval(V[:, :, None] * (segment.offset(state) / sigma.q**2)[:, None, :])
     for part in _parts(segment, model, state, theta, sigma.tau, Columns.all(p)):
         pull = part.block.products(part.rows[:, :, :-1], part.rows[:, :, -1:])[:, :, 0]
         pull[:, :w] += shown[part.block.intervals].reshape(-1, w)

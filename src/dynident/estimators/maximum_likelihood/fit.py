@@ -81,7 +81,7 @@ class MaximumLikelihood:
     rounds: Annotated[int, Ge(1), Le(ROUNDS)] = 2
     profile: Annotated[float, Gt(0), Le(WIDEST)] | None = 0.4
     weight: Annotated[float, Gt(0), Lt(1)] = 1e-3
-    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-3
+    tolerance: Annotated[float, Gt(0), Lt(1)] = 1e-5
     iterations: Annotated[int, Ge(1), Le(MOST)] = 60
     rate: Annotated[float, Ge(SLOWEST)] | None = 1100.0
 

@@ -11,22 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, brief
-from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.arrow import Arrow
 from dynident.estimators.maximum_likelihood.columns import Columns
 from dynident.estimators.maximum_likelihood.elimination import Elimination, Quadratic
-from dynident.estimators.maximum_likelihood.equations import Equations, equations
-from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
-from dynident.models import Model
+from dynident.estimators.maximum_likelihood.equations import Equations
+from dynident.estimators.maximum_likelihood.likelihood import Likelihood, Point, carried
+from dynident.estimators.maximum_likelihood.segment import Segment, State
 
-__all__ = ["Likelihood", "LikelihoodFit", "NewtonSettings", "maximise"]
+__all__ = ["LikelihoodFit", "NewtonSettings", "maximise"]
 
 Array = NDArray[np.float64]
 NULL = 1e-12  # relative information below which a direction counts as not excited
 SAFE = 0.02  # least eigenvalue of Newton's matrix, relative to that of Gauss and Newton's, to trust it
 NEAR = 0.01  # expected fall of the cost below which second derivatives are kept from step to step
-INEXACT = 1e-6  # share of the tolerance to which a step is found
-IDLE = 1e-6  # fall of the cost for a change by its own size, or by 1, below which a parameter has no effect
+INEXACT = 1e-4  # share of the tolerance to which a step is found
 STALLED, PATIENCE = 0.2, 5  # so small a share of the expected fall, so many times in a row, ends the search
 SHORTEST = 1e-3  # share of a step below which the search gives up
 WORTH = 0.05  # share of the fall so far that the minimum of a parabola must promise to be tried
@@ -76,7 +74,7 @@ class LikelihoodFit:
         """Return the states for another theta nearby, to first order."""
         origin, states = self.before
         change = self.columns.combination @ (theta - origin)
-        return _carried(segments, states, [one.step(change) for one in self.segments])
+        return carried(segments, states, [one.step(change) for one in self.segments])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,86 +148,6 @@ def _safe(observed: Array, gauss: Array) -> bool:
     return weakest[0] > SAFE * weakest[1]
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """The current point of the search."""
-
-    states: tuple[State, ...]
-    theta: Array
-    cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Likelihood:
-    """The likelihood to maximise: a model on the segments of its logs, with their noise, and a barrier.
-
-    theta moves along orthonormal ``directions`` (p, v) only: what neither data nor prior determine stays.
-    """
-
-    model: Model
-    segments: tuple[Segment, ...]
-    sigma: Sigma
-    barrier: Barrier
-    directions: Array
-    columns: Columns
-
-    def open_directions(self, information: Array, theta: Array, fixed: int | None) -> Array:
-        """Return the directions (p, w) along which the information (p, p) or a prior moves all but the fixed one."""
-        ways = self.directions
-        effect = (ways * (information @ ways)).sum(axis=0) * np.maximum((theta @ ways) ** 2, 1.0)
-        moves = (effect > IDLE) | (self.barrier.bound & (ways != 0).T).any(axis=1)
-        return np.asarray(ways[:, moves if fixed is None else moves & (ways[fixed] == 0)])
-
-    def cost(self, states: Sequence[State], theta: Array) -> float:
-        """Return half the weighted squares plus the barrier; infinite outside the feasible set."""
-        if not self.barrier.inside(theta):
-            return np.inf
-        pairs = zip(self.segments, states, strict=True)
-        data = sum(one.cost(self.model, state, theta, self.sigma) for one, state in pairs)
-        return data + self.barrier.value(theta)
-
-    def equations(self, states: Sequence[State], theta: Array, *, mixed_hessian: bool) -> list[Equations]:
-        """Return the normal equations of each segment."""
-        pairs = zip(self.segments, states, strict=True)
-        return [
-            equations(one, self.model, x, theta, self.sigma, mixed_hessian=mixed_hessian, columns=self.columns)
-            for one, x in pairs
-        ]
-
-    def linearised(
-        self, states: Sequence[State], theta: Array, before: Sequence[Equations], *, mixed_hessian: bool
-    ) -> list[Equations]:
-        """Return the equations about states and theta; with the second derivatives of those before, if any."""
-        found = self.equations(states, theta, mixed_hessian=mixed_hessian and not before)
-        if not before:
-            return found
-        return [one.with_mixed_hessian(old.mixed_hessian) for one, old in zip(found, before, strict=True)]
-
-    def trajectory_step(self, states: Sequence[State], theta: Array) -> tuple[tuple[Array, Array], ...]:
-        """Return the step of Gauss and Newton of each C and W at this theta, for which no regressor is needed."""
-        moves, none = [], Columns.none(len(theta))
-        for one, state in zip(self.segments, states, strict=True):
-            found = equations(one, self.model, state, theta, self.sigma, mixed_hessian=False, columns=none)
-            moves.append(Elimination.of(found, Arrow(found.band, found.side), 0).step(np.zeros(0)))
-        return tuple(moves)
-
-    def along(self, at: _Point, step: _Step, size: float) -> _Point | None:
-        """Return the point after ``size`` times a step; None outside the feasible set."""
-        return self.point(_carried(self.segments, at.states, step.moves, size), at.theta + size * step.theta)
-
-    def point(self, states: tuple[State, ...], theta: Array) -> _Point | None:
-        """Return a point with its cost; None outside the feasible set."""
-        cost = self.cost(states, theta)
-        return _Point(states, theta, cost) if np.isfinite(cost) else None
-
-
-def _carried(
-    segments: Sequence[Segment], states: Sequence[State], moves: Sequence[tuple[Array, Array]], size: float = 1.0
-) -> tuple[State, ...]:
-    found = zip(segments, states, moves, strict=True)
-    return tuple(one.moved(state, size * dC, size * dW) for one, state, (dC, dW) in found)
-
-
 def maximise(
     likelihood: Likelihood,
     states: Sequence[State],
@@ -239,8 +157,9 @@ def maximise(
 ) -> LikelihoodFit:
     """Minimise the cost over trajectories, torques after steps, and theta (p), from a feasible start.
 
-    Steps are conjugate, which makes up for the second derivatives that are left out. A failing one is corrected by steps
-    of the trajectory at fixed theta before it is shortened; of one that succeeds the length is adjusted by a parabola.
+    Steps are conjugate, which makes up for the second derivatives that are left out; a parabola adjusts their length. A
+    failing one is corrected by steps of the trajectory at fixed theta before it is shortened. The last step, whose
+    expected fall is below the tolerance, is taken too.
     ``trace`` is called with each iteration's number, cost, expected fall and theta. Raises ModelError where the
     equations cannot be solved.
     """
@@ -265,25 +184,25 @@ def maximise(
     return LikelihoodFit(end.theta, end.states, (at.theta, at.states), *left, iteration, converged)
 
 
-def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> _Point:
+def _begun(likelihood: Likelihood, states: Sequence[State], theta: Array, hold: int) -> Point:
     """Return the start after ``hold`` steps of the states alone; ModelError for an infeasible start."""
     states = tuple(states)
     for _ in range(hold):
-        states = _carried(likelihood.segments, states, likelihood.trajectory_step(states, theta))
+        states = carried(likelihood.segments, states, likelihood.trajectory_step(states, theta))
     cost = likelihood.cost(states, theta)
     if not np.isfinite(cost):
         raise ModelError(f"{likelihood.model.name}: the start violates the physical constraints.")
-    return _Point(states, theta, cost)
+    return Point(states, theta, cost)
 
 
 def _improved(
     likelihood: Likelihood,
-    at: _Point,
+    at: Point,
     step: _Step,
     before: _Step | None,
     found: Sequence[Equations],
     settings: NewtonSettings,
-) -> tuple[_Step | None, _Point | None]:
+) -> tuple[_Step | None, Point | None]:
     """Return the step that was taken whole, if one was, and the new point, None where no step lowers the cost."""
     better = None
     if step.decrement > 0:
@@ -297,25 +216,30 @@ def _improved(
     return None, better
 
 
+def _along(likelihood: Likelihood, at: Point, step: _Step, size: float) -> Point | None:
+    """Return the point after ``size`` times a step; None outside the feasible set."""
+    return likelihood.point(carried(likelihood.segments, at.states, step.moves, size), at.theta + size * step.theta)
+
+
 def _whole(
-    likelihood: Likelihood, at: _Point, step: _Step, before: _Step | None, needed: float
-) -> tuple[_Step, _Point | None]:
+    likelihood: Likelihood, at: Point, step: _Step, before: _Step | None, needed: float
+) -> tuple[_Step, Point | None]:
     """Return the conjugate step or else the step itself, and the point after it where the cost is below ``needed``."""
     for way in [step] if before is None else [step.conjugate(before), step]:
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
-            trial = likelihood.along(at, way, 1.0)
+            trial = _along(likelihood, at, way, 1.0)
             if trial and trial.cost < needed:
                 return way, trial
     return step, None
 
 
-def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
+def _descend(likelihood: Likelihood, at: Point, step: _Step) -> Point | None:
     """Return the point after a share of the step that lowers the cost; None where there is none."""
     size = 1.0
     while size > SHORTEST:
         needed = at.cost - 1e-2 * size * min(step.decrement, 1.0)
         with suppress(ModelError, np.linalg.LinAlgError):  # a trial may overflow
-            trial = likelihood.along(at, step, size)
+            trial = _along(likelihood, at, step, size)
             if trial and trial.cost < needed:
                 return trial
             for _ in range(FOLLOWED):
@@ -326,7 +250,7 @@ def _descend(likelihood: Likelihood, at: _Point, step: _Step) -> _Point | None:
     return None
 
 
-def _adjusted(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) -> _Point:
+def _adjusted(likelihood: Likelihood, at: Point, step: _Step, found: Point) -> Point:
     """Return the point at the minimum of the parabola along the step, or ``found``, the point after the step, where
     that is as good.
     """
@@ -335,17 +259,17 @@ def _adjusted(likelihood: Likelihood, at: _Point, step: _Step, found: _Point) ->
     if bend <= 0 or (slope - bend) ** 2 > 2 * bend * WORTH * fall:
         with suppress(ModelError, np.linalg.LinAlgError):
             size = min(slope / bend, LONGEST) if bend > 0 else LONGEST
-            other = likelihood.along(at, step, size)
+            other = _along(likelihood, at, step, size)
             if other and other.cost < found.cost:
                 return other
     return found
 
 
-def _followed(likelihood: Likelihood, at: _Point) -> _Point | None:
+def _followed(likelihood: Likelihood, at: Point) -> Point | None:
     """Return the point after a step of the trajectories alone: the first that lowers the cost, else the best."""
     moves, tried = likelihood.trajectory_step(at.states, at.theta), []
     for size in SHARES:
-        found = likelihood.point(_carried(likelihood.segments, at.states, moves, size), at.theta)
+        found = likelihood.point(carried(likelihood.segments, at.states, moves, size), at.theta)
         if found and found.cost < at.cost:
             return found
         tried += [found] if found else []

@@ -14,7 +14,8 @@ from dynident.estimators.constraints import Barrier
 from dynident.estimators.maximum_likelihood.columns import Columns
 from dynident.estimators.maximum_likelihood.equations import leverage, scores
 from dynident.estimators.maximum_likelihood.friction import with_smooth_signs
-from dynident.estimators.maximum_likelihood.newton import Likelihood, LikelihoodFit, NewtonSettings, maximise
+from dynident.estimators.maximum_likelihood.likelihood import Likelihood
+from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonSettings, maximise
 from dynident.estimators.maximum_likelihood.plan import plan, whiteness
 from dynident.estimators.maximum_likelihood.profile import crossing, swept
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from dynident.errors import brief
-from dynident.estimators.maximum_likelihood.arrow import Arrow, add_ahead, band_of, places
+from dynident.estimators.maximum_likelihood.arrow import Arrow
+from dynident.estimators.maximum_likelihood.basis import Basis, basis
 from dynident.estimators.maximum_likelihood.torques import Torques, condensed
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, TrajectoryBlock
 from dynident.log import Log
@@ -20,7 +20,6 @@ __all__ = ["Segment", "Sigma", "State"]
 
 Array = NDArray[np.float64]
 GAUSS = 0.5 / np.sqrt(3.0)  # points of Gauss's rule of two, from the middle of an interval of length one
-RIDGE = 1e-9  # of the positions' products, where a coefficient acts on none
 TIGHT = 0.05  # standard deviation of the torque's straight line after a step, in units of the torque's noise
 
 
@@ -114,103 +113,38 @@ class Segment:
         return tuple(self.trajectory.blocks(self.points, self.log.q.shape[1]))
 
     @cached_property
-    def local(self) -> Array:
-        """Basis values (3, P, 5) at the points; at rest the first two coefficients are one."""
-        return self.basis(self.points)
-
-    def basis(self, t: Array) -> Array:
-        """Return basis values (3, P, 5) at times (P)."""
-        found = self.trajectory.local(t)
-        if self.rest:
-            begin = self.trajectory.interval(t) == 0
-            found[:, begin, 1] += found[:, begin, 0]
-            found[:, begin, 0] = 0.0
-        return found
+    def basis(self) -> Basis:
+        """The splines at the points."""
+        return basis(self.trajectory, self.points, rest=self.rest)
 
     @cached_property
-    def shown(self) -> tuple[NDArray[np.intp], Array]:
-        """The interval (N) of each position, and the basis values (N, 5) there."""
-        return self.trajectory.interval(self.seen), self.basis(self.seen)[0]
+    def shown(self) -> Basis:
+        """The splines at the positions."""
+        return basis(self.trajectory, self.seen, rest=self.rest)
 
     @cached_property
-    def positions(self) -> csr_array:
-        """The basis at the positions (N, m)."""
-        return self._sparse(*self.shown)
-
-    def _band(self, blocks: Array) -> Array:
-        """Return the band (5, m) of one joint's coefficients from blocks (I, 5, 5) by interval."""
-        total = np.zeros((self.trajectory.size, 1, 5))
-        add_ahead(total, blocks[:, :, None], places(self.trajectory.first, 5))
-        return band_of(total)
-
-    @cached_property
-    def gram_band(self) -> Array:
-        """The band (5, m) of the products of the basis over all positions."""
-        return self._band(self.gram)
-
-    @cached_property
-    def _summed(self) -> tuple[csr_array, Array, Array, Array]:
-        """What the positions say, however many: products of the basis (m, m), coefficients C (m, n) near the positions,
-        and of what these leave the basis's share (m, n) and the squares (n).
+    def _summed(self) -> tuple[Array, Array, Array]:
+        """What the positions say, however many: coefficients C (m, n) near them, and of what these leave the basis's
+        share (m, n) and the squares (n).
         """
-        turned = self.positions.T
-        band = self.gram_band.copy()
-        band[0] += RIDGE * band[0].max()
         middle = self.log.q.mean(axis=0)  # positions may be far from zero
-        C = middle + Arrow(band, np.zeros((self.trajectory.size, 0))).inner(turned @ (self.log.q - middle))
-        left = self.log.q - self.positions @ C
-        return turned @ self.positions, C, turned @ left, (left**2).sum(axis=0)
+        C = middle + self.shown.normal.inner(self.shown.transposed @ (self.log.q - middle))
+        left = self.log.q - self.shown.values @ C
+        return C, self.shown.transposed @ left, (left**2).sum(axis=0)
 
     def shares(self, state: State) -> tuple[Array, Array]:
         """Return the basis's share (m, n) in what is left of the positions, and the sum of its squares (n).
 
         Both are changes from those near the positions, so that nothing is lost to rounding.
         """
-        products, C, share, squares = self._summed
+        C, share, squares = self._summed
         change = state.C - C
-        found = share - products @ change
+        found = share - self.shown.products @ change
         return found, squares - (change * (share + found)).sum(axis=0)
-
-    @cached_property
-    def _points(self) -> csr_array:
-        """Positions, velocities and accelerations (3 P, m) at the points."""
-        return self._sparse(np.tile(self.trajectory.interval(self.points), 3), self.local.reshape(-1, 5))
-
-    @cached_property
-    def _torques(self) -> csr_array:
-        """The same (3 K, m) at the torques as measured."""
-        return self._sparse(np.tile(self.trajectory.interval(self.raw.t), 3), self.basis(self.raw.t).reshape(-1, 5))
-
-    def _sparse(self, interval: NDArray[np.intp], V: Array) -> csr_array:
-        columns = (self.trajectory.first[interval][:, None] + np.arange(5)).ravel()
-        rows = np.arange(0, 5 * len(V) + 1, 5)
-        return csr_array((V.ravel(), columns, rows), shape=(len(V), self.trajectory.size))
-
-    def by_interval(self, x: Array) -> Array:
-        """Return the sums (I, ...) over each interval of what is given by position (N, ...)."""
-        start = np.flatnonzero(np.diff(self.shown[0], prepend=-1))
-        out = np.zeros((len(self.trajectory.first), *x.shape[1:]))
-        out[self.shown[0][start]] = np.add.reduceat(x, start)
-        return out
-
-    @cached_property
-    def gram(self) -> Array:
-        """Sum of products (I, 5, 5) of the basis over the positions of each interval."""
-        V = self.shown[1]
-        return self.by_interval(V[:, :, None] * V[:, None, :])
-
-    @cached_property
-    def _bends(self) -> Array:
-        """The band (5, m) of the squared acceleration, summed over as many times as there are positions."""
-        breaks = self.trajectory.breaks
-        bend = self.basis((breaks[:-1] + breaks[1:]) / 2)[2]
-        share = np.diff(breaks) * len(self.log) / (breaks[-1] - breaks[0])
-        return self._band(share[:, None, None] * bend[:, :, None] * bend[:, None, :])
 
     def motion(self, state: State) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (P, n) at the points."""
-        q, dq, ddq = (self._points @ state.C).reshape(3, -1, state.C.shape[1])
-        return q, dq, ddq
+        return self.basis.motion(state.C)
 
     def weights(self, sigma_tau: Array) -> Array:
         """Return one over the standard deviation (P, n) of each row of the torque."""
@@ -224,12 +158,11 @@ class Segment:
         return self.offset(state), self.raw.tau - self._modelled(model, state, theta)
 
     def _modelled(self, model: Model, state: State, theta: Array) -> Array:
-        q, dq, ddq = (self._torques @ state.C).reshape(3, -1, state.C.shape[1])
-        return model.torque(q, dq, ddq, theta)
+        return model.torque(*basis(self.trajectory, self.raw.t, rest=self.rest).motion(state.C), theta)
 
     def offset(self, state: State) -> Array:
         """Return what is left of the positions (N, n)."""
-        return np.asarray(self.log.q - self.positions @ state.C)
+        return np.asarray(self.log.q - self.shown.values @ state.C)
 
     def wanted(self, state: State) -> Array:
         """Return the torque (P, n) that the model should have at the points."""
@@ -256,14 +189,14 @@ class Segment:
 
     def smooth(self, sigma_q: float, sigma_ddq: float) -> Arrow:
         """Return the normal equations of one joint's positions, with accelerations of about ``sigma_ddq`` kept down."""
-        size, band = self.trajectory.size, self.gram_band / sigma_q**2 + self._bends / sigma_ddq**2
+        size, band = self.trajectory.size, self.shown.gram_band / sigma_q**2 + self.shown.bends / sigma_ddq**2
         if self.rest:
             band[0, 0] = 1.0  # the first coefficient is the second one
         return Arrow(band, np.zeros((size, 0)))
 
     def start(self, sigma_q: Array, sigma_ddq: Array) -> State:
         """Return the smooth start: positions fitted with accelerations of about ``sigma_ddq`` (n) kept down."""
-        along = (self.positions.T @ self.log.q) / sigma_q**2
+        along = (self.shown.transposed @ self.log.q) / sigma_q**2
         pairs = zip(sigma_q, sigma_ddq, along.T, strict=True)
         C = np.concatenate([self.smooth(a, b).inner(rhs[:, None]) for a, b, rhs in pairs], axis=1)
         if self.rest:
@@ -273,7 +206,7 @@ class Segment:
 
     def resolution(self, sigma_q: Array, sigma_ddq: Array) -> Array:
         """Return the usual standard deviation (n) of the velocities in the smooth start."""
-        interval, slope = self.shown[0], self.basis(self.seen)[1]
+        interval, slope = self.shown.interval, self.shown.local[1]
         at = self.trajectory.first[interval][:, None] + np.arange(5)
         low, high = np.minimum(at[:, :, None], at[:, None, :]), np.maximum(at[:, :, None], at[:, None, :])
         out = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ __all__ = ["POINTS", "Torques", "condensed"]
 
 Array = NDArray[np.float64]
 POINTS = 8  # of Gauss's rule, for the samples of one interval
+KEPT, LONG = 8, 10_000  # rules that are kept for recordings to come, and samples of one that is too large for it
 CLOSE = 0.03  # torques this close to a polynomial, in standard deviations of a sample, count as polynomial
 
 
@@ -53,14 +55,14 @@ def condensed(raw: Torques, interval: NDArray[np.intp], torque: Array, sigma_tau
     chosen = (count > POINTS + 1) & np.logical_and.reduceat((raw.weight == 1).all(axis=1), first)
     if not chosen.any():
         return raw
-    rough = _Rule.over(raw.t, first, count, chosen).left(torque / sigma_tau)
+    rough = _rule(raw.t, first, count, chosen).left(torque / sigma_tau)
     plain = np.ones(len(count), dtype=bool)
     np.logical_and.at(plain, np.repeat(np.flatnonzero(chosen), count[chosen]), (np.abs(rough) < CLOSE).all(axis=1))
     plain[1:-1] &= plain[2:] & plain[:-2]  # a reversal of the motion may still move
     chosen &= plain
     if not chosen.any():
         return raw
-    rule = _Rule.over(raw.t, first, count, chosen)
+    rule = _rule(raw.t, first, count, chosen)
     t, tau, weight = rule.points(raw.tau)
     own = ~rule.member
     order = np.argsort(np.concatenate([raw.t[own], t]), kind="stable")
@@ -70,6 +72,19 @@ def condensed(raw: Torques, interval: NDArray[np.intp], torque: Array, sigma_tau
         np.concatenate([raw.weight[own], np.repeat(weight[:, None], tau.shape[1], axis=1)])[order],
         (rule.left(raw.tau) ** 2).sum(axis=0),
     )
+
+
+def _rule(t: Array, first: NDArray[np.intp], count: NDArray[np.intp], chosen: NDArray[np.bool_]) -> _Rule:
+    """Return the rule of these samples, which is computed once for all recordings with these times."""
+    if len(t) > LONG:
+        return _Rule.over(t, first, count, chosen)
+    return _kept(t.tobytes(), first.tobytes(), count.tobytes(), chosen.tobytes())
+
+
+@lru_cache(maxsize=KEPT)
+def _kept(t: bytes, first: bytes, count: bytes, chosen: bytes) -> _Rule:
+    starts, sizes = np.frombuffer(first, dtype=np.intp), np.frombuffer(count, dtype=np.intp)
+    return _Rule.over(np.frombuffer(t), starts, sizes, np.frombuffer(chosen, dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +133,19 @@ class _Rule:
         fitted = np.repeat(self.coefficients(x), self.count, axis=1)
         return np.asarray(x[self.member] - np.einsum("km,kmj->mj", self.polynomials, fitted))
 
-    def points(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return times (I POINTS), nearest polynomials of x there (I POINTS, n), and weights (I POINTS)."""
+    @cached_property
+    def _nodes(self) -> tuple[Array, Array, Array]:
+        """Times (I POINTS), weights (I POINTS), and the polynomials there (I, POINTS, POINTS)."""
         along = np.arange(POINTS)
         jacobi = np.zeros((len(self.count), POINTS, POINTS))
         jacobi[:, along, along] = self.diagonal.T
         jacobi[:, along[1:], along[:-1]] = self.beside[:-1].T
         zeros, vectors = np.linalg.eigh(jacobi)
         weight = self.count[:, None] * vectors[:, 0] ** 2
-        at = (np.swapaxes(vectors, 1, 2) / np.sqrt(weight)[:, :, None]) @ np.swapaxes(self.coefficients(x), 0, 1)
-        at *= np.sign(vectors[:, 0])[:, :, None]
-        t = self.middle[:, None] + self.half[:, None] * zeros
-        return t.ravel(), at.reshape(-1, x.shape[1]), weight.ravel()
+        values = np.swapaxes(vectors * np.sign(vectors[:, :1]), 1, 2) / np.sqrt(weight)[:, :, None]
+        return (self.middle[:, None] + self.half[:, None] * zeros).ravel(), weight.ravel(), values
+
+    def points(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return times (I POINTS), nearest polynomials of x there (I POINTS, n), and weights (I POINTS)."""
+        t, weight, values = self._nodes
+        return t, (values @ np.swapaxes(self.coefficients(x), 0, 1)).reshape(-1, x.shape[1]), weight

@@ -76,6 +76,7 @@ def test_one_pole_is_lfilter(level: str) -> None:
     for a in (0.0, 0.9, -0.5):
         np.testing.assert_allclose(one_pole(a, x), signal.lfilter([1.0], [1.0, -a], x), atol=1e-12)
         np.testing.assert_allclose(one_pole(a, x[:, ::2][0]), signal.lfilter([1.0], [1.0, -a], x[0, ::2]), atol=1e-12)
+    assert one_pole(a, x[:, :0]).shape == (len(x), 0)
 
 
 @pytest.mark.skipif(len(BEST) < 2, reason="there is only one level here")

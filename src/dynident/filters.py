@@ -73,7 +73,7 @@ def one_pole(a: float, x: Array) -> Array:
         from scipy.signal import lfilter
 
         return np.asarray(lfilter([1.0], [1.0, -a], x))
-    out = np.array(x, dtype=float, order="C").reshape(-1, x.shape[-1])
+    out = np.array(x, dtype=float, order="C").reshape(int(np.prod(x.shape[:-1])), x.shape[-1])
     section, state = np.array([1.0, 0.0, 0.0, 1.0, -a, 0.0]), np.zeros((len(out), 1, 2))
     run(*out.shape, out.ctypes.data, 1, section.ctypes.data, state.ctypes.data, 0)
     return out.reshape(x.shape)

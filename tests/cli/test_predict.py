@@ -251,6 +251,12 @@ class TestExport:
         else:
             assert (arm / "again").read_bytes() == (arm / name).read_bytes()
 
+    def test_a_reader_that_is_missing_is_said(self, arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("dynident.export.proof.FOREIGN", {"Pinocchio": ("no_such_module", "pin")})
+        done = run("export", arm / "result.json", "--format", "urdf", "--out", arm / "again")
+        assert done.exit_code == 0, done.output
+        assert "Pinocchio is not installed" in done.output
+
     def test_what_cannot_be_written_is_said(self, slider: Path) -> None:
         done = run("export", slider, "--format", "urdf", "--out", slider.parent / "x.urdf")
         assert done.exit_code == 1

@@ -324,3 +324,12 @@ def test_each_column_must_be_in_range() -> None:
     x = np.linspace(0, 3, 50)
     with pytest.raises(InputError, match="out of range"):
         smooth(x, np.column_stack([np.sin(x), 1e-300 * np.sin(x)]))
+
+
+def test_a_rule_that_searches_for_nothing_is_an_error() -> None:
+    class Straight(Rule):
+        def choose(self, series, column):  # type: ignore[no-untyped-def]
+            return series.straight()
+
+    with pytest.raises(ConfigError, match=r"pulse: .*returned Solution, expected a generator"):
+        smooth(np.arange(9.0), np.arange(9.0) ** 2, Straight(), names=["pulse"])

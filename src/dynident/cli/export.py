@@ -74,6 +74,7 @@ def export(result: Path, kind: str, out: Path, allow_code: bool) -> None:
     for note in (
         *export_notes([replace(made, file=out.name)], "listed here"),
         *(f"Not in the file: {words}" for words in made.written.left_out),
+        *(f"{words}." for words in made.proof.skipped),
     ):
         screen.say(note)
     screen.say(f"Loaded again, its torque differs by at most {made.proof.agreement:.2g} of each joint's.")

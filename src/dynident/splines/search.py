@@ -95,13 +95,13 @@ def constrained(series: Series, target: float) -> Search:
 def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -> Search:
     """Find rss(p) = target; rss falls with p."""
     low, high = -inf, inf  # bracket of the root in log p
-    x, refine = log(p), False
+    x, refine, aims = log(p), False, True
     before: Point | None = None
     best: tuple[float, Solution] | None = None
     whole = len(series.data) * series.noise**2 / target
     known = (inf, -1.0)  # where the slope was found last, and that
     for _ in range(200):
-        now = yield from once(series, exp(x), refine=refine, aim=(target, known[1]) if refine else (0.0, 0.0))
+        now = yield from once(series, exp(x), refine=refine, aim=(target, known[1]) if refine and aims else (0.0, 0.0))
         x = log(now.p)
         if not isfinite(now.rss):
             raise IllConditionedError("the search for p left the range of numbers")
@@ -111,11 +111,14 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
         if refine:
             if best is None:  # what is not refined may be off by more than the tolerance, and so the bracket
                 low, high = -inf, inf
-            elif abs(error) >= abs(best[0]):  # rounding lets it improve no more
-                if abs(best[0]) > STAGNATION:
+            if best is not None and abs(error) >= abs(best[0]):  # rounding lets it improve no more
+                if abs(best[0]) <= STAGNATION:
+                    return best[1]
+                if not aims:
                     raise IllConditionedError(f"S is reached no better than to {abs(best[0]):.0e}")
-                return best[1]
-            best = (error, now)
+                aims = False  # p is corrected by what an unrefined solution misses, which rounding may decide
+            else:
+                best = (error, now)
         if not isnan(now.slope):
             known = (x, now.slope)
         elif abs(x - known[0]) > FAR:

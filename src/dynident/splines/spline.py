@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -268,7 +268,12 @@ def _systems(step: Array, weights: Array | None, k: int) -> tuple[list[System], 
 
 
 def _named(search: Search, name: str) -> Search:
-    """The search, with an error of its own that names the column."""
+    """The search, with an error of its own that names the column; ConfigError where a rule returned something else."""
+    if not isinstance(search, Generator):
+        raise ConfigError(
+            f"{name}: the method choose of the rule returned {type(search).__name__}, expected a generator of trials; "
+            "end it with: return (yield from dynident.splines.search.once(series, p))"
+        )
     try:
         return (yield from search)
     except IllConditionedError as error:

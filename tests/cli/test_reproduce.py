@@ -97,7 +97,8 @@ class TestReproduce:
         # the pipe of standard error ends when the last process that holds it does, workers included
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + HANGS
-            while not (tmp_path / "study.parquet.rows").exists() and time.monotonic() < deadline:
+            rows = tmp_path / "study.parquet.rows"
+            while not (rows.exists() and b"\n" in rows.read_bytes()) and time.monotonic() < deadline:
                 time.sleep(0.1)
             process.send_signal(getattr(signal, number))
             _, told = process.communicate(timeout=HANGS)

@@ -28,6 +28,10 @@ PARAMETERS = (
 TRUE = np.array([parameter.value for parameter in PARAMETERS])
 
 
+class Fake(SimpleNamespace):
+    """An identification that can be referred to weakly, as a real one."""
+
+
 @dataclass(frozen=True)
 class Case:
     sigma_q2: float
@@ -142,7 +146,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
     )
     model.limits[joints[0]] = Limits(5.0, 2.0, -1.5, 1.5)
     model.regressor = lambda q, dq, ddq: np.ones((*q.shape, len(model.parameters)))
-    return SimpleNamespace(
+    return Fake(
         model=model,
         estimate=estimate,
         recipe=Recipe(Spline()),

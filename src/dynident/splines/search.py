@@ -128,11 +128,17 @@ def _newton(series: Series, target: float, p: float, tolerance: float = 1e-10) -
         new = _next(here, None if refine else before, low, high, whole)
         if not refine and tolerance < ROUGH and (abs(error) < CLOSING or abs(new - x) < NEAR):
             refine = True
-            if before is not None and here[2] < 0:  # the slope there
-                there = here[2] + (new - x) * (here[2] - before[2]) / (x - before[0])
-                known = (new, min(max(there, 1.1 * here[2]), 0.9 * here[2]))
+            known = _slope_at(new, here, before)
         before, x = here, new
     raise IllConditionedError("the search for p does not converge")
+
+
+def _slope_at(x: float, here: Point, before: Point | None) -> tuple[float, float]:
+    """Return where the slope is known, and that: about, at x, by the last two points; else at the last of them."""
+    if before is None or here[2] >= 0:
+        return here[0], here[2]
+    there = here[2] + (x - here[0]) * (here[2] - before[2]) / (here[0] - before[0])
+    return x, min(max(there, 1.1 * here[2]), 0.9 * here[2])
 
 
 def _next(here: Point, before: Point | None, low: float, high: float, whole: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ def triangular(way: str, joints: int, samples: int) -> Call:
     names = tuple(joint.name for joint in model.joints)
     t = np.linspace(0, 5e-3 * (samples - 1), samples)
     motion = Motion(t, q, dq, ddq, tau, names, np.ones(samples, dtype=bool))
-    return lambda: Regression(model, (motion,)).triangular_factors
+    return lambda: Regression(model, (replace(motion),)).triangular_factors  # factors of the same motion are kept
 
 
 def arm(joints: int) -> Any:
@@ -71,7 +72,7 @@ def tx40(way: str, decimate: int) -> Call:
     project = read_project(example("tx40"))
     (log,) = project.logs()[0]["train"].values()
     smoother, low_pass = Spline(), ParallelFilter(decimate) if decimate > 1 else None
-    return lambda: Regression(project.model, (smoother(log),), low_pass).triangular_factors
+    return lambda: Regression(project.model, (smoother(replace(log)),), low_pass).triangular_factors
 
 
 def figaroh(decimate: int) -> Call:

@@ -23,7 +23,7 @@ def shown(value: float | None) -> str:
     """A figure with three digits."""
     if value is None:
         return "..."
-    return f"{value:,.0f}" if value >= 999.5 else f"{value:.3g}" if value >= 0.001 else "0"
+    return f"{value:,.0f}" if value >= 999.5 else f"{value:.3g}" if value >= 0.001 else "less than 0.001"
 
 
 def table(one: Table, measured: Measured) -> str:
@@ -41,7 +41,7 @@ def cells(row: Row, table: Table, measured: Measured) -> list[str]:
             found += ["", ""]
             continue
         own = row.figure(table, measured, way)
-        ratio = f" ({shown(peer / own)} x)" if own and peer and row.peer != "Python alone" else ""
+        ratio = f" ({shown(peer / own)} x)" if own and own >= 0.001 and peer and row.peer != "Python alone" else ""
         found += [shown(own) + ratio, wanted(mark, row.met(table, measured, way))]
     return found
 

@@ -86,8 +86,11 @@ def start(what: str, title: str, most: float) -> Row:
 
 FITPACK = spline("S = n, n = {n}", "constraint", 100_000, "FITPACK", Mark(170, 35), Mark(ratio=9))
 CSAPS = spline("lam fixed, n = {n}", "fixed", 100_000, "csaps", Mark(ratio=20), Mark(ratio=9))
-PINOCCHIO = Row("regressor, 7 joints", Work("bodies", "regressor", (7, 5000), ("Pinocchio",), seconds=4), "Pinocchio",
-                (Mark(ratio=8), Mark(ratio=1.5)), 5000)  # fmt: skip
+PINOCCHIO = Row("regressor, 7 joints, 2048 samples (a block of a fit)",
+                Work("bodies", "regressor", (7, 2048), ("Pinocchio",), seconds=4), "Pinocchio",
+                (Mark(ratio=8), Mark(ratio=1.5)), 2048)  # fmt: skip
+AT_ONCE = Row("regressor, 7 joints, 5000 samples (20 MB of new memory)",
+              Work("bodies", "regressor", (7, 5000), ("Pinocchio",), seconds=4), "Pinocchio", count=5000)  # fmt: skip
 FACTORS = Work("factors", "triangular", (7, 20_000), ("Pinocchio, NumPy",), seconds=4)
 TX40, DECIMATED = (
     Row(text, Work("factors", "tx40", (step,), ("figaroh",), seconds=4), "figaroh", (Mark(ratio=25), Mark(ratio=8)))
@@ -115,6 +118,7 @@ TABLES = {
     )),
     "bodies": Table("Rigid bodies", "µs a sample", 1e6, (
         PINOCCHIO,
+        AT_ONCE,
         Row("regressor to triangular factors, 7 joints with friction", FACTORS, "Pinocchio, NumPy", count=20_000),
     )),
     "factors": Table("From a log to triangular factors", "s of CPU", 1, (TX40, DECIMATED)),

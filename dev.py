@@ -34,9 +34,8 @@ PEER = "figaroh==1.0.2"  # with twenty packages of its own
 MUTANTS = "cosmic-ray==8.7.0"
 ZIG = "ziglang==0.17.1"  # a C compiler for all systems; the bytes of the libraries depend on its version
 KERNEL = ROOT / "src" / "dynident" / "kernel"
-# what computes, for the tests on NumPy and LAPACK; intervals are tried on many recordings, with the kernel only
-LAWS = ("certified", "estimators", "models", "rank", "rigid_bodies", "smoothers")
-NUMERICAL = (*(f"tests/laws/test_{name}.py" for name in LAWS), "tests/splines", "tests/models", "tests/regression")
+# what computes, for the tests on NumPy and LAPACK
+NUMERICAL = ("tests/laws", "tests/splines", "tests/models", "tests/regression")
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
 ROBOT_TESTS = ("tests/laws/test_robot_packages.py", "tests/models/robot_file", "tests/io/test_xacro.py", "tests/export")
@@ -181,7 +180,7 @@ def test(arguments: list[str]) -> None:
     if subprocess.run([PYTHON, "-c", asked]).returncode:
         return print("All of this ran on NumPy and LAPACK: the compiled kernel was not tested.")
     os.environ["DYNIDENT_KERNEL"] = "off"
-    return run(PYTHON, "-m", "pytest", *two, *NUMERICAL, "-k", "not intervals")
+    return run(PYTHON, "-m", "pytest", *two, *NUMERICAL)
 
 
 def lint(_: list[str]) -> None:

@@ -37,6 +37,7 @@ from dynident.validation.residuals import (
     ljung_box,
     residual_test,
 )
+from dynident.validation.sensor_noise import sensor_noise
 
 __all__ = [
     "LOW",
@@ -75,5 +76,6 @@ __all__ = [
     "repeat_of",
     "residual_test",
     "robust_covariance",
+    "sensor_noise",
     "validate",
 ]

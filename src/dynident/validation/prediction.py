@@ -15,6 +15,7 @@ from dynident.models import MassMatrixCheck, Model
 from dynident.regression import BLOCK, ParallelFilter, fitted_rows, stretches
 from dynident.validation.free_run import FreeRun
 from dynident.validation.residuals import ResidualTest, residual_test
+from dynident.validation.sensor_noise import sensor_noise
 
 if TYPE_CHECKING:
     import polars as pl
@@ -37,7 +38,8 @@ class TorqueErrors:
 
     By joint name too: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the effort
     limit of the robot file (of joints that have one); ``r2`` = 1 - variance of the residual / variance of the torque,
-    which counts no constant part.
+    which counts no constant part; ``sensor_noise``, the rmse that white noise of the sensors alone leaves (see
+    ``dynident.validation.sensor_noise``; without the joints where it is not known).
     """
 
     samples: int
@@ -48,8 +50,20 @@ class TorqueErrors:
     per_joint_filtered: Mapping[str, float] = field(default_factory=dict)
     effort_share: Mapping[str, float] = field(default_factory=dict)
     r2: Mapping[str, float] = field(default_factory=dict)
+    sensor_noise: Mapping[str, float] = field(default_factory=dict)
 
     __repr__ = brief
+
+    @property
+    def over_noise(self) -> Mapping[str, float]:
+        """By joint, how many times what the sensors allow the unfiltered error is, where that is known."""
+        return {joint: self.rmse[joint] / size for joint, size in self.sensor_noise.items() if joint in self.rmse}
+
+    @property
+    def all_over_noise(self) -> float | None:
+        """The same of all joints together for which it is known; None where it is of none."""
+        squares = [[sizes[joint] ** 2 for joint in self.over_noise] for sizes in (self.rmse, self.sensor_noise)]
+        return float(np.sqrt(sum(squares[0]) / sum(squares[1]))) if self.over_noise else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +100,7 @@ class LogValidation:
 
     def frame(self) -> pl.DataFrame:
         """Return a table of the errors, one row per joint: joint, rmse (N m, N), relative_error (%),
-        relative_error_filtered (%), effort_share (%), r2; null where there is no such figure.
+        relative_error_filtered (%), effort_share (%), r2, over_noise; null where there is no such figure.
         """
         import polars as pl
 
@@ -97,6 +111,7 @@ class LogValidation:
             "relative_error_filtered": errors.per_joint_filtered,
             "effort_share": errors.effort_share,
             "r2": errors.r2,
+            "over_noise": errors.over_noise,
         }
         joints = list(errors.rmse)
         floats = {
@@ -180,6 +195,7 @@ def validate(
             per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
             effort_share=_of_limits(model, rmse),
             r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
+            sensor_noise=sensor_noise(model, theta, motion),
         ),
         residuals=_residuals(motion, predicted),
         signals=Signals(motion, predicted),

@@ -118,6 +118,9 @@ def log_validation(name, role, joints, filtered):
             per_joint_filtered={},
             effort_share={joints[0]: 0.4},
             r2=dict.fromkeys(joints, 0.99),
+            sensor_noise=dict.fromkeys(joints, 0.01),
+            over_noise=dict.fromkeys(joints, 2.0),
+            all_over_noise=2.0,
         ),
         residuals={
             joint: residual_test(0.02 * rng.standard_normal(len(held)), held.dq[:, j], 0.01)

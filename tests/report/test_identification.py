@@ -288,3 +288,11 @@ def test_what_the_checks_found_besides_is_said(identification):
 
 def test_notes_leave_a_short_warning_whole(identification):
     assert identification_notes(identification) == [Line("Warning: elbow hardly moves", Severity.WARNING)]
+
+
+def test_errors_stand_beside_what_the_sensors_allow(identification):
+    assert "times the noise" in " ".join(printed(identification).replace("─", "").split())
+    assert "Times the noise: " in body(identification)
+    identification.validations[1].errors.sensor_noise = {"shoulder": 0.01}
+    (said, *_) = identification_notes(identification)
+    assert said.text.startswith("The sensors' noise is not known of elbow: the torque was filtered")

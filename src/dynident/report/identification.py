@@ -16,7 +16,14 @@ from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
-from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
+from dynident.report.validation import (
+    error_section,
+    error_table,
+    joint_table,
+    simulation_section,
+    torque_section,
+    unknown_noise,
+)
 from dynident.report.verdict import verdict_results, verdict_section
 from dynident.report.wording import Line, causes_words, note_lines, status_words, words
 from dynident.report.words import ROLES, count, listed, logs_of
@@ -87,6 +94,7 @@ def identification_notes(identification: Identification) -> list[Line]:
     more = judge(identification).reasons[IN_SENTENCES:]
     found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more if isinstance(one, Noted)]
     said = [*note_lines(identification.notes), *_check_lines(_more(identification))]
+    notes = [*notes, *unknown_noise(identification)]
     return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in (*found, *said))]
 
 

@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number
 from dynident.report.wording import causes_words, words
-from dynident.report.words import ROLES, labelled, points
+from dynident.report.words import ROLES, labelled, listed, points
 
 if TYPE_CHECKING:
     from dynident.identification import Identification
     from dynident.validation import LogValidation
 
-__all__ = ["error_section", "error_table", "joint_table", "simulation_section", "torque_section"]
+__all__ = ["error_section", "error_table", "joint_table", "simulation_section", "torque_section",
+           "unknown_noise"]  # fmt: skip
 
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
-    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used."
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Times the "
+    "noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves, whatever "
+    "the model; it is not known (-) where the torque was filtered before it was recorded."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
@@ -50,13 +53,15 @@ def error_section(identification: Identification) -> PageSection:
 def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
     words = (Column("log", numeric=False), Column("role", numeric=False))
-    columns = (*words, Column("samples"), Column("unfiltered, %"), Column("filtered, %"))
+    heads = ("samples", "unfiltered, %", "times the noise", "filtered, %")
+    columns = (*words, *map(Column, heads))
     rows = [
         (
             log.name,
             ROLES.get(log.role, log.role),
             str(log.errors.samples),
             number(log.errors.relative_error, 3),
+            number(log.errors.all_over_noise, 2),
             number(log.errors.relative_error_filtered, 3),
         )
         for log in identification.validations
@@ -66,7 +71,8 @@ def error_table(identification: Identification) -> PageTable:
 
 def joint_table(identification: Identification) -> PageTable:
     """Return the errors with one row per log and joint, as a terminal shows them."""
-    columns = (Column("log", numeric=False), Column("joint", numeric=False), Column("error, %"), Column("rmse"))
+    names = (Column("log", numeric=False), Column("joint", numeric=False))
+    columns = (*names, *map(Column, ("error, %", "times the noise", "rmse")))
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
         for log in identification.validations
@@ -77,12 +83,23 @@ def joint_table(identification: Identification) -> PageTable:
     )
 
 
+def unknown_noise(identification: Identification) -> Iterator[str]:
+    """Yield of which joints it is not known how far the error is above the sensors' noise, and why, as a sentence."""
+    known = [set(log.errors.sensor_noise) for log in identification.validations if log.errors.rmse]
+    unknown = [one.name for one in identification.model.joints if any(one.name not in names for names in known)]
+    if unknown:
+        yield (
+            f"The sensors' noise is not known of {listed(unknown)}: the torque was filtered before it was recorded, or "
+            "its noise is not white."
+        )
+
+
 def _matrix(identification: Identification) -> PageTable:
     """Return the errors with one row per joint and the logs side by side."""
     heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
-        heads += [Column("error, %", name), Column("rmse", name)]
+        heads += [Column(title, name) for title in ("error, %", "times the noise", "rmse")]
         heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:
@@ -94,8 +111,13 @@ def _matrix(identification: Identification) -> PageTable:
     return PageTable(tuple(heads), tuple(rows), "Torque error per joint, unfiltered")
 
 
-def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str]:
-    return number(log.errors.per_joint.get(joint), 3), number(log.errors.rmse.get(joint), 3)
+def _joint_errors(log: LogValidation, joint: str) -> tuple[str, str, str]:
+    errors = log.errors
+    return (
+        number(errors.per_joint.get(joint), 3),
+        number(errors.over_noise.get(joint), 2),
+        number(errors.rmse.get(joint), 3),
+    )
 
 
 def _left(identification: Identification) -> PageTable:

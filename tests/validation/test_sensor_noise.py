@@ -1,0 +1,88 @@
+"""What the sensors' noise leaves of the torque, against the error of the true parameters on simulated recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.filters import butterworth, zero_phase
+from dynident.log import Log, Motion
+from dynident.models import Model, record, simulate
+from dynident.models.gallery import pendulum, two_link_arm
+from dynident.smoothers import Difference, Spline
+from dynident.validation import TorqueErrors, sensor_noise, validate
+
+
+ARMS = {"pendulum": pendulum(), "arm": two_link_arm()}
+
+
+@cache
+def moved(model: Model) -> Motion:
+    def torque(t: float) -> list[float]:
+        return [np.sin((3.0 + k) * t) for k in range(len(model.joints))]
+
+    return simulate(model, model.values, torque, np.linspace(0.0, 10.0, 5001))
+
+
+@cache
+def recorded(model: Model, sigma_q: float, sigma_tau: float) -> Motion:
+    """A motion of 10 s at 500 Hz, smoothed after noise was added."""
+    log = record(moved(model), sigma_q=sigma_q, sigma_tau=sigma_tau, rng=np.random.default_rng(0)).log
+    return Spline(sigma=sigma_q)(log)
+
+
+@pytest.mark.parametrize(("sigma_q", "sigma_tau"), [(1e-6, 0.05), (2e-4, 0.02), (1e-3, 1e-3)])
+@pytest.mark.parametrize("model", ARMS.values(), ids=ARMS)
+def test_the_true_parameters_leave_what_the_sensors_allow(model: Model, sigma_q: float, sigma_tau: float) -> None:
+    """Noise of the torque alone, both, and noise of the positions, which the smoother has left, alone."""
+    errors = validate(model, model.values, recorded(model, sigma_q, sigma_tau)).errors
+    assert errors.over_noise == pytest.approx(dict.fromkeys(errors.rmse, 1.0), rel=0.25)
+    assert errors.all_over_noise == pytest.approx(1.0, rel=0.2)
+
+
+def test_a_wrong_model_leaves_more() -> None:
+    """The noise is not taken from the residual."""
+    model, motion = ARMS["pendulum"], recorded(ARMS["pendulum"], 1e-6, 0.05)
+    theta = np.asarray(model.values)
+    right, wrong = (validate(model, factor * theta, motion).errors for factor in (1.0, 1.3))
+    assert wrong.sensor_noise == pytest.approx(right.sensor_noise, rel=0.01)
+    assert wrong.all_over_noise is not None
+    assert wrong.all_over_noise > 3
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_of_a_torque_that_was_filtered_it_is_not_known(order: int, share: float) -> None:
+    model = ARMS["pendulum"]
+    motion = recorded(model, 1e-5, 0.05)
+    low = butterworth(order, share * 250.0, 500.0)
+    filtered = replace(motion, tau=zero_phase(low, motion.tau.T.copy(), 100).T)
+    assert sensor_noise(model, model.values, filtered) == {}
+    assert sensor_noise(model, model.values, motion).keys() == set(motion.joints)
+
+
+def test_of_a_torque_without_noise_it_is_not_known() -> None:
+    model = ARMS["arm"]
+    motion = recorded(model, 1e-5, 0.05)
+    clean = motion.tau.copy()
+    clean[:, 1] = model.torque(motion.q, motion.dq, motion.ddq, model.values)[:, 1]
+    assert sensor_noise(model, model.values, replace(motion, tau=clean)).keys() == {motion.joints[0]}
+    assert sensor_noise(model, model.values, replace(motion, tau=0 * clean)) == {}
+
+
+def test_without_a_spline_the_torque_alone_counts() -> None:
+    model = ARMS["pendulum"]
+    motion = recorded(model, 1e-3, 0.05)
+    log = Log(motion.t, motion.q, motion.tau, motion.joints)
+    (size,) = sensor_noise(model, model.values, Difference("central")(log)).values()
+    assert size == pytest.approx(0.05, rel=0.05)
+
+
+def test_all_joints_together_are_those_of_known_noise() -> None:
+    errors = TorqueErrors(100, 5.0, None, {"a": 3.0, "b": 4.0, "c": 9.0}, {}, sensor_noise={"a": 1.0, "b": 2.0})
+    assert errors.over_noise == {"a": 3.0, "b": 2.0}
+    assert errors.all_over_noise == pytest.approx(np.sqrt(25 / 5))
+    assert replace(errors, sensor_noise={}).all_over_noise is None

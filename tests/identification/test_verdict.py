@@ -284,8 +284,12 @@ def test_what_residuals_point_to_becomes_advice(good: Identification) -> None:
     test = good.validations[1].residuals["slider"]
     ripple = replace(test, peak=26.0, peak_share=0.9, reversal_share=0.0, sign_correlation=0.0)
     friction = replace(test, peak_share=0.0, reversal_share=0.9, slow_share=0.01)
-    assert CheckRipple(("slider",)) in with_part(good, 1, residuals={"slider": ripple}).next
-    assert SlowReversals(("slider",)) in with_part(good, 1, residuals={"slider": friction}).next
+    for kind, told in ((CheckRipple, ripple), (SlowReversals, friction)):
+        (step,) = with_part(good, 1, residuals={"slider": told}).next
+        assert isinstance(step, kind)
+        assert step.joints == ("slider",)
+        assert step.gain is not None
+        assert 0 < step.gain < good.validations[1].errors.relative_error
 
 
 def test_figures_behind_the_verdict(good: Identification) -> None:

@@ -15,7 +15,6 @@ from dynident.models.gallery import pendulum, two_link_arm
 from dynident.smoothers import Difference, Spline
 from dynident.validation import TorqueErrors, sensor_noise, validate
 
-
 ARMS = {"pendulum": pendulum(), "arm": two_link_arm()}
 
 

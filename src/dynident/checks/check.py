@@ -130,7 +130,8 @@ def with_findings(
     multi_turn: Set[str] = frozenset(),
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
-    """Return an identification with the errors and warnings of ``run_checks`` on what it was made from.
+    """Return an identification with the errors and warnings of ``run_checks`` on what it was made from, and with what
+    else would lower its error.
 
     ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
     """
@@ -141,7 +142,7 @@ def with_findings(
     found = run_checks(
         model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress
     ).findings
-    warned = tuple(one for one in found if one.severity is not Severity.INFO)
+    warned = tuple(one for one in found if one.severity is not Severity.INFO or one.removed)
     return replace(identification, warnings=(*identification.warnings, *warned))
 
 

@@ -55,8 +55,10 @@ def delay_findings(
         rate = _of_joint(-torque_rate(fit, fit.case), int(j))
         set_right = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(value[j]), float(error[j]), float(share[j])
-        note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, set_right).all)
-        yield Finding(Severity.WARNING, model.joints[j].name, note, Topic.MISSING_TERM)
+        price, name = cost(fit, set_right), model.joints[j].name
+        own = tuple(one for one in price.removed if one[0] == name)
+        note = MissingTerm(TermKind.DELAY, *figures, cost=price.all, removed=own)
+        yield Finding(Severity.WARNING, name, note, Topic.MISSING_TERM)
 
 
 def _as_measured(

@@ -147,14 +147,15 @@ def _likeliest(fit: Misfit, suspects: Sequence[Suspect], least: float) -> tuple[
 
 def _tilted(tilt: BaseTilt, price: Cost) -> Finding:
     figures = tilt.x, tilt.y, tilt.std, float(tilt.before), float(tilt.after)
-    note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint)
+    note = TiltedBase(*figures, cost=price.all, joint_cost=price.joint, removed=price.removed)
     return Finding(Severity.WARNING, None, note, Topic.BASE_TILT)
 
 
 def _finding(fit: Misfit, found: Found, others: Sequence[Found]) -> Finding:
     one, prices = found.suspect, [_price(fit, other) for other in (found, *others)]
     note = one.note(found.value, found.std, found.share, tuple(other.rival for other in others))
-    note = replace(note, cost=max(x.all for x in prices), joint_cost=max(x.joint for x in prices))
+    worst = max(x.all for x in prices), max(x.joint for x in prices)
+    note = replace(note, cost=worst[0], joint_cost=worst[1], removed=prices[0].removed)
     return Finding(Severity.WARNING, one.joint, note, one.topic)
 
 

@@ -58,7 +58,8 @@ class Missing:
         partner = "" if self.partner is None else names[self.partner]
         figures = self.evidence.value, self.evidence.std, self.share, partner, self.period
         left_out = self.share > WARNED and self.kind in OFFERED
-        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all)
+        own = tuple(one for one in cost.removed if one[0] in (names[self.j], partner))
+        note = (TermLeftOut if left_out else MissingTerm)(self.kind, *figures, cost=cost.all, removed=own)
         severity = Severity.WARNING if self.share > WARNED or note.forbidden else Severity.INFO
         return Finding(severity, names[self.j], note, Topic.MISSING_TERM)
 

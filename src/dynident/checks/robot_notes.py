@@ -71,9 +71,10 @@ class Rival:
 @dataclass(frozen=True)
 class Costly(Note):
     """Base of what forbids a use by what it costs: ``cost`` is the change of the torque, in %, of all joints together,
-    on the training motion at twice its speed."""
+    on the training motion at twice its speed; ``removed`` is what it removes of the low-passed residual, by joint."""
 
     cost: float = field(default=0.0, kw_only=True)
+    removed: tuple[tuple[str, float], ...] = field(default=(), kw_only=True)
 
     @property
     def forbidden(self) -> Use | None:

@@ -33,3 +33,8 @@ class Finding:
         if self.severity is Severity.ERROR:
             return Use.CONTROL
         return self.message.forbidden if isinstance(self.message, Note) else None
+
+    @property
+    def removed(self) -> tuple[tuple[str, float], ...]:
+        """What setting it right removes of the residual, by joint, as its note says."""
+        return self.message.removed if isinstance(self.message, Note) else ()

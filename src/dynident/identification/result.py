@@ -192,7 +192,7 @@ class Identification:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The errors and warnings of the checks, among the warnings."""
+        """The errors and warnings of the checks, among the warnings, and what else they say would lower the error."""
         return tuple(one for one in self.warnings if isinstance(one, Finding))
 
     @property

@@ -8,6 +8,8 @@ from dynident.identification import Remedy, Use
 from dynident.identification.verdict import reasons, steps
 from dynident.identification.verdict.unknown import CommonGain, Zeros
 from dynident.report.check import finding_row
+from dynident.report.page import number
+from dynident.report.robot_words import remedy
 from dynident.report.wording import words
 from dynident.report.words import percent
 from dynident.validation import Driver
@@ -138,18 +140,61 @@ def _(step: steps.Sharpen) -> str:
     motion = _EXCITATIONS[step.excitation].format(joint=step.joint or "the joints")
     return (
         f"{step.parameter} is {step.value:.3g} +- {step.std:.2g} (one standard error, {_percent(step.share)} of the "
-        f"torque): {motion}."
+        f"torque): {motion}{_faster(step)}.{_gain(step, 'at most')}"
     )
+
+
+def _faster(step: steps.Sharpen) -> str:
+    return f", up to {step.faster:.2g} times the speed" if step.faster is not None and step.faster > 1.05 else ""
+
+
+def _gain(step: steps.Step, how: str = "about") -> str:
+    """Return what a step may gain, as a sentence."""
+    return "" if step.gain is None else f" May gain {how} {step.gain:.2g} points of the torque error."
 
 
 @words.register
 def _(step: steps.SlowReversals) -> str:
-    return f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`."
+    said = f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`."
+    return said + _gain(step, "at most")
 
 
 @words.register
 def _(step: steps.CheckRipple) -> str:
-    return f"{', '.join(step.joints)}: record constant speeds to see whether the ripple follows the position."
+    said = f"{', '.join(step.joints)}: record constant speeds to see whether the ripple follows the position."
+    return said + _gain(step, "at most")
+
+
+@words.register
+def _(step: steps.SetRight) -> str:
+    finding = step.finding
+    where = ": ".join(filter(None, (finding.source, finding.joint)))
+    return f"{where}: {remedy(finding.message)}".removeprefix(": ") + _gain(step)
+
+
+@words.register
+def _(step: steps.LeaveOut) -> str:
+    return (
+        f"{step.log}: leave {_seconds(step)} out of the training (`window`): predicted from the rest, their squared "
+        f"residual is {step.ratio:.2g} times that of the rest. Did the robot touch something there?{_gain(step)}"
+    )
+
+
+@words.register
+def _(step: steps.LeaveSlow) -> str:
+    return f"{step.joint}: leave samples below {step.speed:.2g} rad/s or m/s out (`min_speed`).{_gain(step)}"
+
+
+@words.register
+def _(step: steps.Cover) -> str:
+    return (
+        f"{step.joint}: record a training motion {step.faster:.2g} times as fast, up to {step.speed:.2g} rad/s or m/s: "
+        f"{step.log} is beyond what was trained, above all at {_seconds(step)}.{_gain(step)}"
+    )
+
+
+def _seconds(step: steps.LeaveOut | steps.Cover) -> str:
+    return f"{number(step.start, 3)} to {number(step.stop, 3)} s"
 
 
 @words.register

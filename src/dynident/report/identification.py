@@ -94,15 +94,18 @@ def identification_notes(identification: Identification) -> list[Line]:
     more = judge(identification).reasons[IN_SENTENCES:]
     found = [Line(f"Warning: {words(one)}.", Severity.WARNING) for one in more if isinstance(one, Noted)]
     said = [*note_lines(identification.notes), *_check_lines(_more(identification))]
-    notes = [*notes, *unknown_noise(identification)]
-    return [*map(Line, notes), *(Line(brief(line.text), line.severity) for line in (*found, *said))]
+    return [
+        *map(Line, (*notes, *unknown_noise(identification))),
+        *(Line(brief(line.text), line.severity) for line in (*found, *said)),
+    ]
 
 
 def _more(identification: Identification) -> list[list[Finding]]:
     """Return the findings of the checks that have no bearing on the verdict and are not said elsewhere, like ones
     together."""
     known = identification.notes
-    return finding_groups([one for one in identification.findings if one.forbids is None and one.message not in known])
+    more = [one for one in identification.findings if one.forbids is None and one.message not in known]
+    return finding_groups([one for one in more if one.severity is not Severity.INFO])  # the others are next steps
 
 
 def _check_lines(groups: Sequence[Sequence[Finding]]) -> Iterator[Line]:

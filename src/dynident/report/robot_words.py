@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
+
+import numpy as np
+
 from dynident.checks import robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, Quantity, Rival, TermKind
 from dynident.identification import BaseTilt
 from dynident.report.wording import words
 from dynident.report.words import percent
 
-__all__: list[str] = []
+__all__ = ["remedy"]
 
 OWN = "The library has no such term; docs/extending.md shows how to write one."
 EFFECTS = {
@@ -83,6 +87,50 @@ def _vector(axis: tuple[float, ...]) -> str:
 
 def _errors(before: float, after: float) -> str:
     return f"the mean torque error then falls from {before:.3g} to {percent(after)}"
+
+
+@singledispatch
+def remedy(note: object) -> str:
+    """Return in short what to do about a finding: all that is said of it, where there is nothing shorter."""
+    return words(note)
+
+
+@remedy.register
+def _(note: MissingTerm) -> str:
+    effect, how = EFFECTS[note.effect]
+    partner = f" together with {note.partner}" if note.partner else ""
+    return f"the model lacks {effect.removesuffix(',')}{partner}. {how}"
+
+
+@remedy.register
+def _(note: robot_notes.TorqueGain) -> str:
+    return f"check its `gain`: the torque is {note.factor:.3g} times what the other joints ask for."
+
+
+@remedy.register
+def _(note: robot_notes.ClockWrong) -> str:
+    return f"check the sampling rate and the unit of the time: a second seems to be {note.factor:.3g} s."
+
+
+@remedy.register
+def _(note: robot_notes.ZeroOff) -> str:
+    return f"set `zero`: the joint seems to be at the logged position {note.offset:+.3g} (rad or m)."
+
+
+@remedy.register
+def _(note: robot_notes.LengthWrong) -> str:
+    return f"measure {note.component} of its origin: {note.fitted:.4g} m fit better than {note.given:.4g} m."
+
+
+@remedy.register
+def _(note: robot_notes.AxisTilted) -> str:
+    return f"check its {_turned(note)} in the robot file, which seems to be turned by {note.angle:.2g} rad."
+
+
+@remedy.register
+def _(note: robot_notes.TiltedBase) -> str:
+    x, y = np.rad2deg((note.x, note.y))
+    return f"set `base_tilt: estimate`: the base seems to be tilted by {x:z.2f} deg about x and {y:z.2f} deg about y."
 
 
 @words.register

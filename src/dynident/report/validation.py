@@ -19,9 +19,9 @@ __all__ = ["error_section", "error_table", "joint_table", "simulation_section", 
 
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
-    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Times the "
-    "noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves, whatever "
-    "the model; it is not known (-) where the torque was filtered before it was recorded."
+    "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Times "
+    "the noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves, "
+    "whatever the model; it is not known (-) where the torque was filtered before it was recorded."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "

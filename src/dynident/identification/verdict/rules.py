@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from dynident.errors import Finding
 from dynident.identification.result import Identification
 from dynident.identification.verdict import reasons as why
+from dynident.identification.verdict.next_steps import next_steps
 from dynident.identification.verdict.reasons import Reason
-from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Remedy, Sharpen, SlowReversals, Step
+from dynident.identification.verdict.steps import Remedy, Step
 from dynident.identification.verdict.unconstrained import held_back
 from dynident.identification.verdict.unknown import unknowns
 from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Use, Verdict, WorstRun
-from dynident.log import Motion, subsample
+from dynident.log import Motion
 from dynident.models import INERTIAL
 from dynident.regression import UnexcitedParameters
-from dynident.validation import REPEATED, Cause, Driver, FreeRun, LogValidation, Reversals, Ripple, repeat_of
+from dynident.validation import REPEATED, Driver, FreeRun, LogValidation, repeat_of
 
 __all__ = ["judge"]
 
@@ -38,9 +39,6 @@ LOOP, WINDOW = 1.0, 25.0  # %, position error of the free simulation: with the c
 GROWTH = 5.0  # %, by which physical constraints may raise the residual
 APART = (7.0, 1.0)  # %, by which they may change the torque at twice the speed, for control and for simulation
 SLOW = 0.5  # share of the speed of the training that the fastest held-out motion must have
-UNSURE = 0.3  # standard error over value from which a parameter wants better data
-EFFECT = 1.0  # %, of the torque, that the standard error must be worth for that
-MOST = 5  # next steps on single parameters
 _DIFFERENCES: WeakKeyDictionary[Motion, WeakKeyDictionary[Motion, float]] = WeakKeyDictionary()
 
 
@@ -54,7 +52,7 @@ def judge(found: Identification) -> Verdict:
     return Verdict(
         use=use,
         reasons=reasons,
-        next=tuple(dict.fromkeys(_ordered(against_use, against_simulation, tuple(_next_steps(found))))),
+        next=tuple(dict.fromkeys(_ordered(against_use, against_simulation, next_steps(found)))),
         held_out=_held_out(found),
         run=_worst_run(found),
         residual=_largest_residual(found),
@@ -218,74 +216,6 @@ def _largest_residual(found: Identification) -> LargestResidual | None:
         return None
     (log_name, joint), (_, test) = max(sizes.items(), key=lambda one: one[1][0])
     return LargestResidual(joint, log_name, test.causes)
-
-
-def _next_steps(found: Identification) -> Iterator[UnexcitedParameters | Step]:
-    """Yield what to record next, beyond the remedies of the reasons."""
-    held = _logs(found, "validation") or _logs(found, "train")
-    yield from found.base.unexcited
-    yield from _unsure(found)
-    causes = {joint: test.causes for log in held for joint, test in log.residuals.items()}
-    if reversing := _joints_with(causes, Reversals):
-        yield SlowReversals(reversing)
-    if rippled := _joints_with(causes, Ripple):
-        yield CheckRipple(rippled)
-
-
-def _joints_with(causes: dict[str, tuple[Cause, ...]], kind: type[Cause]) -> tuple[str, ...]:
-    return tuple(joint for joint, given in causes.items() if any(isinstance(one, kind) for one in given))
-
-
-def _unsure(found: Identification) -> Iterator[Sharpen]:
-    """Yield the motions that would improve the least accurate parameters, of those that matter to the torque."""
-    basis = found.base.on_data
-    if basis is None:
-        value, names, std = found.estimate.value, found.estimate.names, found.errors.std_hac
-        leads: tuple[int, ...] = tuple(range(len(value)))
-    else:
-        value, names, leads = basis.to_base(found.estimate.value), basis.groupings, basis.independent
-        std = found.errors.best_base
-    if std is None:
-        return
-    share = 100.0 * std * _effects(found)[list(leads)]
-    unsure = np.flatnonzero((std > UNSURE * np.abs(value)) & (share > EFFECT) & np.isfinite(std))
-    for k in sorted(unsure, key=lambda k: -share[k])[:MOST]:
-        how, joint = _motion_for(found, leads[k])
-        yield Sharpen(names[k], float(value[k]), float(std[k]), float(share[k]), how, joint)
-
-
-def _effects(found: Identification) -> Array:
-    """Return the torque of one unit of each parameter (p) over that measured, both rms over the training."""
-    columns, torque = [], []
-    for log in _logs(found, "train"):
-        motion = log.motion
-        (rows,) = subsample([motion], 500)
-        columns.append(found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
-        torque.append(motion.tau[rows])
-    size = float(np.linalg.norm(np.concatenate(torque)))
-    return np.asarray(np.linalg.norm(np.concatenate(columns), axis=(0, 1)) / (size or 1.0), dtype=np.float64)
-
-
-def _motion_for(found: Identification, column: int) -> tuple[ExcitingMotion, str | None]:
-    """Return the motion that excites a parameter, which acts on the torque by position, velocity or acceleration."""
-    model, n = found.model, len(found.model.joints)
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
-    still = np.zeros_like(q)
-    whole, standing, starting = (
-        np.abs(model.regressor(q, *rates)[:, :, column]) for rates in ((dq, ddq), (still, still), (still, ddq))
-    )
-    least = 1e-9 * whole.max()  # a share, so that the unit does not count
-    acting = [joint.name for joint, size in zip(model.joints, whole.max(axis=0), strict=True) if size > least]
-    joint = acting[-1] if acting else None
-    role = model.parameters[column].role
-    if role in ("viscous", "coulomb"):
-        return ExcitingMotion.CONSTANT_SPEEDS, joint
-    if standing.max() > least:
-        return ExcitingMotion.MANY_POSES, joint
-    if starting.max() > least:
-        return ExcitingMotion.ACCELERATE, joint
-    return ExcitingMotion.CONSTANT_SPEEDS, joint
 
 
 def _logs(found: Identification, role: str) -> list[LogValidation]:

@@ -15,7 +15,7 @@ from dynident.checks.case import Case
 from dynident.checks.misfit import Misfit
 from dynident.identification.verdict.unconstrained import FASTER
 
-__all__ = ["Cost", "cost", "faster"]
+__all__ = ["Cost", "cost", "faster", "mean_square"]
 
 Array = NDArray[np.float64]
 
@@ -46,12 +46,12 @@ def cost(before: Misfit, after: Misfit) -> Cost:
     size = np.linalg.norm(right, axis=0)
     joints = np.linalg.norm(change, axis=0) / np.where(size > 0, size, np.inf)
     whole = float(np.linalg.norm(change) / (np.linalg.norm(right) or np.inf))
-    less = _mean_square(before) - _mean_square(after)
+    less = mean_square(before) - mean_square(after)
     removed = tuple((one.name, float(x)) for one, x in zip(before.case.model.joints, less, strict=True) if x > 0)
     return Cost(100.0 * whole, 100.0 * float(joints.max()), removed)
 
 
-def _mean_square(fit: Misfit) -> Array:
+def mean_square(fit: Misfit) -> Array:
     """Return the mean squared residual (n) of the samples that count."""
     kept = fit.case.keep
     left = np.where(kept, fit.case.tau - fit.predicted, 0.0)

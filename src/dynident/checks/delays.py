@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.checks.case import Case, as_measured
-from dynident.checks.cost import cost
+from dynident.checks.cost import cost, mean_square
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.misfit import Misfit, misfit
 from dynident.checks.missing import torque_rate
@@ -49,22 +49,22 @@ def delay_findings(
     if not likely.any() or all(len(kept) < 2 for kept in rows):
         return
     model = fit.case.model
-    value, error, share = _as_measured(model, motions, rows, min_speed)
+    value, error, share, size = _as_measured(model, motions, rows, min_speed)
     likely &= (np.sign(value) == np.sign(slow)) & (np.abs(value) > np.maximum(CERTAIN * error, SHORTEST))
     for j in np.flatnonzero(likely & (share > WORTH)):
         rate = _of_joint(-torque_rate(fit, fit.case), int(j))
         set_right = misfit(replace(fit.case, extra=(rate,), beyond=(np.zeros_like(rate),)), fit.weight.max(axis=0))
         figures = float(value[j]), float(error[j]), float(share[j])
-        price, name = cost(fit, set_right), model.joints[j].name
-        own = tuple(one for one in price.removed if one[0] == name)
-        note = MissingTerm(TermKind.DELAY, *figures, cost=price.all, removed=own)
+        name, removed = model.joints[j].name, float(share[j] * size[j])
+        note = MissingTerm(TermKind.DELAY, *figures, cost=cost(fit, set_right).all, removed=((name, removed),))
         yield Finding(Severity.WARNING, name, note, Topic.MISSING_TERM)
 
 
 def _as_measured(
     model: Model, motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]], min_speed: tuple[float, ...] | None
-) -> tuple[Array, Array, Array]:
-    """Return the delays (n) in the torque as measured, their standard errors, and what each explains of its joint.
+) -> tuple[Array, Array, Array, Array]:
+    """Return the delays (n) in the torque as measured, their standard errors, what each explains of its joint, and the
+    mean squared residual (n).
 
     The differences by time are narrow at first, and wider for the value of a delay that explains something then:
     slow errors of a model look like delays over long times, too.
@@ -80,7 +80,7 @@ def _as_measured(
         shares.append(found[2])
         longest = float(np.abs(found[0][shares[0] > WORTH]).max(initial=0.0))
         needed = min(WIDER * longest, LONGEST) if longest > NARROW * wide else wide
-    return found[0], found[1], shares[0]
+    return found[0], found[1], shares[0], mean_square(fit)
 
 
 def _at(

@@ -213,6 +213,7 @@ class SlowMotion(Note):
     """Accelerations explain only this ``share`` of the torque (%, of its rms), less than the ``residual`` of the fit
     (%); a motion ``faster`` by this factor would show inertias."""
 
+    advises: ClassVar[bool] = True
     forbids: ClassVar[Use | None] = Use.SIMULATION
     share: float
     residual: float

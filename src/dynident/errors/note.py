@@ -30,10 +30,12 @@ class Note:
     """Base of all notes; the type determines severity and bearing, the fields hold the figures.
 
     ``forbids`` is the use for which a model with such a note is no good: simulation, or control and with it any use.
+    ``advises``: whether it is a next step, though it does not say what that gains.
     """
 
     severity: ClassVar[Severity] = Severity.WARNING
     forbids: ClassVar[Use | None] = None
+    advises: ClassVar[bool] = False
 
     @property
     def forbidden(self) -> Use | None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["IN_SENTENCES", "sentences"]
 
 IN_SENTENCES = 2  # reasons that the second sentence names
+SMALL = 0.01  # points: smaller gains are not given
 MOST = 5  # names of negative parameters
 
 _FIRST = {
@@ -150,13 +151,17 @@ def _faster(step: steps.Sharpen) -> str:
 
 def _gain(step: steps.Step, how: str = "about") -> str:
     """Return what a step may gain, as a sentence."""
-    return "" if step.gain is None else f" May gain {how} {step.gain:.2g} points of the torque error."
+    if step.gain is None:
+        return ""
+    size = f"{how} {step.gain:.2g}" if step.gain >= SMALL else f"less than {SMALL:g}"
+    return f" May gain {size} points of the torque error."
 
 
 @words.register
 def _(step: steps.SlowReversals) -> str:
-    said = f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`."
-    return said + _gain(step, "at most")
+    below = f" (below {', '.join(f'{speed:.2g}' for speed in step.speeds)} rad/s or m/s)" if step.speeds else ""
+    said = f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`"
+    return f"{said}{below}." + _gain(step, "at most")
 
 
 @words.register
@@ -173,16 +178,19 @@ def _(step: steps.SetRight) -> str:
 
 
 @words.register
+def _(step: steps.HoldOutFaster) -> str:
+    return (
+        f"Record a held-out motion {step.times:.2g} times as fast, on other paths: little is seen of the inertias in a "
+        "slow one."
+    )
+
+
+@words.register
 def _(step: steps.LeaveOut) -> str:
     return (
         f"{step.log}: leave {_seconds(step)} out of the training (`window`): predicted from the rest, their squared "
         f"residual is {step.ratio:.2g} times that of the rest. Did the robot touch something there?{_gain(step)}"
     )
-
-
-@words.register
-def _(step: steps.LeaveSlow) -> str:
-    return f"{step.joint}: leave samples below {step.speed:.2g} rad/s or m/s out (`min_speed`).{_gain(step)}"
 
 
 @words.register

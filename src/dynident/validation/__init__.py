@@ -25,6 +25,7 @@ from dynident.validation.prediction import (
 from dynident.validation.repeat import REPEATED, Repeat, repeat_of
 from dynident.validation.residuals import (
     LOW,
+    SLOW,
     Cause,
     FrictionLevel,
     HighFrequency,
@@ -43,6 +44,7 @@ __all__ = [
     "LOW",
     "REPEATED",
     "SEED",
+    "SLOW",
     "Broken",
     "CascadePD",
     "Cause",

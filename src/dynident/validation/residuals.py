@@ -11,6 +11,7 @@ from dynident.filters import welch
 
 __all__ = [
     "LOW",
+    "SLOW",
     "Cause",
     "FrictionLevel",
     "HighFrequency",

@@ -25,17 +25,16 @@ SEEN = 1e-3  # share of a direction that must be left where samples are left out
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M) and place among consecutive ``parts`` (M).
+    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and which of the ``parts`` (M) it is in.
 
-    ``dq`` (M, n); rows ``Z`` (M, n, r) and torque ``y`` (M, n), times the ``weight`` (n) of each joint, in coordinates
-    in which the sum of all Z'Z is one; zero where the fit leaves an equation out.
+    Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
+    an equation out; in the coordinates of Z the sum of all Z'Z is one.
     """
 
     names: tuple[str, ...]
     log: NDArray[np.intp]
     parts: NDArray[np.intp]
     t: Array
-    dq: Array
     Z: Array
     y: Array
     weight: Array
@@ -103,7 +102,7 @@ def folds_of(found: Identification) -> Folds:
     log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
     t = np.concatenate([motion.t[kept] for motion, kept in zip(motions, rows, strict=True)])
     names = tuple(one.name for one in found.validations if one.role == "train")
-    return Folds(names, log, _parts(list(map(len, rows))), t, dq, X @ _coordinates(X), y, weight)
+    return Folds(names, log, _parts(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
 
 
 def _columns(motion: Motion, speeds: tuple[float, ...] | None) -> tuple[NDArray[np.generic], ...]:

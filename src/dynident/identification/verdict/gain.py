@@ -9,7 +9,9 @@ import numpy as np
 from dynident.identification.result import Identification
 from dynident.validation import LogValidation
 
-__all__ = ["judged_log", "points"]
+__all__ = ["WORTH", "judged_log", "points"]
+
+WORTH = 0.01  # share of the error that a step must gain
 
 
 def judged_log(found: Identification) -> LogValidation:

@@ -8,8 +8,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynident.errors import Note
 from dynident.identification.result import Identification
-from dynident.identification.verdict.gain import judged_log, points
+from dynident.identification.verdict.gain import WORTH, judged_log, points
 from dynident.identification.verdict.steps import (
     CheckRipple,
     ExcitingMotion,
@@ -21,7 +22,7 @@ from dynident.identification.verdict.steps import (
 from dynident.identification.verdict.windows import window_steps
 from dynident.log import subsample
 from dynident.regression import UnexcitedParameters
-from dynident.validation import Cause, LogValidation, Reversals, Ripple
+from dynident.validation import SLOW, Cause, LogValidation, Reversals, Ripple
 
 __all__ = ["next_steps"]
 
@@ -48,10 +49,13 @@ def next_steps(found: Identification) -> tuple[UnexcitedParameters | Step, ...]:
 
 
 def _set_right(found: Identification) -> Iterator[SetRight]:
-    """Yield the findings of the checks that say what they cost in training."""
+    """Yield the findings of the checks that say what they cost in training, where it is worth something, or that are
+    advice."""
     log = judged_log(found)
     for one in found.findings:
-        if (gain := points(log, dict(one.removed))) is not None:
+        gain = points(log, dict(one.removed))
+        worth = gain is not None and gain > WORTH * log.errors.relative_error
+        if worth or (isinstance(one.message, Note) and one.message.advises):
             yield SetRight(one, gain=gain)
 
 
@@ -63,7 +67,9 @@ def _of_residuals(found: Identification) -> Iterator[Step]:
     tests = {joint: (test, log.errors.rmse[joint] ** 2) for joint, test in log.residuals.items()}
     if joints := _joints_with(causes, Reversals):
         more = {j: size * max(test.reversal_share - test.slow_share, 0.0) for j, (test, size) in tests.items()}
-        yield SlowReversals(joints, gain=_of(log, more, joints))
+        speeds = SLOW * np.sqrt(np.mean(log.motion.dq[log.motion.mask] ** 2, axis=0))
+        told = tuple(float(speeds[log.motion.joints.index(joint)]) for joint in joints)
+        yield SlowReversals(joints, told, gain=_of(log, more, joints))
     if joints := _joints_with(causes, Ripple):
         more = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
         yield CheckRipple(joints, gain=_of(log, more, joints))

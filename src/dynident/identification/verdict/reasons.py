@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from dynident.errors import Finding
-from dynident.identification.verdict.steps import Remedy
+from dynident.identification.verdict.steps import HoldOutFaster, Remedy, Step
 from dynident.validation import Driver, Failure
 
 __all__ = [
@@ -40,7 +40,7 @@ class Reason:
     usual_remedy: ClassVar[Remedy | None] = None
 
     @property
-    def remedy(self) -> Remedy | None:
+    def remedy(self) -> Remedy | Step | None:
         """What to do about it, None where there is no single remedy."""
         return self.usual_remedy
 
@@ -72,8 +72,12 @@ class Repeats(Reason):
 class SlowHoldOut(Reason):
     """The held-out motions have at most ``share`` of the speed of the training, so that little is seen of inertia."""
 
-    usual_remedy = Remedy.ANOTHER_MOTION
     share: float
+
+    @property
+    def remedy(self) -> Step | None:
+        """A motion as fast as the training; any other where the held-out one does not move."""
+        return HoldOutFaster(1.0 / self.share) if self.share > 0 else None
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from enum import Enum, auto
 
 from dynident.errors import Finding
 
-__all__ = ["CheckRipple", "Cover", "ExcitingMotion", "LeaveOut", "LeaveSlow", "Remedy", "SetRight", "Sharpen",
-           "SlowReversals", "Step"]  # fmt: skip
+__all__ = ["CheckRipple", "Cover", "ExcitingMotion", "HoldOutFaster", "LeaveOut", "Remedy", "SetRight",
+           "Sharpen", "SlowReversals", "Step"]  # fmt: skip
 
 
 class Remedy(Enum):
@@ -67,10 +67,11 @@ class Sharpen(Step):
 class SlowReversals(Step):
     """Record slow motion of the ``joints`` through zero speed, or smooth their Coulomb friction.
 
-    The gain is that of leaving no more there than elsewhere.
+    ``speeds`` (rad/s, m/s): below them more is left than elsewhere. The gain is that of leaving no more there.
     """
 
     joints: tuple[str, ...]
+    speeds: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,14 @@ class SetRight(Step):
 
 
 @dataclass(frozen=True)
+class HoldOutFaster(Step):
+    """Record a held-out motion ``times`` as fast as the fastest is, which is as fast as the training: so the model is
+    judged better."""
+
+    times: float
+
+
+@dataclass(frozen=True)
 class LeaveOut(Step):
     """Leave these seconds, ``start`` to ``stop``, of a training ``log`` out: predicted from all others they leave a
     squared residual ``ratio`` times as large as the others do. The gain is cross-validated on these."""
@@ -99,15 +108,6 @@ class LeaveOut(Step):
     start: float
     stop: float
     ratio: float
-
-
-@dataclass(frozen=True)
-class LeaveSlow(Step):
-    """Leave samples of a ``joint`` below ``speed`` (rad/s, m/s) out of the fit, by ``min_speed``; the gain is
-    cross-validated on all samples of the training."""
-
-    joint: str
-    speed: float
 
 
 @dataclass(frozen=True)

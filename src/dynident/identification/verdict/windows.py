@@ -1,4 +1,4 @@
-"""Which seconds to leave out of the training, which slow samples, and which speeds it lacks."""
+"""Which seconds to leave out of the training, and which speeds it lacks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
 from dynident.identification.verdict.folds import Folds, folds_of
-from dynident.identification.verdict.gain import judged_log, points
-from dynident.identification.verdict.steps import Cover, LeaveOut, LeaveSlow, Step
+from dynident.identification.verdict.gain import WORTH, judged_log, points
+from dynident.identification.verdict.steps import Cover, LeaveOut, Step
 from dynident.validation import LogValidation
 
 __all__ = ["window_steps"]
@@ -19,15 +19,13 @@ Array = NDArray[np.float64]
 ODD = 4.0  # times the median squared residual of the parts of the training: one is looked at from here on
 MOST = 0.3  # share of the parts that are odd, at most: more are no exception
 CERTAIN = 2.0  # standard errors over the parts
-WORTH = 0.01  # share of the error that a step must gain
-SPEEDS = (0.02, 0.05)  # of a joint's rms speed, below which samples are left out
 BEYOND = 1.05  # times the largest speed or acceleration of the training
 FEWEST = 20  # samples beyond
 JOINED = 0.3  # s: stretches this near to each other are one
 
 
 def window_steps(found: Identification) -> Iterator[Step]:
-    """Yield which seconds and speeds to leave out of the training, and which to add."""
+    """Yield which speeds to add to the training, and which seconds to leave out of it."""
     log = judged_log(found)
     if log.role == "validation" and (step := _cover(found, log)) is not None:
         yield step
@@ -35,8 +33,6 @@ def window_steps(found: Identification) -> Iterator[Step]:
     if folds.count < 3 or not folds.Z.shape[2] or not np.isfinite(folds.left).all():
         return
     yield from _odd(folds, log, [joint.name for joint in found.model.joints])
-    if found.recipe.min_speed is None:
-        yield from _slow(folds, log, [joint.name for joint in found.model.joints])
 
 
 def _odd(folds: Folds, log: LogValidation, joints: list[str]) -> Iterator[LeaveOut]:
@@ -62,24 +58,6 @@ def _odd(folds: Folds, log: LogValidation, joints: list[str]) -> Iterator[LeaveO
             np.average(np.delete(squares, range(first, last + 1)), weights=np.delete(size, range(first, last + 1)))
         )
         yield LeaveOut(folds.names[place[worst]], float(t[0]), float(t[-1]), own / rest, gain=gain)
-
-
-def _slow(folds: Folds, log: LogValidation, joints: list[str]) -> Iterator[LeaveSlow]:
-    """Yield the joints whose slow samples spoil the fit of all, with the speed that gains more."""
-    every = np.ones(len(folds.parts), dtype=bool)
-    for j, joint in enumerate(joints):
-        rms = float(np.sqrt(np.mean(folds.dq[:, j] ** 2)))
-        tried = []
-        for share in SPEEDS:
-            out = np.zeros(folds.y.shape, dtype=bool)
-            out[:, j] = np.abs(folds.dq[:, j]) < share * rms
-            left = np.square(folds.left[:, j])
-            if out.any() and left[out[:, j]].mean() > ODD / 2 * left.mean():
-                tried.append((_gain(folds, out, every, log, joints), share * rms))
-        known = [(gain, speed) for gain, speed in tried if gain is not None]
-        if known:
-            gain, speed = max(known)
-            yield LeaveSlow(joint, speed, gain=gain)
 
 
 def _gain(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.checks.cost import cost, faster
+from dynident.checks.cost import cost, faster, mean_square
 from dynident.checks.explain import explained
 from dynident.checks.misfit import misfit
 from dynident.checks.robot_notes import Costly, MissingTerm, TermKind, TorqueGain, WrongValue
@@ -64,3 +64,20 @@ def test_a_value_that_is_wrong_forbids_simulation_and_control_where_a_joint_is_f
     found = {gain: first(replace(MOVED, tau=MOVED.tau * np.array([1.0, gain, 1.0]))) for gain in (1.1, 2.0)}
     assert all(isinstance(one, WrongValue) for one in found.values())
     assert [one.forbidden for one in found.values()] == [Use.SIMULATION, Use.CONTROL]
+
+
+@pytest.mark.parametrize("kind", ["viscous", "coulomb"])
+def test_what_a_term_removes_is_what_the_fit_with_it_leaves_less(kind: str) -> None:
+    """Of the joint's mean squared residual: that of a model with the term at all joints leaves only noise."""
+    without, whole = misfit(case(MOVED, arm(without=kind))), misfit(case(MOVED))
+    found = list(explained(case(MOVED, arm(without=kind))))
+    removed = dict(pair for one in found for pair in one.removed)
+    less = mean_square(without) - mean_square(whole)
+    names = [joint.name for joint in arm().joints]
+    assert removed == pytest.approx(dict(zip(names, less, strict=True)), rel=0.1)
+
+
+def test_what_changes_nothing_removes_nothing() -> None:
+    fit = misfit(case())
+    assert cost(fit, fit).removed == ()
+    assert MissingTerm(TermKind.SPRING, 1.0, 0.1, 0.5).removed == ()

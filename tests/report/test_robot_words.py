@@ -12,6 +12,7 @@ from dynident.checks import Finding, robot_notes
 from dynident.checks.robot_notes import Channel, MissingTerm, TermKind
 from dynident.errors import Note, Severity
 from dynident.report.finding_words import finding_words
+from dynident.report.robot_words import remedy
 
 OTHERS = tuple(robot_notes.Rival(f"j{k}", one, 0.1) for k, one in enumerate(robot_notes.Quantity))
 NOTES = [
@@ -85,3 +86,19 @@ def test_what_is_left_is_said_with_its_figures() -> None:
 def test_a_note_is_saved_and_read_as_it_was(note: Note) -> None:
     saved = json.loads(json.dumps(dataclasses.asdict(note)))
     assert TypeAdapter(type(note)).validate_python(saved) == note
+
+
+@pytest.mark.parametrize("note", NOTES, ids=lambda note: type(note).__name__)
+def test_what_to_do_is_said_in_short(note: Note) -> None:
+    text = remedy(note)
+    assert text.endswith(("?", "."))
+    assert len(text) <= len(said(note))
+    if isinstance(note, robot_notes.WrongValue):
+        assert len(text) < 0.5 * len(said(note))
+
+
+def test_what_setting_right_removes_survives_a_file() -> None:
+    note = robot_notes.ZeroOff(0.1, 0.01, 0.2, removed=(("a", 0.5), ("b", 0.25)))
+    again = TypeAdapter(robot_notes.ZeroOff).validate_python(json.loads(json.dumps(dataclasses.asdict(note))))
+    assert again == note
+    assert again.removed == (("a", 0.5), ("b", 0.25))

@@ -24,7 +24,16 @@ from dynident.identification import (
     WorstRun,
 )
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.steps import CheckRipple, ExcitingMotion, Sharpen, SlowReversals
+from dynident.identification.verdict.steps import (
+    CheckRipple,
+    Cover,
+    ExcitingMotion,
+    HoldOutFaster,
+    LeaveOut,
+    SetRight,
+    Sharpen,
+    SlowReversals,
+)
 from dynident.models.gallery import two_link_arm
 from dynident.regression import UnexcitedParameters
 from dynident.report import advice
@@ -249,6 +258,53 @@ def test_a_noun_without_words_is_an_error() -> None:
         (
             SlowReversals(("a", "b")),
             "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
+        ),
+        (
+            SlowReversals(("a",), (0.0312,), gain=0.456),
+            (
+                "a: record slow motion through zero speed, or try `coulomb_width` or `min_speed` (below 0.031 rad/s or "
+                "m/s). May gain at most 0.46 points of the torque error."
+            ),
+        ),
+        (
+            Sharpen("M", 5.0, 4.0, 43.2, ExcitingMotion.ACCELERATE, "a", 1.83, gain=1e-3),
+            (
+                "M is 5 +- 4 (one standard error, 43 % of the torque): accelerate a harder, in several poses of the "
+                "others, up to 1.8 times the speed. May gain less than 0.01 points of the torque error."
+            ),
+        ),
+        (
+            LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
+            (
+                "tuesday: leave 8.00 to 9.96 s out of the training (`window`): predicted from the rest, their squared "
+                "residual is 12 times that of the rest. Did the robot touch something there? May gain about 1.2 points of "
+                "the torque error."
+            ),
+        ),
+        (
+            Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
+            (
+                "a: record a training motion 1.5 times as fast, up to 3.1 rad/s or m/s: fast is beyond what was trained, "
+                "above all at 1.00 to 2.50 s. May gain about 0.4 points of the torque error."
+            ),
+        ),
+        (
+            HoldOutFaster(2.52),
+            "Record a held-out motion 2.5 times as fast, on other paths: little is seen of the inertias in a slow one.",
+        ),
+        (
+            SetRight(
+                Finding(Severity.INFO, "a", robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3)),
+                gain=0.5,
+            ),
+            (
+                "a: the model lacks viscous friction. Add `viscous` to `terms` of the model. May gain about 0.5 points of "
+                "the torque error."
+            ),
+        ),
+        (
+            SetRight(Finding(Severity.WARNING, None, robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
+            "set `base_tilt: estimate`: the base seems to be tilted by 0.57 deg about x and -1.15 deg about y.",
         ),
         (
             CheckRipple(("a",)),

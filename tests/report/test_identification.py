@@ -291,8 +291,8 @@ def test_notes_leave_a_short_warning_whole(identification):
 
 
 def test_errors_stand_beside_what_the_sensors_allow(identification):
-    assert "times the noise" in " ".join(printed(identification).replace("─", "").split())
-    assert "Times the noise: " in body(identification)
+    assert "times white noise" in " ".join(printed(identification).replace("─", "").split())
+    assert "Times white noise: " in body(identification)
     identification.validations[1].errors.sensor_noise = {"shoulder": 0.01}
     (said, *_) = identification_notes(identification)
     assert said.text.startswith("The sensors' noise is not known of elbow: the torque was filtered")

@@ -277,15 +277,15 @@ def test_a_noun_without_words_is_an_error() -> None:
             LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
             (
                 "tuesday: leave 8.00 to 9.96 s out of the training (`window`): predicted from the rest, their squared "
-                "residual is 12 times that of the rest. Did the robot touch something there? May gain about 1.2 points of "
-                "the torque error."
+                "residual is 12 times that of the rest. Did the robot touch something there? May gain about 1.2 points "
+                "of the torque error."
             ),
         ),
         (
             Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
             (
-                "a: record a training motion 1.5 times as fast, up to 3.1 rad/s or m/s: fast is beyond what was trained, "
-                "above all at 1.00 to 2.50 s. May gain about 0.4 points of the torque error."
+                "a: record a training motion 1.5 times as fast, up to 3.1 rad/s or m/s: fast is beyond what was "
+                "trained, above all at 1.00 to 2.50 s. May gain about 0.4 points of the torque error."
             ),
         ),
         (
@@ -298,8 +298,8 @@ def test_a_noun_without_words_is_an_error() -> None:
                 gain=0.5,
             ),
             (
-                "a: the model lacks viscous friction. Add `viscous` to `terms` of the model. May gain about 0.5 points of "
-                "the torque error."
+                "a: the model lacks viscous friction. Add `viscous` to `terms` of the model. May gain about 0.5 points "
+                "of the torque error."
             ),
         ),
         (

@@ -20,8 +20,9 @@ __all__ = ["error_section", "error_table", "joint_table", "simulation_section", 
 _ERRORS = (
     "The relative error is the norm of measured minus predicted torque, in percent of the norm of the measured torque. "
     "Unfiltered is what the torque sensor saw; filtered is after the low-pass of the fit, where one was used. Times "
-    "the noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves, "
-    "whatever the model; it is not known (-) where the torque was filtered before it was recorded."
+    "white noise: the unfiltered error over the least one that white noise of the torque and position sensors leaves "
+    "of any model. Noise that is coloured does not count: of what the sensors allow, it is at most so many times. "
+    "It is not known (-) where the torque was filtered before it was recorded."
 )
 _RESIDUALS = (
     "Explained: one minus the variance left over that of the torque. Of the effort limit: the rmse, in % of what the "
@@ -53,7 +54,7 @@ def error_section(identification: Identification) -> PageSection:
 def error_table(identification: Identification) -> PageTable:
     """Return the relative errors per log."""
     words = (Column("log", numeric=False), Column("role", numeric=False))
-    heads = ("samples", "unfiltered, %", "times the noise", "filtered, %")
+    heads = ("samples", "unfiltered, %", "times white noise", "filtered, %")
     columns = (*words, *map(Column, heads))
     rows = [
         (
@@ -72,7 +73,7 @@ def error_table(identification: Identification) -> PageTable:
 def joint_table(identification: Identification) -> PageTable:
     """Return the errors with one row per log and joint, as a terminal shows them."""
     names = (Column("log", numeric=False), Column("joint", numeric=False))
-    columns = (*names, *map(Column, ("error, %", "times the noise", "rmse")))
+    columns = (*names, *map(Column, ("error, %", "times white noise", "rmse")))
     rows = [
         (log.name, joint.name, *_joint_errors(log, joint.name), joint.effort)
         for log in identification.validations
@@ -99,7 +100,7 @@ def _matrix(identification: Identification) -> PageTable:
     heads = [Column("joint", numeric=False), Column("unit", numeric=False)]
     for log in identification.validations:
         name = f"{log.name} ({ROLES.get(log.role, log.role)})"
-        heads += [Column(title, name) for title in ("error, %", "times the noise", "rmse")]
+        heads += [Column(title, name) for title in ("error, %", "times white noise", "rmse")]
         heads += [Column("of limit, %", name)] * bool(log.errors.effort_share)
     rows = []
     for joint in identification.model.joints:

@@ -25,7 +25,7 @@ SEEN = 1e-3  # share of a direction that must be left where samples are left out
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and which of the ``parts`` (M) it is in.
+    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and which of the ``parts`` (M) it is.
 
     Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
     an equation out; in the coordinates of Z the sum of all Z'Z is one.

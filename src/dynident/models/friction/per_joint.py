@@ -1,4 +1,4 @@
-"""Friction and offset of single joints: viscous, Coulomb, and a constant torque."""
+"""The base of terms that act on single joints."""
 
 from __future__ import annotations
 
@@ -6,18 +6,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
 from dynident.models.term import Joint, Parameter, Partials
 
-__all__ = ["Coulomb", "Offset", "PerJoint", "Viscous"]
-
-SLOWEST = 1e-300  # rad/s, m/s: a velocity is divided by it
+__all__ = ["PerJoint"]
 
 Array = NDArray[np.float64]
 
@@ -142,144 +139,3 @@ class PerJoint(ABC):
     @abstractmethod
     def slope(self, dq: Array, /) -> Array:
         """Return the derivative of ``shape``."""
-
-
-@dataclass(frozen=True)
-class Viscous(PerJoint):
-    """Viscous friction, tau_j = Fv_j dq_j, in N m s/rad or N s/m (mu of the article's eqs. 39 and 40).
-
-    It acts on the joints named in ``on`` (default: all of ``joints``). ``names``, ``expressions`` (meanings) and
-    ``values`` (nominal), one for each joint in ``on``, replace the defaults, Fv_<joint> for the name. Raises ModelError
-    for an unknown joint, or where the numbers of entries differ.
-
-    >>> import dynident as dy
-    >>> friction = dy.Viscous((dy.Joint("shoulder"), dy.Joint("rail", "prismatic")))
-    >>> [(one.name, one.unit) for one in friction.parameters]
-    [('Fv_shoulder', 'N m s/rad'), ('Fv_rail', 'N s/m')]
-    """
-
-    symbol = "Fv"
-    role = "viscous"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "viscous friction: torque per dq"
-
-    def unit(self, joint: Joint) -> str:
-        """Return the unit of a joint's parameter."""
-        return "N m s/rad" if joint.kind == "revolute" else "N s/m"
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return dq
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.ones_like(dq)
-
-
-@dataclass(frozen=True)
-class Coulomb(PerJoint):
-    """Coulomb friction, tau_j = Fc_j sign(dq_j), in N m or N; ``on``, ``names``, ... as in ``Viscous``.
-
-    The sign can be changed in one of two ways, both in rad/s or m/s: ``width`` > 0 makes it tanh(dq / width), which
-    a simulation needs; ``dead_band`` > 0 makes it 0 for abs(dq) <= dead_band, which leaves uncertain signs out of
-    a fit. With neither, sign(0) = 0. The discontinuous sign has derivative 0 in ``partials``, also at the jump.
-    Raises ModelError where both are given or one is negative or not finite, and as ``Viscous`` does.
-
-    >>> import dynident as dy
-    >>> dy.Coulomb((dy.Joint("shoulder"), dy.Joint("elbow")), on=("elbow",), width=0.01)
-    Coulomb(on=('elbow',), names=None, expressions=None, values=None, width=0.01, dead_band=0.0)
-    """
-
-    width: Annotated[float, Ge(0)] = 0.0
-    dead_band: Annotated[float, Ge(0)] = 0.0
-    symbol = "Fc"
-    role = "coulomb"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("width", "dead_band"):
-            value = getattr(self, name)
-            if not (value == 0 or SLOWEST <= value < np.inf):
-                raise ModelError(f"Coulomb: {name} is {value}; give a velocity of 0 or more, in rad/s or m/s.")
-        if self.width and self.dead_band:
-            raise ModelError(
-                f"Coulomb: width {self.width} and dead_band {self.dead_band} exclude each other; set one to 0."
-            )
-
-    @property
-    def discontinuous(self) -> bool:
-        """Whether the torque jumps with the sign of the velocity: no width and no dead band."""
-        return not (self.width or self.dead_band)
-
-    def with_smooth_sign(self, width: Array) -> tuple[SmoothCoulomb]:
-        """Return the friction with tanh(dq / width) in place of the sign, each joint with its own width (n)."""
-        names = tuple(parameter.name for parameter in self.parameters)
-        widths = tuple(float(width[j]) for j in self._columns)
-        return (SmoothCoulomb(self.joints, self.on, names, None, self.values, widths),)
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        if self.width:
-            return f"Coulomb friction: torque per tanh(dq/{self.width:g})"
-        band = f", 0 within abs(dq) <= {self.dead_band:g}" if self.dead_band else ""
-        return f"Coulomb friction: torque per sign(dq){band}"
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        if self.width:
-            return np.tanh(dq / self.width)
-        return np.where(np.abs(dq) > self.dead_band, np.sign(dq), 0.0)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        if not self.width:
-            return np.zeros_like(dq)
-        slope: Array = (1 - np.tanh(dq / self.width) ** 2) / self.width
-        return slope
-
-
-@dataclass(frozen=True)
-class SmoothCoulomb(PerJoint):
-    """Coulomb friction with a ``width`` (rad/s, m/s) for each joint in ``on``: tau_j = Fc_j tanh(dq_j / width_j)."""
-
-    width: tuple[float, ...] = ()
-    symbol = "Fc"
-    role = "coulomb"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "Coulomb friction: torque per tanh(dq / width)"
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.tanh(dq / self.width)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.asarray((1 - np.tanh(dq / self.width) ** 2) / self.width)
-
-
-@dataclass(frozen=True)
-class Offset(PerJoint):
-    """Constant torque of a joint, tau_j = offset_j, in N m or N; ``on``, ``names``, ... as in ``Viscous``.
-
-    >>> import dynident as dy
-    >>> dy.Offset((dy.Joint("elbow"),)).parameters[0].name
-    'offset_elbow'
-    """
-
-    symbol = "offset"
-
-    def meaning(self) -> str:
-        """Return the meaning of the parameter."""
-        return "constant torque"
-
-    def shape(self, dq: Array) -> Array:
-        """Return the torque per unit of the parameter."""
-        return np.ones_like(dq)
-
-    def slope(self, dq: Array) -> Array:
-        """Return the derivative of ``shape``."""
-        return np.zeros_like(dq)

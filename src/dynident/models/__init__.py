@@ -1,6 +1,16 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
-from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
+from dynident.models.friction import (
+    Coulomb,
+    Dahl,
+    Drift,
+    LoadCoulomb,
+    LoadDahl,
+    LoadViscous,
+    Offset,
+    PerJoint,
+    Viscous,
+)
 from dynident.models.inertia import (
     consistency_violations,
     from_physical,
@@ -46,6 +56,8 @@ __all__ = [
     "INERTIAL",
     "Coulomb",
     "CoupledMotor",
+    "Dahl",
+    "Drift",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
@@ -58,6 +70,9 @@ __all__ = [
     "HasSupport",
     "Joint",
     "Lagrangian",
+    "LoadCoulomb",
+    "LoadDahl",
+    "LoadViscous",
     "Loads",
     "MassMatrixCheck",
     "Model",

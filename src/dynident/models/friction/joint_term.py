@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, choices
 from dynident.models.term import Joint, Parameter, Partials
 
-__all__ = ["SLOWEST", "Constant", "JointTerm"]
+__all__ = ["SLOWEST", "Constant", "JointTerm", "Slopes"]
 
 SLOWEST, FASTEST = 1e-9, 1e9  # rad/s, m/s: of shape constants
 

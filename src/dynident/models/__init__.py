@@ -1,6 +1,20 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
-from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
+from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Counterbalance,
+    DryFriction,
+    JointTerm,
+    Offset,
+    PerJoint,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
+    Viscous,
+)
 from dynident.models.inertia import (
     consistency_violations,
     from_physical,
@@ -38,8 +52,12 @@ from dynident.models.term import (
 
 __all__ = [
     "INERTIAL",
+    "AsymmetricCoulomb",
+    "AsymmetricViscous",
     "Coulomb",
+    "Counterbalance",
     "CoupledMotor",
+    "DryFriction",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
@@ -50,6 +68,7 @@ __all__ = [
     "HasSign",
     "HasSupport",
     "Joint",
+    "JointTerm",
     "Lagrangian",
     "MassMatrixCheck",
     "Model",
@@ -57,11 +76,15 @@ __all__ = [
     "Parameter",
     "Partials",
     "PerJoint",
+    "Power",
     "Recording",
     "Recursive",
     "RigidBodies",
+    "Ripple",
     "RotorInertia",
     "Selective",
+    "Spring",
+    "Stribeck",
     "Structure",
     "Term",
     "Unknown",

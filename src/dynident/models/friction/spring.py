@@ -29,8 +29,8 @@ class Spring(JointTerm):
 
     Of a joint that turns, tau_j = sum of a_jk sin(k q_j) + b_jk cos(k q_j) for k = 1 to ``order``, in N m; of one that
     slides, tau_j = sum of c_jk q_j^k, in N/m^k. ``order`` is 1, 2 or 3, of all joints or by joint; other fields as in
-    ``Viscous``. The constant of the series is ``Offset``. Where gravity acts on the joint, the data may not tell some of
-    its parameters from those of the bodies.
+    ``Viscous``. The constant of the series is ``Offset``. Where gravity acts on the joint, the data may not tell some
+    parameters from those of the bodies.
 
     >>> import dynident as dy
     >>> [one.name for one in dy.models.Spring((dy.Joint("shoulder"),)).parameters]

@@ -1,14 +1,23 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
 from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
     Coulomb,
+    Counterbalance,
     Dahl,
     Drift,
+    DryFriction,
+    JointTerm,
     LoadCoulomb,
     LoadDahl,
     LoadViscous,
     Offset,
     PerJoint,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
     Viscous,
 )
 from dynident.models.inertia import (
@@ -22,7 +31,7 @@ from dynident.models.inertia import (
 )
 from dynident.models.lagrangian import Lagrangian, Unknown
 from dynident.models.mass_matrix import MassMatrixCheck
-from dynident.models.memory import remembered
+from dynident.models.memory import needs_load, remembered, unloaded
 from dynident.models.model import Model
 from dynident.models.motor import CoupledMotor, RotorInertia
 from dynident.models.rigid_bodies import RigidBodies
@@ -54,10 +63,14 @@ from dynident.models.term import (
 
 __all__ = [
     "INERTIAL",
+    "AsymmetricCoulomb",
+    "AsymmetricViscous",
     "Coulomb",
+    "Counterbalance",
     "CoupledMotor",
     "Dahl",
     "Drift",
+    "DryFriction",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
@@ -69,6 +82,7 @@ __all__ = [
     "HasSign",
     "HasSupport",
     "Joint",
+    "JointTerm",
     "Lagrangian",
     "LoadCoulomb",
     "LoadDahl",
@@ -82,11 +96,15 @@ __all__ = [
     "Partials",
     "Past",
     "PerJoint",
+    "Power",
     "Recording",
     "Recursive",
     "RigidBodies",
+    "Ripple",
     "RotorInertia",
     "Selective",
+    "Spring",
+    "Stribeck",
     "Structure",
     "Term",
     "Unknown",
@@ -96,6 +114,7 @@ __all__ = [
     "from_physical",
     "from_pseudo",
     "moved",
+    "needs_load",
     "random_states",
     "record",
     "remembered",
@@ -105,4 +124,5 @@ __all__ = [
     "structure_of",
     "to_physical",
     "to_pseudo",
+    "unloaded",
 ]

@@ -3,6 +3,7 @@
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
+    Constant,
     Coulomb,
     Counterbalance,
     Dahl,
@@ -66,6 +67,7 @@ __all__ = [
     "INERTIAL",
     "AsymmetricCoulomb",
     "AsymmetricViscous",
+    "Constant",
     "Coulomb",
     "Counterbalance",
     "CoupledMotor",

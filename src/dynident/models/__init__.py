@@ -3,6 +3,7 @@
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
+    Constant,
     Coulomb,
     Counterbalance,
     Dahl,
@@ -11,6 +12,10 @@ from dynident.models.friction import (
     JointTerm,
     LoadCoulomb,
     LoadDahl,
+<<<<<<< HEAD
+=======
+    LoadRipple,
+>>>>>>> a2
     LoadViscous,
     Offset,
     PerJoint,
@@ -65,6 +70,7 @@ __all__ = [
     "INERTIAL",
     "AsymmetricCoulomb",
     "AsymmetricViscous",
+    "Constant",
     "Coulomb",
     "Counterbalance",
     "CoupledMotor",
@@ -86,6 +92,7 @@ __all__ = [
     "Lagrangian",
     "LoadCoulomb",
     "LoadDahl",
+    "LoadRipple",
     "LoadViscous",
     "Loads",
     "MassMatrixCheck",

@@ -43,7 +43,7 @@ class Machine:
         left = np.array(theta, dtype=float)
         n = len(model.joints)
         q = np.random.default_rng(0).uniform(0.5, 1.5, (n + 3, n))
-        alternating = np.array([(-1.0) ** k * (1 + 0.1 * k) for k in range(n)])
+        alternating = np.array([(-1.0) ** k * (1.5 + 0.1 * k) for k in range(n)])
         dq = 1e3 * np.vstack((np.eye(n), np.arange(1.0, n + 1), alternating, -alternating))
         Y = model.regressor(q, dq, np.zeros_like(q), np.ones((n + 3, model.memory)))
         rows, levels, separated = list[Array](), list[float](), list[int]()

@@ -12,10 +12,7 @@ from dynident.models.friction import (
     JointTerm,
     LoadCoulomb,
     LoadDahl,
-<<<<<<< HEAD
-=======
     LoadRipple,
->>>>>>> a2
     LoadViscous,
     Offset,
     PerJoint,

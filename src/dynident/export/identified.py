@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, brief
 from dynident.models import (
     Coulomb,
+    HasMemory,
     Model,
     PerJoint,
     RigidBodies,
@@ -51,6 +52,13 @@ class Identified:
             stop = start + len(term.parameters)
             yield term, self.value[start:stop]
             start = stop
+
+    @property
+    def memoryless(self) -> Identified:
+        """The model without the terms that remember: its torque depends on q, dq and ddq of one sample alone."""
+        kept = [(term, values) for term, values in self.parts if not isinstance(term, HasMemory)]
+        model = replace(self.model, terms=tuple(term for term, _ in kept), load=None)
+        return Identified(model, np.concatenate([values for _, values in kept]))
 
     @property
     def robot(self) -> RigidBodies | None:
@@ -101,7 +109,7 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
         if term is bodies:
             continue
         if not isinstance(term, PerJoint) or type(term) not in kinds:
-            left_out += _worded(term, values)
+            left_out += worded(term, values)
             continue
         _add(found[kinds[type(term)]], term, values)
         left_out += _rules(term)
@@ -138,9 +146,15 @@ def _add(sums: dict[str, float], term: PerJoint, values: Array) -> None:
 
 def _rules(term: Term) -> Iterator[str]:
     """Return a note on the sign in friction, where the file cannot hold it."""
-    if isinstance(term, Coulomb) and (term.width or term.dead_band):
-        rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
-        yield f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)"
+    if not isinstance(term, Coulomb):
+        return
+    rules = [term.rule(joint) for joint in term.acts_on]
+    for width, band in dict.fromkeys(rules):
+        if width or band:
+            rule = f"tanh(dq/{width:g})" if width else f"zero within abs(dq) <= {band:g}"
+            where = [repr(joint) for joint, one in zip(term.acts_on, rules, strict=True) if one == (width, band)]
+            of = "" if len(where) == len(rules) else f" of {', '.join(where)}"
+            yield f"how Coulomb friction{of} changes its sign: {rule}; the file's friction is a sign(dq)"
 
 
 def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
@@ -168,7 +182,8 @@ def _names(term: Term) -> tuple[str, ...]:
     return tuple(joint.name for joint in term.joints)
 
 
-def _worded(term: Term, values: Array) -> Iterator[str]:
+def worded(term: Term, values: Array) -> Iterator[str]:
+    """Yield what is left out with a term."""
     for parameter, value in zip(term.parameters, values, strict=True):
         if value:
             yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"

@@ -55,8 +55,7 @@ def _of_positions(model: Model, theta: Array, motion: Motion) -> Array:
     if not {"noise", "bandwidth"} <= motion.smoothing.keys():
         return np.zeros(len(motion.joints))
     sigma, width = (np.array(motion.smoothing[name], dtype=float) for name in ("noise", "bandwidth"))
-    few = motion.shifted(0.0, subsample([motion], STATES)[0])
-    slopes = model.partials(few.q, few.dq, few.ddq, theta)
+    slopes = model.partials(**motion.states(subsample([motion], STATES)[0]), theta=theta)
     step = float(np.diff(motion.t).mean())
     moments = np.zeros((3, len(sigma)))
     for k in np.flatnonzero(np.isfinite(width) & np.isfinite(sigma)):  # a joint at rest is smoothed without limit

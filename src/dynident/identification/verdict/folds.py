@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.identification.result import Identification
-from dynident.log import Motion, subsample
+from dynident.log import Motion, subsample, together
 from dynident.regression import fitted_rows
 
 __all__ = ["Folds", "folds_of"]
@@ -91,23 +91,21 @@ def folds_of(found: Identification) -> Folds:
     motions = [log.motion for log in found.validations if log.role == "train"]
     rows = subsample(motions, SAMPLES)
     speeds = found.recipe.min_speeds([joint.name for joint in found.model.joints])
-    q, dq, ddq, tau, fitted = (
-        np.concatenate([x[kept] for x, kept in zip(column, rows, strict=True)])
-        for column in zip(*(_columns(motion, speeds) for motion in motions), strict=True)
-    )
-    Y = found.model.regressor(q, dq, ddq)
+    pairs = list(zip(motions, rows, strict=True))
+    tau, t = (np.concatenate([getattr(motion, name)[kept] for motion, kept in pairs]) for name in ("tau", "t"))
+    fitted = np.concatenate([_fitted(motion, speeds)[kept] for motion, kept in pairs])
+    Y = found.model.regressor(**together(motions, rows))
     size = np.sqrt(np.mean(np.where(fitted, tau - Y @ found.estimate.value, 0.0) ** 2, axis=0))
     weight = 1.0 / np.where(size > 0, size, 1.0)
     X, y = Y * (weight * fitted)[:, :, None], tau * weight * fitted
     log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
-    t = np.concatenate([motion.t[kept] for motion, kept in zip(motions, rows, strict=True)])
     names = tuple(one.name for one in found.validations if one.role == "train")
     return Folds(names, log, _parts(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
 
 
-def _columns(motion: Motion, speeds: tuple[float, ...] | None) -> tuple[NDArray[np.generic], ...]:
+def _fitted(motion: Motion, speeds: tuple[float, ...] | None) -> NDArray[np.bool_]:
     fitted = fitted_rows(motion, speeds)
-    return motion.q, motion.dq, motion.ddq, motion.tau, np.ones(motion.q.shape, bool) if fitted is None else fitted
+    return np.ones(motion.q.shape, dtype=bool) if fitted is None else fitted
 
 
 def _parts(lengths: Sequence[int]) -> NDArray[np.intp]:

@@ -113,7 +113,7 @@ def _training(found: Identification) -> tuple[Array, Array]:
     columns, torque = [], []
     for motion in motions:
         (rows,) = subsample([motion], SAMPLES)
-        columns.append(found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
+        columns.append(found.model.regressor(**motion.states(rows)))
         torque.append(motion.tau[rows])
     return np.concatenate(columns), np.concatenate(torque)
 
@@ -135,7 +135,7 @@ def _known_exactly(
     size = np.linalg.norm(X, axis=0)
     size = np.where(size > 0, size, 1.0)
     C = np.linalg.pinv((X / size).T @ (X / size), rcond=RANK, hermitian=True)
-    Y = found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows])[:, :, leads] / size
+    Y = found.model.regressor(**motion.states(rows))[:, :, leads] / size
     gains = []
     for k in chosen:
         torque = Y @ C[:, k] / (C[k, k] or np.inf) * size[k] * std[k]
@@ -149,9 +149,10 @@ def _motion_for(found: Identification, column: int) -> tuple[ExcitingMotion, str
     model, n = found.model, len(found.model.joints)
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
-    still = np.zeros_like(q)
+    still, memory = np.zeros_like(q), rng.uniform(-1.0, 1.0, (20, model.memory))
     whole, standing, starting = (
-        np.abs(model.regressor(q, *rates)[:, :, column]) for rates in ((dq, ddq), (still, still), (still, ddq))
+        np.abs(model.regressor(q, *rates)[:, :, column])
+        for rates in ((dq, ddq, memory), (still, still, 0 * memory), (still, ddq, 0 * memory))
     )
     least = 1e-9 * whole.max()  # a share, so that the unit does not count
     acting = [joint.name for joint, size in zip(model.joints, whole.max(axis=0), strict=True) if size > least]

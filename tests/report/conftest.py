@@ -150,7 +150,8 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}
     )
     model.limits[joints[0]] = Limits(5.0, 2.0, -1.5, 1.5)
-    model.regressor = lambda q, dq, ddq: np.ones((*q.shape, len(model.parameters)))
+    model.memory = 0
+    model.regressor = lambda q, dq, ddq, memory=None: np.ones((*q.shape, len(model.parameters)))
     return Fake(
         model=model,
         estimate=estimate,

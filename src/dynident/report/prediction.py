@@ -22,19 +22,22 @@ def prediction_table(found: Sequence[LogValidation], joints: Sequence[Joint]) ->
     """Return the errors per log and joint, for logs with measured torques."""
     rows: list[tuple[str, ...]] = []
     for log in found:
-        rows.append((log.name, "all", number(log.errors.relative_error, 3), "-", "-"))
+        errors = log.errors
+        rows.append((log.name, "all", number(errors.relative_error, 3), number(errors.all_over_noise, 2), "-", "-"))
         rows += [
             (
                 log.name,
                 one.name,
-                number(log.errors.per_joint[one.name], 3),
-                number(log.errors.rmse[one.name], 3),
+                number(errors.per_joint[one.name], 3),
+                number(errors.over_noise.get(one.name), 2),
+                number(errors.rmse[one.name], 3),
                 one.effort,
             )
             for one in joints
         ]
     words = (Column("log", numeric=False), Column("joint", numeric=False))
-    columns = (*words, Column("error, %"), Column("rmse"), Column("unit", numeric=False))
+    numbers = map(Column, ("error, %", "times white noise", "rmse"))
+    columns = (*words, *numbers, Column("unit", numeric=False))
     return PageTable(columns, tuple(rows), "Torque error per log and joint, unfiltered")
 
 

@@ -15,6 +15,7 @@ import yaml
 from click.testing import CliRunner
 
 from dynident.cli import main
+from dynident.errors import Severity
 from dynident.estimators.notes import NotWhite
 from dynident.export import exports
 from dynident.identification import Identification, judge
@@ -262,7 +263,8 @@ def check(folder: Path, example: str, *changes: tuple[str, str]) -> dict[str, se
 def warned(folder: Path, example: str) -> set[tuple[str, str | None]]:
     """Topics and places of what the checks beside the identification of an example warn of."""
     identify(folder, example)
-    return {(one.topic, one.link or one.joint) for one in load(folder / example / "result.json").findings}
+    found = [one for one in load(folder / example / "result.json").findings if one.severity is not Severity.INFO]
+    return {(one.topic, one.link or one.joint) for one in found}
 
 
 def topics(said: set[tuple[str, str | None]]) -> set[str]:
@@ -296,3 +298,14 @@ def test_checks_see_the_rest_of_the_tx40_and_turned_signs(folder: Path) -> None:
     swapped = check(folder, "panda", ("tau.1,", "tau.6,"), *some, plain)
     assert ("foreign", "panda_joint2") in swapped["warning"]
     assert {("jitter", None), ("lost", None)} <= swapped["info"]
+
+
+def test_what_the_sensors_allow(folder: Path) -> None:
+    """White noise in % of the torque: the Panda has 0.5; of the LWR4, recorded after a low-pass, it is not known."""
+    for example in ("panda", "lwr4"):
+        identify(folder, example)
+    for log in load(folder / "panda" / "result.json").validations:
+        assert log.errors.all_over_noise is not None
+        assert 0.3 < log.errors.relative_error / log.errors.all_over_noise < 0.7
+    for log in load(folder / "lwr4" / "result.json").validations:
+        assert log.errors.sensor_noise == {}

@@ -12,7 +12,7 @@ from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
-from dynident.checks.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
+from dynident.checks.time import MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
 from dynident.checks.torque import Agreement
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "reading_line",
     "reading_words",
     "require",
+    "respaced",
     "rest",
     "run_checks",
     "split_gaps",

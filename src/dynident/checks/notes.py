@@ -12,6 +12,7 @@ from dynident.errors import Note, Use
 __all__ = [
     "ArmAtRest",
     "ConstantTorque",
+    "EquallySpaced",
     "GravityIgnored",
     "LongGap",
     "LostSamples",
@@ -100,6 +101,19 @@ class ArmAtRest(ReadingNote):
 
     start: float
     stop: float
+
+
+@dataclass(frozen=True)
+class EquallySpaced(ReadingNote):
+    """Equal spacing is used, at a ``rate`` (Hz), and not the stamps, whose steps vary by rms ``jitter``.
+
+    The positions are ``factor`` times less noisy on it; so many ``lost`` samples keep their place.
+    """
+
+    jitter: float
+    factor: float
+    rate: float
+    lost: int
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,16 @@ def _(note: notes.ArmAtRest) -> str:
 
 
 @reading_words.register
+def _(note: notes.EquallySpaced) -> str:
+    lost = f", {note.lost} lost samples left open" if note.lost else ""
+    noise = f"{note.factor:.3g} times less" if note.factor >= 1 else f"{1 / note.factor:.3g} times more"
+    return (
+        f"samples are taken as equally spaced, at {note.rate:.6g} Hz{lost}: the steps of the stamps vary by "
+        f"{100 * note.jitter:.2g} %, and the positions are {noise} noisy. `time: {{ spacing: stamps }}` undoes it."
+    )
+
+
+@reading_words.register
 def _(note: log_notes.WrappedPosition) -> str:
     times = "once" if note.count == 1 else f"{note.count} times"
     return (

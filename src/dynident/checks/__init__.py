@@ -6,7 +6,7 @@ torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findin
 would give wrong numbers, a warning should be looked at."""
 
 from dynident.checks import notes
-from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, moving_span, rest
+from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, rest
 from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
@@ -33,7 +33,6 @@ __all__ = [
     "check_robot",
     "joint_facts",
     "link_facts",
-    "moving_span",
     "notes",
     "reading_line",
     "reading_words",

@@ -97,10 +97,11 @@ class ConstantTorque(ReadingNote):
 
 @dataclass(frozen=True)
 class ArmAtRest(ReadingNote):
-    """The whole arm is at rest between two times (s)."""
+    """The whole arm is at rest between two times (s), which is ``kept`` in the fit or not."""
 
     start: float
     stop: float
+    kept: bool = True
 
 
 @dataclass(frozen=True)

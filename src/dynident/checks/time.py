@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,7 @@ def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpace
     return replace(log, t=axes[best]), note
 
 
-def _line(t: Array, places: Array) -> Array:
+def _line(t: Array, places: NDArray[Any]) -> Array:
     """Return the straight line (N) through the stamps at these places."""
     middle, centred = places.mean(), t - t.mean()
     slope = float((places - middle) @ centred / np.square(places - middle).sum())

@@ -262,7 +262,8 @@ def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, mea
     """Return the findings on a log; InputError where one of them is an error."""
     findings = check_log(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
-    return (*findings, *rest(log)) if config.min_speed is None and len(log) >= MINIMUM_SAMPLES else findings
+    kept = config.rests == "keep" and config.min_speed is None and len(log) >= MINIMUM_SAMPLES
+    return (*findings, *rest(log, kept=True)) if kept else findings
 
 
 def turning_joints(config: Config) -> frozenset[str]:

@@ -237,6 +237,7 @@ class Config(Section):
     min_speed: PositiveOrEach = None
     delay: Delay | Literal["estimate"] = "estimate"
     outliers: Literal["mask", "keep"] = "mask"
+    rests: Literal["trim", "keep"] = "trim"
     simulation: Simulation | None = None
 
 

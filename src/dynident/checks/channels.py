@@ -14,7 +14,7 @@ from dynident.checks.finding import Finding, Topic
 from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
-from dynident.identification.rests import resting, whole_rests
+from dynident.identification import resting, whole_rests
 from dynident.log import Log
 from dynident.smoothers import repaired
 from dynident.splines import bridged, noise_sigma, stretches

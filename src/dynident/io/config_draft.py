@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from yaml.reader import Reader
 
 from dynident.errors import InputError, choices
-from dynident.identification.rests import moving_span
+from dynident.identification import moving_span
 from dynident.io.column_mapping import ColumnMapping, Signal
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts

@@ -118,10 +118,11 @@ def test_rows_written_twice_are_left_out(tmp_path):
     assert reading.warnings == ("a: 4 rows that repeat the previous one, including its time, are left out.",)
 
 
-def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
+def test_a_long_rest_is_warned_of_unless_it_is_left_out(tmp_path):
     text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
-    assert "the arm is at rest from 0 to" in read(tmp_path, text).warnings[0]
-    assert read(tmp_path, text, "min_speed: 0.01").warnings == ()
+    assert "the arm is at rest from 0.0 to 4.0 s" in read(tmp_path, text, "rests: keep").warnings[0]
+    assert read(tmp_path, text, "rests: keep\nmin_speed: 0.01").warnings == ()
+    assert read(tmp_path, text).warnings == ()
 
 
 def test_a_window_past_the_end_is_a_warning(tmp_path):

@@ -112,7 +112,8 @@ def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpace
     best = int(np.argmin(ratios))
     if not always and ratios[best] >= _BETTER:
         return log, None
-    note = notes.EquallySpaced(jitter, 1 / ratios[best], float((len(t) - 1) / np.ptp(axes[best])), lost * (best == 0))
+    lost *= best == 0
+    note = notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
     return replace(log, t=axes[best]), note
 
 

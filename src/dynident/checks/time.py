@@ -40,6 +40,7 @@ _REGULAR = 0.9  # share of steps within 10 % of the median from which on a step 
 _MANY = 0.01  # share of lost samples to warn of
 _BETTER = 0.8  # ratio of noises below which one time axis is clearly better
 _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
+_ROUNDED = 1e-4  # jitter that stamps of few digits have
 _AWAY, _PARTS = 0.5, 20  # steps that the stamps may be from equal spacing, in the median of parts of the log
 
 
@@ -103,7 +104,7 @@ def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpace
     """
     t, steps = log.t, np.diff(log.t)
     jitter = _rms(steps)
-    if jitter <= _EVEN or len(log) < MINIMUM_SAMPLES or len(_long_steps(log)):
+    if jitter <= (_EVEN if always else _ROUNDED) or len(log) < MINIMUM_SAMPLES or len(_long_steps(log)):
         return log, None
     places = np.append(0.0, np.cumsum(_whole_steps(steps / float(np.median(steps)))))
     lost = int(places[-1]) + 1 - len(log)

@@ -197,7 +197,7 @@ def jitter(log: Log) -> Iterator[Finding]:
 def stamps(facts: Timing) -> Iterator[Finding]:
     """Yield which time axis to use: the stamps, or equal spacing, whichever leaves less noise in the positions."""
     best = min(facts.even, facts.slots)
-    if best < _BETTER:
+    if best < _BETTER and facts.jitter > _ROUNDED:
         # equal spacing would shift all that follows a loss
         rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
         rate, step = (None, facts.step) if rounded else (facts.rate, None)

@@ -60,7 +60,7 @@ def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], 
     first, *others = (source.table for source in sources)
     found = map_columns(first, joints, sources[0].ros, others, lockable=Path(robot).suffix.lower() in SUFFIXES)
     same_columns(found, sources)
-    notes = [note for source in sources for note in source.table.notes]
+    notes = [note for source in sources for note in source.table.notes if note not in source.table.guesses]
     return draft_config(robot, joints, found, sources, folder), notes
 
 

@@ -71,6 +71,8 @@ def draft_config(
         "# For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`."
     )
     _model(page, robot, joints, mapping, folder)
+    for guess in dict.fromkeys(guess for source in sources for guess in source.table.guesses):
+        page.ask("file", f"{guess} Is this right?")
     _time(page, mapping)
     for section, signals in (("position", mapping.position), ("torque", mapping.torque)):
         _channels(page, section, signals, mapping)

@@ -189,6 +189,7 @@ def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> Data
         notes=tuple(note for table in tables.values() for note in table.notes),
         unread=tuple(f"{key}.{name}" for key, table in tables.items() for name in table.unread),
         units=_keyed({key: table.units for key, table in tables.items()}),
+        guesses=tuple(guess for table in tables.values() for guess in table.guesses),
     )
 
 

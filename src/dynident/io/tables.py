@@ -37,7 +37,8 @@ class DataTable:
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
     only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading, ``unread`` the
     columns that were not asked for, ``units`` the unit of columns whose type has one: s for dates and times,
-    ``guesses`` those of the notes that a user should confirm. Columns may differ in length: a file may hold more than one log.
+    ``guesses`` those of the notes that a user should confirm. Columns may differ in length: a file may hold more than
+    one log.
     """
 
     columns: Mapping[str, Array]

@@ -112,6 +112,15 @@ def test_commanded_positions_are_a_rival() -> None:
     assert list(torque.columns.values()) == [str(k) for k in range(19, 25)]
 
 
+def test_missing_values_are_left_out() -> None:
+    parts = [BLOCKS[kind].copy() for kind in ("tau", "q")]
+    parts[0][[7, 900, 901], 2] = np.nan
+    parts[1][40, 5] = np.inf
+    found = map_columns(table(*parts, np.full(len(T), np.nan)), JOINTS)
+    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
+    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+
+
 def test_degrees_are_found_and_asked() -> None:
     found = map_columns(table(np.degrees(Q), np.degrees(DQ), BLOCKS["tau"]), JOINTS)
     assert [one.column for one in found.position.values()] == places(("q", "dq", "tau"), "q")

@@ -30,12 +30,17 @@ _OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly j
 
 @dataclass(frozen=True)
 class Signal:
-    """A channel of a joint: its column (None: not found), its unit, and a question to confirm."""
+    """A channel of a joint: its column (None: not found), its unit, and a question to confirm.
+
+    ``gain`` says what the gain is, where the column is no torque yet; ``factor`` is an estimate of it and its standard
+    error, where the motion shows it.
+    """
 
     column: str | None
     unit: str
     question: str = ""
-    gain: str = ""  # what the gain is, where the column is no torque yet
+    gain: str = ""
+    factor: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.io.columns import ColumnFamily
-from dynident.io.match import JointFacts, Match, finite, increases
+from dynident.io.match import JointFacts, Match, increases
 from dynident.io.tables import DataTable
 
 __all__ = ["match_by_shape"]
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SAMPLES = 20_000  # of the recording, at most
-FEWEST = 100
+FEWEST, LARGEST = 100, 1e100
 DERIVATIVE = 0.9  # least correlation, of each joint that moves, of a column's steps with the integral of its derivative
 ALIKE = 0.99  # correlation from which a block is another of the same quantity, as commanded beside measured
 NEAR = 0.05  # of the share explained: a block that is explained as well within it is a rival
@@ -55,8 +55,8 @@ def match_by_shape(table: DataTable, joints: Sequence[JointFacts]) -> tuple[Matc
     n = len(joints)
     if rows < FEWEST or not n or len(names) < 2 * n:
         return None, None
-    X = np.column_stack([table.columns[name] for name in names])[:SAMPLES]
-    if len(finite(X.ravel())) < X.size:
+    X = _complete(np.column_stack([table.columns[name] for name in names])[:SAMPLES])
+    if len(X) < FEWEST:
         return None, None
     starts = _starts(len(names), n)
     blocks = {k: _Block(k, tuple(names[k : k + n])) for k in starts}
@@ -73,6 +73,13 @@ def match_by_shape(table: DataTable, joints: Sequence[JointFacts]) -> tuple[Matc
         asked += f" Why not {' or '.join(map(str, others))}, which are nearly the same?"
     found = _match("position", position, joints, asked)
     return found, _torque(X, chain, starts, joints, blocks)
+
+
+def _complete(X: Array) -> Array:
+    """Return the rows without missing values; a column of which most are missing is zero."""
+    known = np.abs(X) < LARGEST
+    empty = known.mean(axis=0) < 0.5
+    return np.where(empty, 0.0, X)[known[:, ~empty].all(axis=1)]
 
 
 def _match(role: str, block: _Block, joints: Sequence[JointFacts], question: str) -> Match:

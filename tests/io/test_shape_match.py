@@ -112,6 +112,14 @@ def test_commanded_positions_are_a_rival() -> None:
     assert list(torque.columns.values()) == [str(k) for k in range(19, 25)]
 
 
+def test_fingers_may_be_missing() -> None:
+    hand = (*JOINTS, JointFacts("finger", "prismatic", Limits(lower=0.0, upper=0.04, effort=20.0)))
+    found = map_columns(table(BLOCKS["tau"], BLOCKS["q"], BLOCKS["dq"]), hand)
+    assert [one.column for one in found.position.values()] == [str(k) for k in range(7, 13)]
+    assert [one.column for one in found.torque.values()] == [str(k) for k in range(1, 7)]
+    assert set(found.lock) == {"finger"}
+
+
 def test_missing_values_are_left_out() -> None:
     parts = [BLOCKS[kind].copy() for kind in ("tau", "q")]
     parts[0][[7, 900, 901], 2] = np.nan

@@ -17,6 +17,8 @@ from dynident.smoothers import Spline, motion_of
 
 __all__ = ["with_gains"]
 
+SMOOTH = Spline(factor=8.0)  # position noise may not be white, and the slow torque of gravity tells most
+
 
 def with_gains(
     robot: str, joints: Sequence[JointFacts], mapping: ColumnMapping, sources: Sequence[Source], folder: Path
@@ -33,7 +35,7 @@ def with_gains(
         project = parse_project(draft_config(robot, joints, plain, sources, folder).text, folder / "draft.yaml")
         logs = project.logs()[0]["train"].values()
         names = tuple(joint.name for joint in project.model.joints)
-        found = relative_gains(project.model, [motion_of(Spline(), log.select(names)) for log in logs])
+        found = relative_gains(project.model, [motion_of(SMOOTH, log.select(names)) for log in logs])
     except DynidentError:  # whatever it is, it is said where the configuration is read
         return mapping
     torque = {

@@ -48,10 +48,12 @@ def match_by_shape(table: DataTable, joints: Sequence[JointFacts]) -> tuple[Matc
     """Return the columns of positions and of torques, None where no block of so many columns looks like them.
 
     Columns are in the order of the joints within a block. Columns that are constant, or increase as the time does, are
-    of neither kind unless a block of others holds them.
+    of neither kind unless a block of others holds them. The fingers of a gripper, sliding joints after turning ones,
+    may be missing.
     """
     rows = max((len(column) for column in table.columns.values()), default=0)
     names = [name for name, x in table.columns.items() if len(x) == rows and not increases(x)]
+    joints = _recorded(joints, len(names))
     n = len(joints)
     if rows < FEWEST or not n or len(names) < 2 * n:
         return None, None
@@ -73,6 +75,15 @@ def match_by_shape(table: DataTable, joints: Sequence[JointFacts]) -> tuple[Matc
         asked += f" Why not {' or '.join(map(str, others))}, which are nearly the same?"
     found = _match("position", position, joints, asked)
     return found, _torque(X, chain, starts, joints, blocks)
+
+
+def _recorded(joints: Sequence[JointFacts], count: int) -> Sequence[JointFacts]:
+    """Return the joints that ``count`` columns are of: those without fingers where they make whole blocks of these."""
+    turning = next((k for k, one in enumerate(joints) if k and one.kind == "prismatic"), len(joints))
+    fingers = all(one.kind == "prismatic" for one in joints[turning:])
+    arm = all(one.kind == "revolute" for one in joints[:turning])
+    whole = len(joints) > 0 and count % len(joints) == 0
+    return joints[:turning] if arm and fingers and turning and not whole and count % turning == 0 else joints
 
 
 def _complete(X: Array) -> Array:

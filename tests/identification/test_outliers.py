@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from dynident.errors import InputError
-from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
 from dynident.identification.outliers import HeldOutOutliers
+from dynident.identification.verdict import judge
+from dynident.identification.verdict.reasons import SilentTorque
 from dynident.log import Log, Motion
 from dynident.models import simulate
 from dynident.models.gallery import pendulum, two_link_arm
@@ -139,3 +141,58 @@ def test_torques_that_are_all_suspect_are_kept() -> None:
 def test_torques_that_are_all_zero_are_refused() -> None:
     with pytest.raises(InputError, match="all torques of the training are zero"):
         fitted(replace(TRAIN, tau=0 * TRAIN.tau))
+
+
+def two_links(tau2: float | None = None) -> Log:
+    """A recording of two joints, of which the second torque may be constant."""
+    arm = two_link_arm()
+    motion = simulate(arm, arm.values, lambda t: [4 * np.sin(2 * t), 3 * np.sin(4 * t)], T)
+    log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    return log if tau2 is None else replace(log, tau=np.column_stack([log.tau[:, 0], np.full(len(log), tau2)]))
+
+
+ESTIMATORS = [
+    LeastSquares(),
+    LeastSquares(weights="per_joint"),
+    PhysicallyConsistent(),
+    PhysicallyConsistent(weights="per_joint"),
+    MaximumLikelihood(),
+]
+
+
+@pytest.mark.parametrize("constant", [0.0, 7.5])
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=repr)
+def test_a_torque_that_was_never_recorded_spoils_nothing(estimator: Estimator, constant: float) -> None:
+    """The first joint is fitted as if the second had no equation; of the second there is no error."""
+    arm, clean, recipe = two_link_arm(), two_links(), Recipe(Spline(sigma=1e-4), estimator)
+    unknown = replace(clean, keep=np.column_stack([np.ones(len(T), bool), np.zeros(len(T), bool)]))
+    known, found = (identify(arm, {"a": one}, {"b": one}, recipe) for one in (unknown, two_links(constant)))
+    for one, expected in zip(found.validations, known.validations, strict=True):
+        assert one.motion.keep is not None
+        assert not one.motion.keep[:, 1].any()
+        assert one.errors.per_joint["joint1"] == pytest.approx(expected.errors.per_joint["joint1"], rel=1e-3)
+        assert one.errors.relative_error == one.errors.per_joint["joint1"] < 3
+        assert np.isnan([one.errors.per_joint["joint2"], one.errors.rmse["joint2"]]).all()
+        assert set(one.residuals) == {"joint1"}
+    (reason,) = (one for one in judge(found).reasons if isinstance(one, SilentTorque))
+    assert reason.joints == ("joint2",)
+
+
+def test_a_torque_missing_in_one_of_two_logs_is_known_from_the_other() -> None:
+    arm, clean, dead = two_link_arm(), two_links(), two_links(0.0)
+    whole = identify(arm, {"a": clean}, {}, Recipe(Spline(sigma=1e-4)))
+    found = identify(arm, {"a": clean, "b": dead}, {}, Recipe(Spline(sigma=1e-4)))
+    assert np.all(np.abs(found.estimate.value - whole.estimate.value) < 3 * whole.errors.best)
+
+
+def test_a_joint_that_turns_freely_is_fitted() -> None:
+    """Zero is the torque of a passive joint, by which the other joint's determines all parameters of both."""
+    arm = two_link_arm()
+    passive = np.array([*arm.values[:-1], 0.0])
+    motion = simulate(arm, passive, lambda t: [4 * np.sin(2 * t) + 2 * np.sin(3.1 * t), 0.0], T)
+    log = record(motion, sigma_q=1e-4, sigma_tau=0.01, rng=np.random.default_rng(0)).log
+    free = replace(log, tau=log.tau * [1.0, 0.0])
+    found = identify(arm, {"a": free}, {}, Recipe(Spline(sigma=1e-4)))
+    keep = found.validations[0].motion.keep
+    assert keep is None or keep[:, 1].all()
+    assert np.all(np.abs(found.estimate.value - passive) < 0.03 * np.abs(passive).max())

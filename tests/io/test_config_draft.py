@@ -158,6 +158,15 @@ def test_what_cannot_be_read_is_reported_where_something_is_missing(arm, tmp_pat
     assert "the columns of" in result.output
 
 
+def test_an_array_whose_time_runs_along_its_rows_is_a_question(arm, tmp_path):
+    q = np.stack([SOUND["elbow.position"], SOUND["shoulder.position"]])
+    tau = np.stack([SOUND["elbow.effort"], SOUND["shoulder.effort"]])
+    np.savez(tmp_path / "a.npz", time=T, q=q, tau=tau)
+    result = run("init", arm, tmp_path / "a.npz", "-o", tmp_path / "c.yaml")
+    assert "  file: 'tau' has the shape (2, 800): it is read as 800 rows" in result.output
+    assert "  # ? 'q' has the shape (2, 800): it is read as 800 rows" in (tmp_path / "c.yaml").read_text()
+
+
 def test_files_that_make_one_log_are_joined(arm, tmp_path):
     for name in ("position", "effort"):
         np.savetxt(

@@ -212,6 +212,32 @@ def test_time_along_the_rows_is_seen_by_the_length_of_other_columns(tmp_path):
     table = read_columns(tmp_path / "a.npz")
     np.testing.assert_array_equal([table.columns["q[0]"], table.columns["q[1]"]], q)
     assert "transpose" in table.faults["other"]
+    assert table.notes == table.guesses
+    assert table.guesses == (
+        "'q' has the shape (2, 6): it is read as 6 rows of 2 columns, as other columns have 6 values.",
+    )
+
+
+@pytest.mark.parametrize("shape", [(6, 300), (300, 6), (6, 1, 300), (1, 300, 6)])
+def test_without_a_column_of_time_the_far_longer_side_is_the_time(shape, tmp_path):
+    rows = np.arange(1800.0).reshape(300, 6)
+    whole = (rows if shape.index(300) < shape.index(6) else rows.T).reshape(shape)
+    np.savez(tmp_path / "a.npz", q=whole, mass=3.0)
+    table = read_columns(tmp_path / "a.npz")
+    np.testing.assert_array_equal(np.stack([table.columns[f"q[{k}]"] for k in range(6)], axis=1), rows)
+    assert bool(table.guesses) == (shape.index(6) < shape.index(300))
+
+
+def test_sides_of_about_one_length_are_not_guessed(tmp_path):
+    np.savez(tmp_path / "a.npz", q=np.ones((6, 40)))
+    assert "transpose" in read_columns(tmp_path / "a.npz").faults["q"]
+
+
+def test_a_vector_of_one_number_per_joint_says_nothing_of_the_time(tmp_path):
+    np.savez(tmp_path / "a.npz", t=np.arange(300.0), q=np.ones((6, 300)), gains=np.ones(6))
+    table = read_columns(tmp_path / "a.npz")
+    assert len(table.columns["q[5]"]) == 300
+    assert len(table.guesses) == 1
 
 
 def test_a_damaged_parquet_leaves_no_trace(tmp_path, capfd):

@@ -53,7 +53,10 @@ SAID = [
     ),
     (
         notes.ConstantTorque(1.0),
-        "the torque is 1 throughout; check that the right column is named and was recorded.",
+        (
+            "the torque is 1 throughout; check that the right column is named and was recorded. The fit leaves its "
+            "equation out, unless the other joints show that the joint turns freely."
+        ),
     ),
     (
         notes.ArmAtRest(2.5, 4.0),

@@ -259,7 +259,7 @@ def test_a_noun_without_words_is_an_error() -> None:
         ),
         (
             why.SilentTorque(("a", "b")),
-            "the torque of a, b is zero in all training logs",
+            "the torque of a, b does not change in any training log",
         ),
         (why.MassMatrixNotPositive(-0.1), "the mass matrix is not positive definite (eigenvalue -0.1)"),
         (why.MostlyUnexcited(3, 7), "the data do not excite 3 of 7 base parameters"),

@@ -262,6 +262,7 @@ def noise_of(
     position = _mean([_position(log) for log in logs], logs)
     sensor = _mean([_scatter(log) for log in logs], logs)
     residual = _mean([np.array([one.errors.rmse[name] for name in joints]) for one in found.validations], logs)
+    residual = np.where(np.isnan(residual), sensor, residual)  # never recorded: it counts for nothing
     by = Measure.RESIDUAL if torque == "residual" else Measure.SCATTER
     q, positions = _given("sigma_q", sigma_q, joints, position, Measure.SCATTER)
     tau, torques = _given("sigma_tau", sigma_tau, joints, residual if by is Measure.RESIDUAL else sensor, by)
@@ -305,6 +306,8 @@ def _rounded(noise: Array, steps: Array) -> Array:
 
 
 def _mean(sizes: Sequence[Array], logs: Sequence[Log]) -> Array:
-    """Return the root mean square over the logs, by their samples; never zero."""
-    squares = np.average(np.square(sizes), axis=0, weights=[len(log) for log in logs])
-    return np.asarray(np.sqrt(np.maximum(squares, 1e-200)))
+    """Return the root mean square over the logs, by their samples, nan where none is known; never zero."""
+    known = ~np.isnan(sizes)
+    weights = known * np.array([len(log) for log in logs])[:, None]
+    squares = np.sum(weights * np.square(np.nan_to_num(sizes)), axis=0) / np.maximum(weights.sum(axis=0), 1)
+    return np.where(known.any(axis=0), np.sqrt(np.maximum(squares, 1e-200)), np.nan)

@@ -11,6 +11,7 @@ from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
+from dynident.checks.relative_gains import relative_gains
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
 from dynident.checks.time import MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
 from dynident.checks.torque import Agreement
@@ -36,6 +37,7 @@ __all__ = [
     "notes",
     "reading_line",
     "reading_words",
+    "relative_gains",
     "require",
     "respaced",
     "rest",

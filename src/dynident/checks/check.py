@@ -224,6 +224,8 @@ def _moving(
     outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
     findings += torque_findings(every, outliers, len(logs), masked=masked)
     if masked:
+        # what the motion excites does not depend on the torques that were never recorded: see ``_audible``
+        outliers = tuple(None if one is None else replace(one, dead=np.zeros_like(one.dead)) for one in outliers)
         pairs = zip(every, outliers, strict=True)
         clean = {
             log.source: channels(log, suspects(log).positions, one.masked)
@@ -316,8 +318,8 @@ def _faults(
 
 
 def _audible(motions: tuple[Motion, ...]) -> tuple[Motion, ...]:
-    """Return the motions without the torques that are zero throughout, which would spoil what others show."""
-    alive = np.any([one.tau.any(axis=0) for one in motions], axis=0)
+    """Return the motions without the torques that never change, which would spoil what others show."""
+    alive = np.any([np.ptp(one.tau, axis=0) > 0 for one in motions], axis=0)
     if alive.all() or not alive.any():
         return motions
     return tuple(

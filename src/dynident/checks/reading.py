@@ -71,7 +71,10 @@ def _(note: notes.QuantisedPosition) -> str:
 
 @reading_words.register
 def _(note: notes.ConstantTorque) -> str:
-    return f"the torque is {note.value:.6g} throughout; check that the right column is named and was recorded."
+    return (
+        f"the torque is {note.value:.6g} throughout; check that the right column is named and was recorded. The fit "
+        "leaves its equation out, unless the other joints show that the joint turns freely."
+    )
 
 
 @reading_words.register

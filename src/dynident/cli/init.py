@@ -49,6 +49,7 @@ def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], 
     """Return the configuration drafted for a folder, and notes on what was read."""
     from dynident.io.column_mapping import map_columns
     from dynident.io.config_draft import draft_config, same_columns
+    from dynident.io.gain_draft import with_gains
     from dynident.io.robot import SUFFIXES
     from dynident.io.sources import read_joints, read_source
 
@@ -60,7 +61,10 @@ def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], 
     first, *others = (source.table for source in sources)
     found = map_columns(first, joints, sources[0].ros, others, lockable=Path(robot).suffix.lower() in SUFFIXES)
     same_columns(found, sources)
-    notes = [note for source in sources for note in source.table.notes]
+    if any(one.gain for one in found.torque.values()):
+        say("estimating the gains")
+        found = with_gains(robot, joints, found, sources, folder)
+    notes = [note for source in sources for note in source.table.notes if note not in source.table.guesses]
     return draft_config(robot, joints, found, sources, folder), notes
 
 

@@ -16,7 +16,7 @@ from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermi
 from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
 from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
-from dynident.identification.outliers import held_out_outliers, torque_outliers, without
+from dynident.identification.outliers import held_out_outliers, masked
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import without_rests
 from dynident.identification.result import (
@@ -96,7 +96,7 @@ def _identify(
     smoother = pairing.smoother
     motions = _smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
-        motions["train"] = _masked(model, motions["train"], roles["train"], min_speed)
+        motions = masked(model, motions, roles, min_speed)
         trained = tuple(
             replace(log, tau=motion.tau) for log, motion in zip(trained, motions["train"].values(), strict=True)
         )
@@ -183,14 +183,6 @@ def _smoothed(
         progress(Step("smoothing the logs", k, len(every)))
         motions[role][name] = model.remembering(motion_of(smoother, log))
     return motions
-
-
-def _masked(
-    model: Model, motions: Mapping[str, Motion], logs: Mapping[str, Log], min_speed: tuple[float, ...] | None
-) -> dict[str, Motion]:
-    """Return the motions of the training with what is wrong of their torques left out of the fit."""
-    found = torque_outliers(model, tuple(motions.values()), tuple(logs.values()), min_speed)
-    return {name: without(motion, one, logs[name]) for (name, motion), one in zip(motions.items(), found, strict=True)}
 
 
 def _mounted(

@@ -16,6 +16,7 @@ __all__ = ["Columns", "Found", "StoredArray", "columns_of", "held"]
 
 Array = NDArray[np.float64]
 _SHOWN = 1000  # columns of one array that are listed one by one where they are not read
+_LONG = 20  # times the other side of an array: a side that long is the time, where no column says so
 
 
 @dataclass(frozen=True)
@@ -43,12 +44,14 @@ Found = StoredArray | str  # a text describes what is no array of numbers
 
 @dataclass
 class Columns:
-    """What a file holds, by name: columns and scalars as float64, faults, and the columns that were not needed."""
+    """What a file holds, by name: columns and scalars as float64, faults, and the columns that were not needed;
+    ``guesses``: the arrays whose time was taken to run along their rows."""
 
     columns: dict[str, Array] = field(default_factory=dict)
     constants: dict[str, float] = field(default_factory=dict)
     faults: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
+    guesses: list[str] = field(default_factory=list)
 
 
 def held(array: NDArray[Any]) -> StoredArray:
@@ -57,10 +60,11 @@ def held(array: NDArray[Any]) -> StoredArray:
 
 
 def columns_of(items: Mapping[str, Found], needed: Collection[str] | None, source: str, taken: int = 0) -> Columns:
-    """Read the arrays in which time runs down the rows; where ``needed`` is given, only those with such columns.
+    """Read the arrays; where ``needed`` is given, only those with such columns.
 
-    ``taken`` is the memory (bytes) in use already. An array that is needed by name and beyond the budget is an
-    InputError; where all are wanted, it is a fault of its columns.
+    Time runs down the rows, or along them where the length of other columns, or else a side that is far longer, says
+    so, which is a guess to report. ``taken`` is the memory (bytes) in use already. An array that is needed by name and
+    beyond the budget is an InputError; where all are wanted, it is a fault of its columns.
     """
     lengths = {
         one.size for one in items.values() if not isinstance(one, str) and max(one.shape, default=0) == one.size > 1
@@ -80,6 +84,8 @@ def columns_of(items: Mapping[str, Found], needed: Collection[str] | None, sourc
         else:
             afford(taken := taken + one.cost, f"{source}: to read {name!r}, {one.shape}, would take")
             values = one.read()
+            if table == _sides(one.shape)[::-1] and table[0] != table[1]:
+                found.guesses.append(_guess(name, one.shape, *table, known=table[0] in lengths))
             if one.size == 1:
                 found.constants[name] = float(values.item())
             else:
@@ -92,15 +98,27 @@ def _wanted(name: str, one: StoredArray, needed: Collection[str] | None) -> bool
 
 
 def _table(shape: tuple[int, ...], lengths: Collection[int]) -> tuple[int, int] | None:
-    """Return rows and columns: time runs down the rows of an array, or along them, as ``lengths`` of others tell."""
+    """Return rows and columns: time runs down the rows of an array, or along them, as ``lengths`` of others tell, or
+    a side that is far longer where they do not; None where it is not clear. Sides of one are left out."""
     if max(shape, default=1) == (size := math.prod(shape)):
         return size, 1
-    if len(shape) != 2:
+    if len(sides := _sides(shape)) != 2:
         return None
-    rows, columns = shape
-    if columns in lengths and rows not in lengths:
-        rows, columns = columns, rows
+    rows, columns = sides
+    down, along = rows in lengths, columns in lengths
+    unsaid = (along and down) or not lengths
+    if (along and not down) or (unsaid and columns >= _LONG * rows):
+        return columns, rows
     return (rows, columns) if rows >= columns else None
+
+
+def _sides(shape: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(n for n in shape if n != 1)
+
+
+def _guess(name: str, shape: tuple[int, ...], rows: int, columns: int, *, known: bool) -> str:
+    why = f"as other columns have {rows} values" if known else "its longer side"
+    return f"{name!r} has the shape {shape}: it is read as {rows} rows of {columns} columns, {why}."
 
 
 def _names(name: str, columns: int) -> list[str]:
@@ -110,6 +128,7 @@ def _names(name: str, columns: int) -> list[str]:
 def _split(array: NDArray[Any], rows: int, columns: int) -> list[Array]:
     if columns == 1:
         return [_float(array.reshape(-1))]
+    array = array.reshape(_sides(array.shape))
     array = array if array.shape == (rows, columns) else array.T
     return [_float(array[:, k]) for k in range(columns)]
 

@@ -14,6 +14,7 @@ from dynident.io.columns import ColumnFamily, families, read_name
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts, Match, best_pair, finite, headerless, rows_of
 from dynident.io.settings import POSITIONS, TORQUES
+from dynident.io.shape_match import match_by_shape
 from dynident.io.tables import DataTable
 from dynident.io.time_column import TimeColumn, has_gaps, time_column
 
@@ -29,12 +30,17 @@ _OVER, _UNDER = 1.5, 0.02  # times the effort limit: torques beyond are hardly j
 
 @dataclass(frozen=True)
 class Signal:
-    """A channel of a joint: its column (None: not found), its unit, and a question to confirm."""
+    """A channel of a joint: its column (None: not found), its unit, and a question to confirm.
+
+    ``gain`` says what the gain is, where the column is no torque yet; ``factor`` is an estimate of it and its standard
+    error, where the motion shows it.
+    """
 
     column: str | None
     unit: str
     question: str = ""
-    gain: str = ""  # what the gain is, where the column is no torque yet
+    gain: str = ""
+    factor: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,13 +90,17 @@ def map_columns(
     usable = [joint for joint in joints if not joint.follows]
     found = families(table.columns, [joint.name for joint in joints]) or headerless(table, len(usable))
     position, torque = best_pair(table, found, usable)
+    nameless = all(name.isdecimal() for name in table.columns) or position is torque is None
+    if nameless:
+        shaped = match_by_shape(table, usable)
+        position, torque = shaped if all(shaped) else (position or shaped[0], torque)
     names = _shared(position, torque, usable)
     signals = _positions(table, usable, position, ros)
     still = _still([table, *others], [joint for joint in usable if joint.name in names], signals) if lockable else ()
     names = names.difference(still) or names
     used = [joint for joint in usable if joint.name in names]
     rows = rows_of(table, position or torque)
-    time = time_column(table, found, rows, ros)
+    time = time_column(table, found, rows, ros, nameless=nameless)
     matches = {key: match for key, match in (("position", position), ("torque", torque)) if match}
     left = _left(table, rows, time, matches.values())
     return ColumnMapping(

@@ -33,6 +33,11 @@ _PLAIN = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
 _BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log
 _LARGEST = 1e100  # of values that can have been measured
+_ASSUMED = (
+    "the gains are those with which gravity and inertia of the robot file explain the motion: are its masses right? "
+    "Errors in % do not depend on a factor that all gains share, but masses, inertias and friction do; data sheets or "
+    "a known payload tell it"
+)
 _STILL = "; outside, the arm is at rest, where friction is not determined"
 
 
@@ -71,6 +76,8 @@ def draft_config(
         "# For `dynident identify`. Every proposal has its reason beside it; confirm or correct those marked `# ?`."
     )
     _model(page, robot, joints, mapping, folder)
+    for guess in dict.fromkeys(guess for source in sources for guess in source.table.guesses):
+        page.ask("file", f"{guess} Is this right?")
     _time(page, mapping)
     for section, signals in (("position", mapping.position), ("torque", mapping.torque)):
         _channels(page, section, signals, mapping)
@@ -158,15 +165,28 @@ def _channels(page: _Page, section: str, signals: Mapping[str, Signal], mapping:
     common = asked.pop() if len(asked) == 1 and len(signals) > 1 else ""  # asked once, not joint by joint
     if common:
         page.ask(section, common)
+    if any(signal.factor for signal in signals.values()):
+        page.ask(section, _ASSUMED)
     _wanted(page, section, signals)
     for name, one in signals.items():
-        complete = one.column is not None and not one.gain
-        page.line(_channel(name, one), f"{section}.{name}", one.question if complete and not common else "")
+        complete = one.column is not None and not _blank(one)
+        asked_of = _factor_question(one) if one.factor else "" if common else one.question
+        page.line(_channel(name, one), f"{section}.{name}", asked_of if complete else "")
+
+
+def _blank(signal: Signal) -> bool:
+    """Whether a gain is to be filled in."""
+    return bool(signal.gain) and signal.factor is None
+
+
+def _factor_question(signal: Signal) -> str:
+    value, std = signal.factor or (math.nan, math.nan)
+    return f"{value:.4g} +- {std:.2g} from the robot file: {signal.gain}?"
 
 
 def _wanted(page: _Page, section: str, signals: Mapping[str, Signal]) -> None:
     """Say what is to be filled in of a section's channels."""
-    gains = sorted({signal.gain for signal in signals.values() if signal.gain})
+    gains = sorted({signal.gain for signal in signals.values() if _blank(signal)})
     if gains:
         page.want(section, f"the gains: {' or '.join(gains)}")
     missing = [name for name, signal in signals.items() if signal.column is None]
@@ -178,8 +198,9 @@ def _channel(name: str, signal: Signal) -> str:
     """Return the line of a channel, a comment where something in it is to be filled in."""
     if signal.column is None:
         return f"  # {_scalar(name)}: {{ column: , unit: {signal.unit} }}"
-    gain = " gain: ," if signal.gain else ""
-    return f"  {'# ' if gain else ''}{_scalar(name)}: {{ column: {_scalar(signal.column)},{gain} unit: {signal.unit} }}"
+    gain = f" gain: {signal.factor[0]:.4g}," if signal.factor else " gain: ," if signal.gain else ""
+    start = "  # " if _blank(signal) else "  "
+    return f"{start}{_scalar(name)}: {{ column: {_scalar(signal.column)},{gain} unit: {signal.unit} }}"
 
 
 def _unused(page: _Page, mapping: ColumnMapping, table: DataTable) -> None:

@@ -203,6 +203,7 @@ def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> Data
         notes=tuple(note for table in tables.values() for note in table.notes),
         unread=tuple(f"{key}.{name}" for key, table in tables.items() for name in table.unread),
         units=_keyed({key: table.units for key, table in tables.items()}),
+        guesses=tuple(guess for table in tables.values() for guess in table.guesses),
     )
 
 
@@ -231,6 +232,12 @@ def _cut(found: RecordedSignals, window: Interval, joints: Sequence[Joint], name
     for column, values in found.used.items():
         bad = rows[bad_values(values[part])]
         if len(bad):
+            if len(bad) == len(rows):
+                raise InputError(
+                    f"{source}: column {column!r} holds no number from {t[rows[0]]:.9g} to {t[rows[-1]]:.9g} s. "
+                    "Is the right column named, and was it recorded? A joint whose torque was not can be fitted "
+                    "around: write zeros in its place."
+                )
             value = values[bad[0]]
             what = "empty or NaN" if np.isnan(value) else f"{value:.3g}"
             raise InputError(

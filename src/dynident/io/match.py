@@ -44,7 +44,8 @@ def headerless(table: DataTable, count: int) -> list[ColumnFamily]:
     names = list(table.columns)
     if not names or not all(name.isdecimal() for name in names):
         return []
-    first = [ColumnFamily("time", 0, {None: names[0]})] if increases(table.columns[names[0]]) else []
+    clocks = [name for name in names if increases(table.columns[name])]  # of several, their values tell
+    first = [ColumnFamily("time", 0, {None: names[0]})] if clocks == names[:1] else []
     rest = names[len(first) :]
     if len(rest) not in (2 * count, 3 * count):
         return first

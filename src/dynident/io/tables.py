@@ -36,8 +36,9 @@ class DataTable:
 
     ``faults`` says why a column of the file cannot be used, ``lines`` are the line numbers of its rows (text files
     only), ``rows`` the indices kept where some were dropped, ``notes`` the corrections made in reading, ``unread`` the
-    columns that were not asked for, ``units`` the unit of columns whose type has one: s for dates and times. Columns
-    may differ in length: a file may hold more than one log.
+    columns that were not asked for, ``units`` the unit of columns whose type has one: s for dates and times,
+    ``guesses`` those of the notes that a user should confirm. Columns may differ in length: a file may hold more than
+    one log.
     """
 
     columns: Mapping[str, Array]
@@ -49,6 +50,7 @@ class DataTable:
     rows: NDArray[np.intp] | None = None
     unread: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    guesses: tuple[str, ...] = ()
 
     __repr__ = brief
 
@@ -234,4 +236,7 @@ def read_hdf5(path: Path, needed: Collection[str] | None = None) -> DataTable:
 
 def _table(arrays: Mapping[str, Found], needed: Collection[str] | None, path: Path, taken: int = 0) -> DataTable:
     found = columns_of(arrays, needed, str(path), taken)
-    return DataTable(found.columns, found.constants, str(path), found.faults, unread=tuple(found.unread))
+    said = tuple(found.guesses)
+    return DataTable(
+        found.columns, found.constants, str(path), found.faults, notes=said, unread=tuple(found.unread), guesses=said
+    )

@@ -34,9 +34,14 @@ class TimeColumn:
     question: str = ""
 
 
-def time_column(table: DataTable, found: Iterable[ColumnFamily], rows: int, ros: bool) -> TimeColumn:
-    """Return the first column of stamps that increases, with its unit: from its name, or from its step."""
-    chosen = _stamps(table, found, rows)
+def time_column(
+    table: DataTable, found: Iterable[ColumnFamily], rows: int, ros: bool, *, nameless: bool = False
+) -> TimeColumn:
+    """Return the first column of stamps that increases, with its unit: from its name, or from its step.
+
+    Where the columns are ``nameless``, of several that could be the time the likeliest is taken.
+    """
+    chosen = _stamps(table, found, rows, nameless)
     if rows < 2 or chosen is None:
         return TimeColumn(None)
     name, unit, question = chosen
@@ -47,14 +52,15 @@ def time_column(table: DataTable, found: Iterable[ColumnFamily], rows: int, ros:
     return TimeColumn(name, unit, _step(column) * UNITS["time"][unit], question)
 
 
-def _stamps(table: DataTable, found: Iterable[ColumnFamily], rows: int) -> tuple[str, str | None, str] | None:
+def _stamps(
+    table: DataTable, found: Iterable[ColumnFamily], rows: int, nameless: bool
+) -> tuple[str, str | None, str] | None:
     """Return the column of the stamps, by its name or else by its values, the unit in its name, and a question."""
     named = [(column, one.units.get(column)) for one in found if one.role == "time" for column in one.columns.values()]
     named = [*((name, table.units.get(name, unit)) for name, unit in named), *table.units.items()]
     stamps = [(name, unit) for name, unit in named if len(table.columns[name]) == rows]
     if not stamps:
-        alone = _clock(table, rows)
-        return (*alone, "the only column that increases evenly: is it the time?") if alone else None
+        return _clock(table, rows, nameless)
     name, unit = min(stamps, key=lambda stamp: not increases(table.columns[stamp[0]]))
     sound = increases(table.columns[name])
     return name, unit, "" if sound else "the stamps do not increase everywhere: is there a better column?"
@@ -65,7 +71,7 @@ def _by_step(name: str, column: Array, question: str) -> TimeColumn:
     step = _step(column)
     if _FASTEST <= step <= _SLOWEST:
         return TimeColumn(name, "s", step, question)
-    if step == 1 and float(finite(column)[0]).is_integer():
+    if _counts(column):
         asked = "it counts by one: ms, or samples (then `time: { rate: ... }`)?"
         return TimeColumn(name, "ms", 1e-3, asked)
     unit = next((x for x in ("ms", "us", "ns") if _FASTEST <= step * UNITS["time"][x] <= _SLOWEST), "s")
@@ -73,18 +79,32 @@ def _by_step(name: str, column: Array, question: str) -> TimeColumn:
     return TimeColumn(name, unit, step * UNITS["time"][unit], "; ".join(filter(None, (question, asked))))
 
 
-def _clock(table: DataTable, rows: int) -> tuple[str, str | None] | None:
-    """Return the only column that increases in about equal steps, whatever its name, and the unit that the name has."""
+def _clock(table: DataTable, rows: int, several: bool) -> tuple[str, str | None, str] | None:
+    """Return the column that increases in about equal steps, whatever its name, the unit that the name has, and a
+    question; of ``several``, one that does not count samples, and whose steps may be seconds."""
     even = []
     for name, column in table.columns.items():
         if len(column) == rows >= _FEW and increases(column):
             steps = np.diff(column)
             if steps.max() < _GAP * np.median(steps) and np.median(np.abs(steps / np.median(steps) - 1)) < _EVEN:
                 even.append(name)
-    if len(even) != 1:
+    if not even or (len(even) > 1 and not several):
         return None
-    words = re.split("[^a-z]+", even[0].lower())
-    return even[0], next((unit for unit in UNITS["time"] if unit in words), None)
+    likely = sorted(even, key=lambda name: (_counts(table.columns[name]), not _seconds(table.columns[name])))
+    words = re.split("[^a-z]+", likely[0].lower())
+    asked = "the only column that increases evenly: is it the time?"
+    if likely[1:]:
+        asked = f"it increases evenly, as {' and '.join(map(repr, likely[1:]))} do: is it the time?"
+    return likely[0], next((unit for unit in UNITS["time"] if unit in words), None), asked
+
+
+def _counts(column: Array) -> bool:
+    """Whether stamps count samples, or ms."""
+    return _step(column) == 1 and float(finite(column)[0]).is_integer()
+
+
+def _seconds(column: Array) -> bool:
+    return _FASTEST <= _step(column) <= _SLOWEST
 
 
 def _epoch(column: Array) -> str | None:

@@ -228,7 +228,7 @@ def _(reason: reasons.SlowHoldOut) -> str:
 
 @words.register
 def _(reason: reasons.SilentTorque) -> str:
-    return f"the torque of {', '.join(reason.joints)} is zero in all training logs"
+    return f"the torque of {', '.join(reason.joints)} does not change in any training log"
 
 
 @words.register

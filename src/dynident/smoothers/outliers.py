@@ -29,7 +29,8 @@ MARGIN = 8  # samples beside a frozen stretch whose derivatives are those of the
 
 @dataclass(frozen=True, eq=False)
 class Suspects:
-    """Where (N, n) positions and torques of a log look wrong: spikes, frozen stretches, values at a limit.
+    """Where (N, n) positions and torques of a log look wrong: spikes, frozen stretches, values at a limit, and torques
+    that never change (``torque_dead``) while those of other joints do.
 
     The torques are only suspects: whether they are wrong, a model must say.
     """
@@ -39,6 +40,7 @@ class Suspects:
     torque_spikes: Mask
     torque_frozen: Mask
     torque_clipped: Mask
+    torque_dead: Mask
 
     __repr__ = brief
 
@@ -51,7 +53,7 @@ class Suspects:
     @cached_property
     def torques(self) -> Mask:
         """All suspect torques (N, n); none where they are nearly all of the log."""
-        found = self.torque_spikes | self.torque_frozen | self.torque_clipped
+        found = self.torque_spikes | self.torque_frozen | self.torque_clipped | self.torque_dead
         return found if found.mean() <= NEARLY_ALL else np.zeros_like(found)
 
 
@@ -74,7 +76,9 @@ def _suspects(log: Log) -> Suspects:
     clipped = _clipped(log.tau)
     held = frozen(log.t, log.tau) & ~clipped
     q, tau = (spikes(log.t, x) | torn_ends(log.t, x) for x in (log.q, log.tau))
-    return Suspects(q, frozen(log.t, log.q), tau & ~clipped, held, clipped)
+    constant = np.ptp(log.tau, axis=0) == 0
+    dead = np.broadcast_to(constant & ~constant.all(), log.tau.shape)  # where all are, the whole arm may swing freely
+    return Suspects(q, frozen(log.t, log.q), tau & ~clipped, held, clipped, dead)
 
 
 def _clipped(tau: NDArray[np.float64]) -> Mask:

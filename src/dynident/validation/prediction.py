@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["SEED", "LogValidation", "Signals", "TorqueErrors", "check_mass", "relative_error", "validate"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Role = Literal["train", "validation"]
 SEED = 0  # of the random poses, where the caller brings no generator
 
@@ -35,6 +36,9 @@ class TorqueErrors:
     the log's own rate; ``relative_error_filtered`` the same after the parallel filter and decimation, over the rows
     that the fit uses (None where no filter is configured); ``rmse`` (N m or N) and ``per_joint`` (%) by joint name,
     unfiltered.
+
+    A joint whose torque never changes, and of which the motion keeps none, was not recorded: it has no errors (nan),
+    and no part in that of all joints.
 
     By joint name too: ``per_joint_filtered`` (%; empty without a filter); ``effort_share``, the rmse in % of the effort
     limit of the robot file (of joints that have one); ``r2`` = 1 - variance of the residual / variance of the torque,
@@ -180,7 +184,8 @@ def validate(
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
     predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
-    error = np.sqrt(np.mean((measured - guess) ** 2, axis=0))
+    known = _recorded(motion)
+    error = np.where(known, np.sqrt(np.mean((measured - guess) ** 2, axis=0)), np.nan)
     filtered = None if parallel_filter is None else _filtered(motion, predicted, parallel_filter, min_speed)
     rmse = dict(zip(motion.joints, map(float, error), strict=True))
     return LogValidation(
@@ -188,16 +193,18 @@ def validate(
         role=role,
         errors=TorqueErrors(
             samples=len(measured),
-            relative_error=relative_error(measured, guess),
-            relative_error_filtered=None if filtered is None else relative_error(*filtered),
+            relative_error=relative_error(measured[:, known], guess[:, known]),
+            relative_error_filtered=(
+                None if filtered is None else relative_error(*(one[:, known] for one in filtered))
+            ),
             rmse=rmse,
-            per_joint=_by_joint(motion, measured, guess),
-            per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered),
+            per_joint=_by_joint(motion, measured, guess, known),
+            per_joint_filtered={} if filtered is None else _by_joint(motion, *filtered, known),
             effort_share=_of_limits(model, rmse),
             r2={joint: _r2(measured[:, j], guess[:, j]) for j, joint in enumerate(motion.joints)},
             sensor_noise=sensor_noise(model, theta, motion),
         ),
-        residuals=_residuals(motion, predicted),
+        residuals={joint: test for joint, test in _residuals(motion, predicted).items() if np.isfinite(rmse[joint])},
         signals=Signals(motion, predicted),
     )
 
@@ -208,8 +215,17 @@ def _of_limits(model: Model, rmse: dict[str, float]) -> dict[str, float]:
     return {joint: 100.0 * rmse[joint] / effort for joint, effort in limits.items()}
 
 
-def _by_joint(motion: Motion, measured: Array, predicted: Array) -> dict[str, float]:
-    return {joint: relative_error(measured[:, j], predicted[:, j]) for j, joint in enumerate(motion.joints)}
+def _by_joint(motion: Motion, measured: Array, predicted: Array, known: Mask) -> dict[str, float]:
+    return {
+        joint: relative_error(measured[:, j], predicted[:, j]) if known[j] else float("nan")
+        for j, joint in enumerate(motion.joints)
+    }
+
+
+def _recorded(motion: Motion) -> Mask:
+    """Return the joints (n) whose torque changes, or is kept."""
+    kept = True if motion.keep is None else motion.keep.any(axis=0)
+    return np.asarray((np.ptp(motion.tau, axis=0) > 0) | kept)
 
 
 def _r2(measured: Array, predicted: Array) -> float:

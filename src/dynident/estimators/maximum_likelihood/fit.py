@@ -241,7 +241,7 @@ class _Run:
             covariance=covariance,
             determined=Determined(rank, directions.condition, directions),
             residual=Residual(
-                np.sqrt(sum((x**2).sum(axis=0) for x in tau) / used) * search.sigma.tau,
+                np.sqrt(sum((x**2).sum(axis=0) for x in tau) / np.maximum(used, 1)) * search.sigma.tau,
                 sum(map(len, search.given.logs)),
                 1.0 / search.sigma.tau,
             ),

@@ -217,6 +217,7 @@ class Search:
         there = np.array(
             [sum(map(len, q)) + 0 * self.sigma.q, sum((one.raw.weight > 0).sum(0) for one in self.segments)]
         )
+        unused, there = there == 0, np.maximum(there, 1)  # of a joint whose torque was not recorded nothing is used
         free = np.maximum(there - taken, 0.05 * there)
         if huber is not None:
             trust = [np.minimum(1.0, huber / np.maximum(np.abs(x), 1e-300)) for x in tau]
@@ -225,7 +226,9 @@ class Search:
         else:
             scale = np.sqrt(sum((x**2).sum(axis=0) for x in tau) / free[1])
         scale_q = np.sqrt(sum((x**2).sum(axis=0) for x in q) / free[0])
-        self.sigma = Sigma(self.sigma.q * np.maximum(scale_q, 1e-6), self.sigma.tau * np.maximum(scale, 1e-6))
+        self.sigma = Sigma(
+            self.sigma.q * np.maximum(scale_q, 1e-6), self.sigma.tau * np.maximum(scale, 1e-6) ** ~unused[1]
+        )
 
     def _held(self, last: LikelihoodFit, theta: Array, k: int, value: float) -> LikelihoodFit | None:
         """Return the best fit with parameter k at a value, from theta near the ``last``; None where there is none."""

@@ -82,7 +82,7 @@ class SlowHoldOut(Reason):
 
 @dataclass(frozen=True)
 class SilentTorque(Reason):
-    """The torque of these ``joints`` is zero in all of the training."""
+    """The torque of these ``joints`` does not change in any training log."""
 
     usual_remedy = Remedy.TORQUE_COLUMN
     joints: tuple[str, ...]

@@ -99,7 +99,7 @@ def _against_use(found: Identification) -> Iterator[Reason]:
     if held and len(again) == len(held):
         yield why.Repeats(tuple(again.items()))
     joints = [joint.name for joint in found.model.joints]
-    if silent := [name for k, name in enumerate(joints) if not any(one.motion.tau[:, k].any() for one in train)]:
+    if silent := [name for k, name in enumerate(joints) if not any(np.ptp(one.motion.tau[:, k]) for one in train)]:
         yield why.SilentTorque(tuple(silent))
     for log in held:
         yield from _wrong(log, max(map(_error, train)))

@@ -47,6 +47,8 @@ def _held_back(found: Identification) -> Held:
     left = tau - Y @ value
     noise = np.sqrt(np.mean(left**2, axis=0))
     noise[noise == 0] = 1.0
+    recorded = [np.ones(tau.shape[1], bool) if one.keep is None else one.keep.any(axis=0) for one in motions]
+    noise[~np.any(recorded, axis=0)] = np.inf
     X, y = (Y / noise[:, None]).reshape(-1, len(value)), (left / noise).ravel()
     size = np.linalg.norm(X, axis=0)
     size[size == 0] = 1.0

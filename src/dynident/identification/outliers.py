@@ -130,7 +130,7 @@ def _turns_freely(
         for value in (theta, both)
     )
     worse = bool((np.sum(after**2, axis=0) > WORSE**2 * np.sum(before**2, axis=0)).any())
-    parts = [model.regressor(one.q, one.dq, one.ddq) * both for one in few_whole]
+    parts = [model.regressor(**one.states()) * both for one in few_whole]
     sizes = np.concatenate([np.linalg.norm(part, axis=2) for part in parts])
     left = np.concatenate([one.tau for one in few_whole]) - np.concatenate([part.sum(axis=2) for part in parts])
     return np.asarray((np.sum(left**2, axis=0) < CANCEL**2 * np.sum(sizes**2, axis=0)) & (not worse))

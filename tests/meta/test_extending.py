@@ -20,7 +20,7 @@ from dynident.io.recipe import build_recipe
 from dynident.io.saved import load
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
-from dynident.models import Joint, Model
+from dynident.models import Joint
 from dynident.models.gallery import slider
 from dynident.regression import Regression
 from dynident.smoothers import Spline, TimeShifted, unshifted
@@ -120,15 +120,13 @@ def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> No
 
 
 def test_a_term_of_a_file_remembers(folder: Path) -> None:
-    assert len(PARTS["creep"].splitlines()) < 45
+    assert len(PARTS["creep"].splitlines()) < 40
     path = slide(folder)
     terms = ["viscous", {"kind": "creep.py:Creep", "time": 0.2}]
     text = yaml.safe_dump(yaml.safe_load(path.read_text()) | {"model": {"file": "arm.urdf", "terms": terms}})
     model = load_model(parse_config(text, folder).model, folder)
-    creep = model.terms[-1]
-    sliding = Model(
-        (*slider(values=(5.0, 8.0, 3.0, 0.5)).terms, type(creep)((Joint("slider", "prismatic"),), time=0.2))
-    )
+    creep = type(model.terms[-1])((Joint("slider", "prismatic"),), time=0.2)
+    sliding = slider(values=(5.0, 8.0, 3.0, 0.5)).with_terms(creep)
     motion = sliding.remembering(known_motion(slider(values=(5.0, 8.0, 3.0, 0.5))))
     theta = np.array([5.0, 8.0, 3.0, 0.5, 40.0])
     log = Log(motion.t, motion.q, sliding.torque(**motion.states(), theta=theta), motion.joints)

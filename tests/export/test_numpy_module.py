@@ -11,9 +11,9 @@ import pytest
 import sympy as sp
 
 from dynident.errors import ModelError
-from dynident.export import Identified, Numpy, export, identified_module, random_states
-from dynident.models import Coulomb, Joint, Lagrangian, Model, Parameter, PerJoint, Unknown, Viscous
-from dynident.models.gallery import MODELS
+from dynident.export import Identified, Numpy, Yaml, export, identified_module, random_states
+from dynident.models import Coulomb, Dahl, Joint, Lagrangian, LoadCoulomb, Model, Parameter, PerJoint, Unknown, Viscous
+from dynident.models.gallery import MODELS, pendulum
 from dynident.testing.term import is_the_same_in_numpy
 from tests.export.arms import arm
 
@@ -136,3 +136,13 @@ def test_a_function_that_numpy_lacks_is_refused():
     term = Lagrangian((Joint("a"),), (q,), (dq,), m * dq**2 / 2, m * sp.besselj(0, q), (Unknown(m, "kg"),))
     with pytest.raises(ModelError, match="NumPy has no function"):
         identified_module(Identified(Model((term,)), np.ones(1)))
+
+
+def test_terms_that_remember_are_left_out():
+    arm = pendulum()
+    model = arm.with_terms(Dahl(arm.joints, length=0.01), Viscous(arm.joints), LoadCoulomb(arm.joints))
+    one = Identified(model, np.array([0.1, 0.2, 0.3, 0.4, 0.0]))
+    made = export(one, Numpy(), random_states(1, np.random.default_rng(0)))
+    assert made.ready
+    assert made.written.left_out == ("Fd_pivot = 0.3 N m (Dahl friction over 0.01 rad)",)
+    assert export(one, Yaml(), random_states(1, np.random.default_rng(0))).ready

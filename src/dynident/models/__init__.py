@@ -1,6 +1,20 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
-from dynident.models.friction import Coulomb, Offset, PerJoint, Viscous
+from dynident.models.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Counterbalance,
+    DryFriction,
+    JointTerm,
+    Offset,
+    PerJoint,
+    Power,
+    Ripple,
+    Spring,
+    Stribeck,
+    Viscous,
+)
 from dynident.models.inertia import (
     consistency_violations,
     from_physical,
@@ -44,8 +58,12 @@ from dynident.models.term import (
 
 __all__ = [
     "INERTIAL",
+    "AsymmetricCoulomb",
+    "AsymmetricViscous",
     "Coulomb",
+    "Counterbalance",
     "CoupledMotor",
+    "DryFriction",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
@@ -57,6 +75,7 @@ __all__ = [
     "HasSign",
     "HasSupport",
     "Joint",
+    "JointTerm",
     "Lagrangian",
     "Loads",
     "MassMatrixCheck",
@@ -67,11 +86,15 @@ __all__ = [
     "Partials",
     "Past",
     "PerJoint",
+    "Power",
     "Recording",
     "Recursive",
     "RigidBodies",
+    "Ripple",
     "RotorInertia",
     "Selective",
+    "Spring",
+    "Stribeck",
     "Structure",
     "Term",
     "Unknown",

@@ -3,8 +3,11 @@
 from dynident.models.friction.asymmetric import AsymmetricCoulomb, AsymmetricViscous
 from dynident.models.friction.coulomb import Coulomb
 from dynident.models.friction.counterbalance import Counterbalance
+from dynident.models.friction.dahl import Dahl
+from dynident.models.friction.drift import Drift
 from dynident.models.friction.dry_friction import DryFriction
 from dynident.models.friction.joint_term import Constant, JointTerm
+from dynident.models.friction.load import LoadCoulomb, LoadDahl, LoadViscous
 from dynident.models.friction.offset import Offset
 from dynident.models.friction.per_joint import PerJoint
 from dynident.models.friction.power import Power
@@ -19,8 +22,13 @@ __all__ = [
     "Constant",
     "Coulomb",
     "Counterbalance",
+    "Dahl",
+    "Drift",
     "DryFriction",
     "JointTerm",
+    "LoadCoulomb",
+    "LoadDahl",
+    "LoadViscous",
     "Offset",
     "PerJoint",
     "Power",

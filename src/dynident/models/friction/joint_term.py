@@ -16,7 +16,7 @@ from dynident.errors import ModelError, choices
 from dynident.models.term import Joint, Parameter, Partials
 from dynident.smoothers import BY_JOINT
 
-__all__ = ["FASTEST", "SLOWEST", "Constant", "JointTerm", "Number", "Speed"]
+__all__ = ["FASTEST", "SLOWEST", "Constant", "JointTerm", "Number", "Slopes", "Speed"]
 
 SLOWEST, FASTEST = 1e-9, 1e9  # rad/s, m/s: of shape constants
 Number = Annotated[float | Mapping[str, float], BY_JOINT]

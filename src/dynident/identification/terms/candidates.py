@@ -102,7 +102,7 @@ def _power(seen: Seen) -> Sequence[Term]:
 
 
 def _spring(seen: Seen) -> Sequence[Term]:
-    return tuple(Spring(seen.joints, on=(seen.joint.name,), order=order) for order in (1, 2))
+    return (Spring(seen.joints, on=(seen.joint.name,), order=2),)
 
 
 KINDS = (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.identification.terms.grams import JointGrams
 from dynident.log import Motion
-from dynident.models import HasMemory, Model, Past, Term, is_selective
+from dynident.models import HasMemory, Model, Past, Selective, Term, declares
 from dynident.regression import fitted_rows
 
 __all__ = ["BLOCKS", "Rows", "Samples", "columns_of", "samples_of"]
@@ -112,8 +112,8 @@ def columns_of(samples: Samples, term: Term, j: int, loads: Sequence[Array]) -> 
         states = motion.q, motion.dq, motion.ddq
         memory = (term.remember(Past(motion.t, *states, load))[rows],) if isinstance(term, HasMemory) else ()
         own = [one[rows] for one in states]
-        if is_selective(term):
-            found.append(np.asarray(term.entries(*own, np.full(w, j), np.arange(w), *memory)))  # type: ignore[attr-defined]
+        if isinstance(term, Selective) and declares(term, "entries"):
+            found.append(np.asarray(term.entries(*own, np.full(w, j), np.arange(w), *memory)))
         else:
             found.append(np.asarray(term.regressor(*own, *memory))[:, j].T)
     return np.concatenate(found, axis=1)

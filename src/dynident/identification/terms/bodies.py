@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.estimators.constraints import bodies_of, scales
-from dynident.identification.terms.grams import JointGrams, eliminated, ridged
+from dynident.identification.terms.grams import JointGrams, eliminated, ridged, weighed
 from dynident.models import Parameter
 
 __all__ = ["Prior", "normal_matrices", "others", "prior_of"]
@@ -50,7 +50,7 @@ def normal_matrices(one: JointGrams, chosen: Sequence[int], train: Array, weight
     """Return normal matrices (S, p, p) and right sides (S, p) of the parameters from one joint, without its chosen
     columns; ``train`` (S, F) weighs its blocks."""
     b = len(one.maps)
-    total = weight * np.einsum("sf,fcij->sij", train, one.grams)
+    total = weight * weighed(train, one.grams.sum(axis=1))
     M, right = eliminated(total, b, [b + i for i in chosen])
     return one.maps.T @ M @ one.maps, right @ one.maps
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,7 @@ class _Choosing:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
+    _known: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -223,12 +224,21 @@ class _Choosing:
         """Return a group, whose columns it appends to those found."""
         at = []
         for term in terms:
-            own = columns_of(self.samples, term, j, loads)
+            own = self._columns(kind, term, j, loads)
             first = sum(map(len, found))
             at.append(tuple(range(first, first + len(own))))
             size = np.sqrt(np.mean(np.square(own), axis=1, keepdims=True))
             found.append(own / np.where(size > 0, size, 1.0))
         return Group(kind, terms, tuple(at))
+
+    def _columns(self, kind: Kind, term: Term, j: int, loads: Sequence[Array]) -> Array:
+        """Return the columns (w, N) of a term; those that the load does not change are kept for the second pass."""
+        if kind.needs_load:
+            return columns_of(self.samples, term, j, loads)
+        key = j, kind.name, term
+        if key not in self._known:
+            self._known[key] = columns_of(self.samples, term, j, loads)
+        return self._known[key]
 
     def _grams(self, rows: Rows, columns: Array) -> JointGrams:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, CLASSES))

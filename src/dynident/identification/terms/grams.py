@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 
-__all__ = ["Folds", "Fits", "JointGrams", "eliminated", "ridged", "tried"]
+__all__ = ["Folds", "Fits", "JointGrams", "eliminated", "ridged", "tried", "weighed"]
 
 Array = NDArray[np.float64]
 SMALL = 1e-9  # ridge, of a column's own square: dependent columns stay solvable
@@ -93,6 +93,12 @@ def eliminated(gram: Array, keep: int, drop: Sequence[int]) -> tuple[Array, Arra
     return G - share[..., :keep], g - share[..., keep]
 
 
+def weighed(weights: Array, grams: Array) -> Array:
+    """Return sums (T, c, c) of Gram matrices (F, C, c, c) with weights (T, F, C)."""
+    size = grams.shape[-1]
+    return (weights.reshape(len(weights), -1) @ grams.reshape(-1, size * size)).reshape(-1, size, size)
+
+
 def ridged(M: Array, share: float = SMALL) -> Array:
     """Return square matrices with a little of their diagonals added to these."""
     diagonal = np.einsum("...ii->...i", M)
@@ -116,7 +122,7 @@ def tried(
     k, m = len(one.acts), one.grams.shape[-1] - len(one.maps) - 1
     flat = sorted({i for sizes in groups for size in sizes for i in size})
     base, pool, y = [*range(k), *(k + i for i in chosen)], [k + i for i in flat], k + m
-    G, H = (weight * np.einsum("tfc,fcij->tij", part, one.reduced) for part in (folds.train, folds.test))
+    G, H = (weight * weighed(part, one.reduced) for part in (folds.train, folds.test))
     M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *pool]]
     M[:, :k, :k] += rest[0][folds.others]
     right[:, :k, 0] += rest[1][folds.others]

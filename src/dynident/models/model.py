@@ -101,6 +101,16 @@ class Model:
         """Notes of the terms on the files they were made from."""
         return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
 
+    def with_terms(self, *terms: Term) -> Model:
+        """Return the model with further terms, whose parameters follow its own.
+
+        >>> import dynident as dy
+        >>> from dynident.models.gallery import pendulum
+        >>> pendulum().with_terms(dy.Viscous(pendulum().joints)).names[-1]
+        'Fv_pivot'
+        """
+        return replace(self, terms=(*self.terms, *terms))
+
     def with_gravity(self, change: Callable[[Array], ArrayLike]) -> Model:
         """Return the model in which ``change`` is applied to the gravity (3), m/s^2, of each term that has one."""
 

@@ -91,7 +91,8 @@ def _along(way: Array, length: float, start: float) -> Array:
     to = sign[first]
     path = np.concatenate([[0.0], np.cumsum(np.abs(way))])
     kept = np.exp(-np.diff(path[np.append(first, len(way))]) / length)
-    u = list(accumulate(zip(to.tolist(), kept.tolist(), strict=True), lambda u, x: x[0] + (u - x[0]) * x[1], initial=start))
+    runs = zip(to.tolist(), kept.tolist(), strict=True)
+    u = list(accumulate(runs, lambda u, run: run[0] + (u - run[0]) * run[1], initial=start))
     run = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(way))))
     away = np.exp(-(path[1:] - path[first][run]) / length)
     return np.concatenate([[start], to[run] + (np.array(u[:-1])[run] - to[run]) * away])

@@ -33,7 +33,7 @@ from dynident.models.inertia import (
 )
 from dynident.models.lagrangian import Lagrangian, Unknown
 from dynident.models.mass_matrix import MassMatrixCheck
-from dynident.models.memory import remembered
+from dynident.models.memory import needs_load, remembered, unloaded
 from dynident.models.model import Model
 from dynident.models.motor import CoupledMotor, RotorInertia
 from dynident.models.rigid_bodies import RigidBodies
@@ -118,6 +118,7 @@ __all__ = [
     "from_physical",
     "from_pseudo",
     "moved",
+    "needs_load",
     "random_states",
     "record",
     "remembered",
@@ -127,4 +128,5 @@ __all__ = [
     "structure_of",
     "to_physical",
     "to_pseudo",
+    "unloaded",
 ]

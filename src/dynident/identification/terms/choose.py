@@ -23,7 +23,7 @@ from dynident.models import Loads, Model, Ripple, Term
 __all__ = ["choose_terms"]
 
 Array = NDArray[np.float64]
-PASSES = 2  # of the search: the load of the second is that of the terms found by the first
+PASSES = 3  # of the search: the load of each is that of the terms found by the one before
 RIPPLES = 3  # rates of one joint
 SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 MEMORIES = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal

@@ -19,7 +19,7 @@ __all__ = ["Division", "Entered", "Group", "JointSearch", "LEAST", "share"]
 
 Array = NDArray[np.float64]
 LEAST = 1.0  # %, of the squared error: what a term must remove
-NOTHING = 0.1  # %: what a term of the plain set does nothing below
+NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless, and two standard errors above it
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 MOST = 9  # terms of a joint
 
@@ -170,10 +170,8 @@ class JointSearch:
         others = [other for other in self.entered if other is not one]
         alone = Group(one.group.kind, (one.term,), (one.columns,))
         (found,) = replace(self, entered=others, trials={})._tried(rest, [alone])
-        kind = one.group.kind
-        presumed = kind.presumed and not (kind.dry and any(other.group.kind.dry for other in others))
-        if presumed:
-            idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < LEAST
+        if _presumed(one.group.kind, others):
+            idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < IDLE
             return replace(found.trial, outcome=Outcome.TOO_SMALL if idle else Outcome.ENTERED)
         return found.trial
 
@@ -200,7 +198,7 @@ class JointSearch:
         roles = [one.role for one in group.terms[size].parameters]
         if any(role in SIGNED and x < 0 for role, x in zip(roles, whole.values[g][0], strict=True)):
             return Outcome.NEGATIVE
-        if group.kind.presumed:
+        if _presumed(group.kind, self.entered):
             return Outcome.ENTERED if gain > 0 or gain + std > LEAST else Outcome.TOO_SMALL
         if gain < LEAST:
             return Outcome.TOO_SMALL
@@ -219,7 +217,7 @@ class JointSearch:
             faster, further, logs = (one and share(one.before - one.after[:, g], one.before) for one in fits)
             assert faster is not None and further is not None
             outcome = found[k].trial.outcome
-            if not kind.presumed:
+            if not _presumed(kind, self.entered):
                 if faster[0] < (0.0 if kind.strict else -faster[1]):
                     outcome = Outcome.REFUTED_FASTER
                 elif kind.reaches and further[0] < 0:
@@ -229,6 +227,11 @@ class JointSearch:
             trial = replace(found[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
             found[k] = replace(found[k], trial=trial)
         return found
+
+
+def _presumed(kind: Kind, others: Sequence[Entered]) -> bool:
+    """Whether a kind belongs to the plain set, and no other dry friction takes its place."""
+    return kind.presumed and not (kind.dry and any(one.group.kind.dry for one in others))
 
 
 def _as_good(one: _Found, best: _Found) -> bool:

@@ -14,6 +14,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
+from dynident.identification.terms import Kind, Outcome, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
@@ -27,8 +28,10 @@ __all__ = [
     "HeldOut",
     "Identifiability",
     "Identification",
+    "Kind",
     "LargestResidual",
     "OldResult",
+    "Outcome",
     "Pairing",
     "Reason",
     "Recipe",
@@ -37,11 +40,14 @@ __all__ = [
     "Sources",
     "StandardErrors",
     "Step",
+    "TermChoice",
     "TimeOffset",
+    "Trial",
     "Use",
     "Verdict",
     "WorstRun",
     "choose_smoother",
+    "choose_terms",
     "cross_validated_error",
     "excerpts",
     "find_base_tilt",

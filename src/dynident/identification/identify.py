@@ -14,7 +14,6 @@ from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
-from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -26,9 +25,10 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.terms.added import completed, first, speeds
 from dynident.identification.time_offset import Pairing, TimeOffset, pair
 from dynident.log import Log, Motion
-from dynident.models import Model, unloaded
+from dynident.models import Model
 from dynident.regression import (
     BaseParameters,
     Regression,
@@ -89,21 +89,21 @@ def _identify(
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
-    whole, model = model, unloaded(model)
+    whole, model = model, first(model, recipe)
     pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, recipe.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
     motions = _smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
         motions["train"] = _masked(model, motions["train"], roles["train"], min_speed)
-        trained = tuple(
-            replace(log, tau=motion.tau) for log, motion in zip(trained, motions["train"].values(), strict=True)
-        )
+        pairs = zip(trained, motions["train"].values(), strict=True)
+        trained = tuple(replace(log, tau=motion.tau) for log, motion in pairs)
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
-    model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
-    fitted = tuple(map(model.remembering, fitted))
-    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles)
+    model, choice = completed(whole, model, angles, fitted, recipe, progress)
+    speed = speeds(recipe, choice)
+    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles, terms=None, min_speed=speed)
+    fitted, min_speed = tuple(map(model.remembering, fitted)), used.min_speeds(joints)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
@@ -119,7 +119,7 @@ def _identify(
         base,
         judged,
         check_mass(model, estimate.value, [log.motion for log in judged]),
-        Calibration(pairing.choice, pairing.time_offset, tilt),
+        Calibration(pairing.choice, pairing.time_offset, tilt, choice),
         Sources(versions=versions()),
         (
             *_warnings(model, estimate, base),

@@ -66,6 +66,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
         lambda value: value is None or _is_sought(value) or _is_tilt(value), "two angles (rad), 'estimate' or None",
     ),
     "outliers": (lambda value: value in ("mask", "keep"), "'mask' or 'keep'"),
+    "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -80,6 +81,8 @@ class Recipe:
     rotations (rad) of the robot's base about the x and y axes of its root link; "estimate" finds either on the training
     logs. ``restart`` (s) asks for free simulations from the measured torque; logs that know their controller need none.
     ``outliers`` "mask" replaces spikes and frozen stretches of positions, and leaves wrong torques out of the fit.
+    ``terms`` "auto" adds to the model the terms of each joint that the training logs choose, as ``choose_terms`` does,
+    and chooses ``min_speed`` with them where none is given.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -97,6 +100,7 @@ class Recipe:
     base_tilt: tuple[float, float] | Literal["estimate"] | None = None
     restart: float | None = None
     outliers: Literal["mask", "keep"] = "mask"
+    terms: Literal["auto"] | None = None
 
     __repr__ = changed
 

@@ -1,4 +1,4 @@
-"""The choice of the terms of all joints: first with the load of the bodies by a plain fit, then with that of the choice."""
+"""The choice of the terms of all joints, again with the load of the bodies that the terms chosen first leave."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, Step, brief
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
-from dynident.identification.terms.choice import Outcome, TermChoice, Trial
+from dynident.identification.terms.choice import TermChoice
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
 from dynident.identification.terms.ripple import peaks
@@ -117,11 +117,7 @@ class _Choosing:
         """Return the columns (m, N) of offset, viscous and Coulomb friction of a joint."""
         kinds = [kind for kind in KINDS if kind.name in PLAIN]
         terms = [kind.sizes(self.seen[j])[0] for kind in kinds]
-        return np.concatenate([columns_of(self.samples, term, j, self._no_load) for term in terms])
-
-    @property
-    def _no_load(self) -> tuple[Array, ...]:
-        return tuple(np.zeros_like(one.q) for one in self.samples.motions)
+        return np.concatenate([columns_of(self.samples, term, j, self.samples.loads(None)) for term in terms])
 
     def _refit(self, columns: Sequence[Array], chosen: Sequence[Sequence[int]]) -> list[Array]:
         """Fit all joints with their chosen columns; set theta and weights, and return the residuals (N)."""
@@ -159,7 +155,8 @@ class _Choosing:
         columns: list[Array] = []
         before = np.zeros(n)
         for turn in range(PASSES):
-            loads = self._loads()
+            load = self.samples.model.loaded(self.theta).load if self._has_load else None
+            loads = self.samples.loads(load)
             searches, columns = self._searches(loads)
             for one, names in zip(searches, entered, strict=True):
                 one.entered = self._found(one, names) if turn else self._found(one, [(name, 0) for name in PLAIN])
@@ -189,15 +186,13 @@ class _Choosing:
             tuple((100.0 * np.sqrt(first / torque)).tolist()),
             tuple((100.0 * np.sqrt(after / torque)).tolist()),
             speeds,
+            load,
         )
 
     def _torque(self, rows: Rows) -> float:
         """Return the sum of squares of the torque of a joint in the blocks."""
         used = rows.used & (self.block >= 0)
         return float(np.square(self.samples.tau[used, rows.j]).sum()) or 1.0
-
-    def _loads(self) -> tuple[Array, ...]:
-        return self.samples.loads(self.theta) if self._has_load else self._no_load
 
     @property
     def _has_load(self) -> bool:
@@ -261,9 +256,8 @@ class _Choosing:
         for turn in range(RIPPLES):
             self.progress(Step("choosing the terms", PASSES * len(self.rows) + j, (PASSES + 1) * len(self.rows)))
             block = np.where(rows.used, self.block, -1)
-            rates = peaks(
-                self.samples.states["q"][:, j], residuals[j], block, self.samples.blocks, np.pi / step / 2 / self.seen[j].speed
-            )
+            q, fastest = self.samples.states["q"][:, j], 0.5 * np.pi / step / self.seen[j].speed
+            rates = peaks(q, residuals[j], block, self.samples.blocks, fastest)
             if not rates:
                 break
             kind = Kind(f"ripple {turn + 1}" if turn else "ripple", lambda _: (), strict=True)
@@ -273,8 +267,9 @@ class _Choosing:
             group = self._group(kind, terms, j, loads, found)
             entered, first = [], 0
             for x in one.entered:
-                entered.append(Entered(Group(x.group.kind, (x.term,), (tuple(range(first, first + len(x.columns))),)), 0))
-                first += len(x.columns)
+                at = tuple(range(first, first + len(x.columns)))
+                entered.append(Entered(Group(x.group.kind, (x.term,), (at,)), 0))
+                first += len(at)
             columns[j] = np.concatenate(found)
             one = replace(one, grams=self._grams(rows, columns[j]), groups=(group,), entered=entered)
             searches[j] = one

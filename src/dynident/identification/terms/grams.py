@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 
-__all__ = ["Folds", "Fits", "JointGrams", "eliminated", "ridged", "tried", "weighed"]
+__all__ = ["Fits", "Folds", "JointGrams", "eliminated", "ridged", "tried", "weighed"]
 
 Array = NDArray[np.float64]
 SMALL = 1e-9  # ridge, of a column's own square: dependent columns stay solvable

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.identification.terms.grams import JointGrams
 from dynident.log import Motion
-from dynident.models import HasMemory, Model, Past, Selective, Term, declares
+from dynident.models import HasMemory, Loads, Model, Past, Selective, Term, declares
 from dynident.regression import fitted_rows
 
 __all__ = ["BLOCKS", "Rows", "Samples", "columns_of", "samples_of"]
@@ -66,9 +67,12 @@ class Samples:
         kept = [every if one is None else one for one, every in zip(found, shapes, strict=True)]
         return np.concatenate([one[rows] for one, rows in zip(kept, self.rows, strict=True)])
 
-    def loads(self, theta: Array) -> tuple[Array, ...]:
-        """Return the torque of the model (N, n) at theta (p) on each motion: what the bodies load the joints with."""
-        return tuple(self.model.torque(**one.states(), theta=theta) for one in self.motions)
+    def loads(self, load: tuple[float, ...] | None) -> tuple[Array, ...]:
+        """Return the torque of the bodies (N, n) with the parameters ``load`` on each motion, zero for None."""
+        if load is None:
+            return tuple(np.zeros_like(one.q) for one in self.motions)
+        bodies = Model(tuple(term for term in self.model.terms if isinstance(term, Loads) and term.loads))
+        return tuple(bodies.torque(one.q, one.dq, one.ddq, load) for one in self.motions)
 
     def inside(self, gap: int) -> NDArray[np.bool_]:
         """Return which samples (N) lie more than ``gap`` samples from the border to another block of their motion."""
@@ -84,7 +88,7 @@ class Samples:
         speed = np.abs(self.states["dq"][:, j])
         q = self.states["q"][:, j]
         away = np.abs(q - 0.5 * (q.min() + q.max()))
-        return 2 * (speed >= np.quantile(speed, FAST)) + (away >= np.quantile(away, OUTER))
+        return np.asarray(2 * (speed >= np.quantile(speed, FAST)) + (away >= np.quantile(away, OUTER)))
 
 
 def samples_of(
@@ -101,7 +105,8 @@ def samples_of(
     if len(counts) == 1:
         counts = [BLOCKS]
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    block = [start + np.arange(len(one)) * count // len(one) for start, count, one in zip(first, counts, rows, strict=True)]
+    parts = zip(first, counts, map(len, rows), strict=True)
+    block = [start + np.arange(size) * count // size for start, count, size in parts]
     return Samples(model, thin, rows, np.concatenate(block), np.repeat(np.arange(len(counts)), counts), min_speed)
 
 
@@ -111,11 +116,11 @@ def columns_of(samples: Samples, term: Term, j: int, loads: Sequence[Array]) -> 
     for motion, rows, load in zip(samples.motions, samples.rows, loads, strict=True):
         states = motion.q, motion.dq, motion.ddq
         memory = (term.remember(Past(motion.t, *states, load))[rows],) if isinstance(term, HasMemory) else ()
-        own = [one[rows] for one in states]
+        q, dq, ddq = (one[rows] for one in states)
         if isinstance(term, Selective) and declares(term, "entries"):
-            found.append(np.asarray(term.entries(*own, np.full(w, j), np.arange(w), *memory)))
+            found.append(np.asarray(term.entries(q, dq, ddq, np.full(w, j), np.arange(w), *memory)))
         else:
-            found.append(np.asarray(term.regressor(*own, *memory))[:, j].T)
+            found.append(np.asarray(term.regressor(q, dq, ddq, *memory))[:, j].T)
     return np.concatenate(found, axis=1)
 
 
@@ -137,20 +142,20 @@ class Rows:
         """Return the rows of a joint, with the torque less that of the prior (p)."""
         structure = samples.model.structure
         columns, maps = structure.columns[j], structure.maps[j]
-        entries = samples.model.entries(
-            **samples.states, joint=np.full(len(columns), j, dtype=np.intp), parameter=np.asarray(columns, dtype=np.intp)
-        )
+        entries = samples.model.entries(**samples.states, joint=np.full(len(columns), j), parameter=columns)
         return cls(j, entries, maps, samples.tau[:, j] - (maps @ prior) @ entries, samples.keep[:, j])
 
     def residual(self, theta: Array, columns: Array, values: Array) -> Array:
         """Return what theta (p) and columns (m, N) with their values (m) leave of the torque (N)."""
         return np.asarray(self.tau - (self.maps @ theta) @ self.entries - values @ columns)
 
-    def grams(self, columns: Array, block: NDArray[np.intp], label: NDArray[np.intp], shape: tuple[int, int]) -> JointGrams:
+    def grams(
+        self, columns: Array, block: NDArray[np.intp], label: NDArray[np.intp], shape: tuple[int, int]
+    ) -> JointGrams:
         """Return the Gram matrices with columns (m, N) by block and label (N), of which there are ``shape``."""
         key = np.where(self.used & (block >= 0) & (label >= 0), block * shape[1] + label, -1)
         order = np.argsort(key, kind="stable")
         ends = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
         X = np.concatenate([self.entries, columns, self.tau[None]])[:, order]
-        parts = [X[:, first:last] for first, last in zip(ends[:-1], ends[1:], strict=True)]
+        parts = [X[:, first:last] for first, last in pairwise(ends)]
         return JointGrams(np.stack([one @ one.T for one in parts]).reshape(*shape, len(X), len(X)), self.maps)

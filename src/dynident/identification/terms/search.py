@@ -15,7 +15,7 @@ from dynident.identification.terms.choice import Outcome, Trial
 from dynident.identification.terms.grams import Fits, Folds, JointGrams, tried
 from dynident.models import Term
 
-__all__ = ["Division", "Entered", "Group", "JointSearch", "LEAST", "share"]
+__all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
 
 Array = NDArray[np.float64]
 LEAST = 1.0  # %, of the squared error: what a term must remove
@@ -210,23 +210,27 @@ class JointSearch:
         if not good:
             return found
         at = [found[k].entered.group.at for k in good]
-        folds = self.division.faster, self.division.further, self.division.logs
-        fits = [one and tried(self.grams, one, rest, self.columns, at, self.weight) for one in folds]
+        division = self.division
+        beyond = [division.faster, division.further, *([] if division.logs is None else [division.logs])]
+        fits = [tried(self.grams, folds, rest, self.columns, at, self.weight) for folds in beyond]
         for g, k in enumerate(good):
-            kind = found[k].entered.group.kind
-            faster, further, logs = (one and share(one.before - one.after[:, g], one.before) for one in fits)
-            assert faster is not None and further is not None
-            outcome = found[k].trial.outcome
+            kind, outcome = found[k].entered.group.kind, Outcome.ENTERED
+            faster, *elsewhere = (share(one.before - one.after[:, g], one.before) for one in fits)
             if not _presumed(kind, self.entered):
-                if faster[0] < (0.0 if kind.strict else -faster[1]):
-                    outcome = Outcome.REFUTED_FASTER
-                elif kind.reaches and further[0] < 0:
-                    outcome = Outcome.REFUTED_FURTHER
-                elif logs is not None and logs[0] < 0:
-                    outcome = Outcome.REFUTED_BY_LOG
+                outcome = _held(kind, faster, elsewhere)
             trial = replace(found[k].trial, outcome=outcome, faster=faster[0], faster_std=faster[1])
             found[k] = replace(found[k], trial=trial)
         return found
+
+
+def _held(kind: Kind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]) -> Outcome:
+    """Return whether a kind holds on faster motion, further out, and in other recordings, by its gains there."""
+    (further, _), *logs = elsewhere
+    if faster[0] < (0.0 if kind.strict else -faster[1]):
+        return Outcome.REFUTED_FASTER
+    if kind.reaches and further < 0:
+        return Outcome.REFUTED_FURTHER
+    return Outcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else Outcome.ENTERED
 
 
 def _presumed(kind: Kind, others: Sequence[Entered]) -> bool:

@@ -26,5 +26,6 @@ def build_recipe(config: Config) -> Recipe:
         "estimate" if sought else None,
         restart,
         config.outliers,
+        config.rests,
         "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
     )

@@ -6,13 +6,13 @@ torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findin
 would give wrong numbers, a warning should be looked at."""
 
 from dynident.checks import notes
-from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, moving_span, rest
+from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, rest
 from dynident.checks.check import CheckResult, run_checks, with_findings
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
-from dynident.checks.time import MINIMUM_SAMPLES, Timing, split_gaps, timing
+from dynident.checks.time import MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
 from dynident.checks.torque import Agreement
 
 __all__ = [
@@ -33,11 +33,11 @@ __all__ = [
     "check_robot",
     "joint_facts",
     "link_facts",
-    "moving_span",
     "notes",
     "reading_line",
     "reading_words",
     "require",
+    "respaced",
     "rest",
     "run_checks",
     "split_gaps",

@@ -14,8 +14,9 @@ from dynident.checks.finding import Finding, Topic
 from dynident.checks.outliers import jumps, position_outliers
 from dynident.checks.time import MINIMUM_SAMPLES
 from dynident.errors import InputError, Severity
+from dynident.identification import resting, whole_rests
 from dynident.log import Log
-from dynident.smoothers import position_noise, repaired
+from dynident.smoothers import repaired
 from dynident.splines import bridged, noise_sigma, stretches
 
 __all__ = ["ChannelFacts", "channels", "check_log", "check_log_fully"]
@@ -29,10 +30,8 @@ _SPEED_LAG = 0.02  # s: over this time position noise is small beside 40 rad/s
 _COARSE = 10.0  # median step in units of the resolution below which quantisation shapes the noise
 _GRID, _LARGEST = 0.95, 1000  # share of the steps below so many counts that must be whole, for values on a grid
 _STALE = 0.05  # share of repeated positions in motion to warn of
-_BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
 _PIECE = 6  # samples between outliers, at least, to estimate the noise from
 _KNOWN: WeakKeyDictionary[Log, dict[object, tuple[Finding, ...]]] = WeakKeyDictionary()  # logs are checked when read
-_REST = 1.0  # s: shortest rest of the whole arm to speak of, if it is also 10 % of the log
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def channels(log: Log, positions: Mask | None = None, torques: Mask | None = Non
     none = np.zeros(log.q.shape, dtype=bool)
     q_out, tau_out = none if positions is None else positions, none if torques is None else torques
     q = np.stack([bridged(log.t, *one) for one in zip(log.q.T, q_out.T, strict=True)], axis=1)
-    still = _rests(replace(log, q=q)).mean(axis=0)
+    still = resting(replace(log, q=q)).mean(axis=0)
     return tuple(
         ChannelFacts(
             joint=name,
@@ -132,17 +131,27 @@ def _quickly(log: Log, kinds: Mapping[str, str], multi_turn: Set[str], torque: b
 
 
 def check_log_fully(
-    log: Log, kinds: Mapping[str, str], multi_turn: Set[str] = frozenset(), *, replaced: bool = True
+    log: Log,
+    kinds: Mapping[str, str],
+    multi_turn: Set[str] = frozenset(),
+    *,
+    replaced: bool = True,
+    kept: bool = False,
 ) -> tuple[Finding, ...]:
     """Return the findings of ``check_log`` and of the slower checks: stamps, lost samples, stale positions, rests,
-    outliers of the positions, which are ``replaced`` or not.
+    which are ``kept`` in the fit or not, outliers of the positions, which are ``replaced`` or not.
 
     Each finding names the log's source. Raises the errors of ``check_log``.
     """
     found = [finding for finding in check_log(log, kinds, multi_turn) if finding.topic is not Topic.JITTER]
     if len(log) >= MINIMUM_SAMPLES:
         facts = time.timing(log)
-        found += [*time.stamps(facts), *time.lost(facts), *rest(log), *position_outliers(log, replaced=replaced)]
+        found += [
+            *time.stamps(facts),
+            *time.lost(facts),
+            *rest(log, kept=kept),
+            *position_outliers(log, replaced=replaced),
+        ]
         found += [one for one in _jumped(log) if one.topic is Topic.JUMP]
         clean = repaired(log, torque=False)
         found += [one for j, name in enumerate(log.joints) if kinds[name] == "prismatic" and name not in multi_turn
@@ -221,44 +230,11 @@ def _stale(q: Array) -> Iterator[Finding]:
         yield Finding(Severity.WARNING, None, notes.RepeatedPositions(share, every), Topic.STALE)
 
 
-def _rests(log: Log) -> NDArray[np.bool_]:
-    """Return for blocks of 0.1 s (B, n) whether each joint stays within its noise, or a hundredth of its usual pace."""
-    size = min(max(5, round(_BLOCK / float(np.median(np.diff(log.t))))), len(log))
-    count = len(log) // size
-    reach = np.ptp(log.q[: count * size].reshape(count, size, -1), axis=1)
-    floor = np.maximum(8 * position_noise(log), 0.01 * np.percentile(reach, 95, axis=0))
-    return np.asarray(reach <= floor)
-
-
-def moving_span(log: Log) -> tuple[float, float]:
-    """Return the start and end (s) of the motion, without long rests of the whole arm at the ends of the log."""
-    start, stop = float(log.t[0]), float(log.t[-1])
-    if len(log) < time.MINIMUM_SAMPLES:
-        return start, stop
-    rests = np.asarray(_rests(log).all(axis=1))
-    if rests.all():
-        return start, stop
-    size = len(log) // len(rests)
-    first, last = int(np.argmin(rests)), len(rests) - int(np.argmin(rests[::-1]))
-    begin, end = float(log.t[first * size]), float(log.t[min(last * size, len(log) - 1)])
-    least = max(_REST, 0.1 * (stop - start))
-    return (begin if begin - start >= least else start, end if stop - end >= least else stop)
-
-
-def rest(log: Log) -> Iterator[Finding]:
-    """Yield a warning where the whole arm is at rest for long."""
-    known = _KNOWN.setdefault(log, {})
-    if Topic.REST not in known:
-        known[Topic.REST] = tuple(_rest(log))
-    yield from known[Topic.REST]
-
-
-def _rest(log: Log) -> Iterator[Finding]:
-    rests = np.asarray(_rests(log).all(axis=1))
-    size = len(log) // len(rests)
-    if not rests.any() or rests.all():
-        return
-    longest = max(stretches(rests), key=lambda part: part.stop - part.start)
-    start, stop = log.t[longest.start * size], log.t[min(longest.stop * size, len(log) - 1)]
-    if stop - start >= max(_REST, 0.1 * (log.t[-1] - log.t[0])):
-        yield Finding(Severity.WARNING, None, notes.ArmAtRest(float(start), float(stop)), Topic.REST)
+def rest(log: Log, *, kept: bool = False) -> Iterator[Finding]:
+    """Yield where the whole arm is at rest for longest; a warning where such rests are ``kept`` in the fit."""
+    rests = whole_rests(log)
+    if rests:
+        longest = max(rests, key=lambda part: part.stop - part.start)
+        start, stop = log.t[longest.start], log.t[longest.stop - 1]
+        note = notes.ArmAtRest(float(start), float(stop), kept)
+        yield Finding(Severity.WARNING if kept else Severity.INFO, None, note, Topic.REST)

@@ -166,14 +166,20 @@ def _recorded(
             progress(Step("checking the logs", len(timings), every))
             log = log.select(tuple(kinds))
             log = log if log.source == name else replace(log, source=name)  # the same log has been searched before
-            found = check_log_fully(log, kinds, multi_turn, replaced=recipe.outliers == "mask")
+            found = check_log_fully(
+                log, kinds, multi_turn, replaced=recipe.outliers == "mask", kept=_rests_kept(recipe)
+            )
             findings += found
             timings[name] = timing(log)
             if described and len(log) >= MINIMUM_SAMPLES:
                 facts[name] = channels(log, suspects(log).positions if recipe.outliers == "mask" else None)
             if not any(one.severity == "error" for one in found):
-                sound[role].append(log)
+                sound[role].append(recipe.trimmed(log))
     return CheckResult((), timings, facts, links=_links(model)), sound
+
+
+def _rests_kept(recipe: Recipe) -> bool:
+    return recipe.rests == "keep" and recipe.min_speed is None
 
 
 def _of_file(model: Model, joints: tuple[str, ...]) -> list[Finding]:

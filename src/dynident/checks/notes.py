@@ -12,6 +12,7 @@ from dynident.errors import Note, Use
 __all__ = [
     "ArmAtRest",
     "ConstantTorque",
+    "EquallySpaced",
     "GravityIgnored",
     "LongGap",
     "LostSamples",
@@ -96,10 +97,24 @@ class ConstantTorque(ReadingNote):
 
 @dataclass(frozen=True)
 class ArmAtRest(ReadingNote):
-    """The whole arm is at rest between two times (s)."""
+    """The whole arm is at rest between two times (s), which is ``kept`` in the fit or not."""
 
     start: float
     stop: float
+    kept: bool = True
+
+
+@dataclass(frozen=True)
+class EquallySpaced(ReadingNote):
+    """Equal spacing is used, at a ``rate`` (Hz), and not the stamps, whose steps vary by rms ``jitter``.
+
+    The positions are ``factor`` times less noisy on it; so many ``lost`` samples keep their place.
+    """
+
+    jitter: float
+    factor: float
+    rate: float
+    lost: int
 
 
 @dataclass(frozen=True)

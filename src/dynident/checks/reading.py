@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import singledispatch
+from math import floor, log10
 
 from dynident.checks import log_notes, notes
 from dynident.errors import Note
@@ -75,9 +76,25 @@ def _(note: notes.ConstantTorque) -> str:
 
 @reading_words.register
 def _(note: notes.ArmAtRest) -> str:
+    digits = max(0, 2 - floor(log10(max(note.stop - note.start, 1e-9))))
     return (
-        f"the arm is at rest from {note.start:.3g} to {note.stop:.3g} s: static friction there can take any value up "
-        "to its limit. Leave this part out with a window, or set `min_speed`."
+        f"the arm is at rest from {note.start:.{digits}f} to {note.stop:.{digits}f} s: static friction there can take "
+        "any value up to its limit. "
+        + (
+            "Set `rests: trim`, `min_speed`, or a window without this part."
+            if note.kept
+            else "At the ends of a log this is left out, and within it where that predicts the torque in motion better."
+        )
+    )
+
+
+@reading_words.register
+def _(note: notes.EquallySpaced) -> str:
+    lost = f", {note.lost} lost samples left open" if note.lost else ""
+    noise = f"{note.factor:.3g} times less" if note.factor >= 1 else f"{1 / note.factor:.3g} times more"
+    return (
+        f"samples are taken as equally spaced, at {note.rate:.6g} Hz{lost}: the steps of the stamps vary by "
+        f"{100 * note.jitter:.2g} %, and the positions are {noise} noisy. `time: {{ spacing: stamps }}` undoes it."
     )
 
 

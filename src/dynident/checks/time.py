@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,18 @@ from dynident.errors import Severity
 from dynident.log import Log
 from dynident.splines import noise_sigma
 
-__all__ = ["MINIMUM_SAMPLES", "Timing", "gaps", "jitter", "lost", "samples", "split_gaps", "stamps", "timing"]
+__all__ = [
+    "MINIMUM_SAMPLES",
+    "Timing",
+    "gaps",
+    "jitter",
+    "lost",
+    "respaced",
+    "samples",
+    "split_gaps",
+    "stamps",
+    "timing",
+]
 
 Array = NDArray[np.float64]
 
@@ -28,6 +40,7 @@ _REGULAR = 0.9  # share of steps within 10 % of the median from which on a step 
 _MANY = 0.01  # share of lost samples to warn of
 _BETTER = 0.8  # ratio of noises below which one time axis is clearly better
 _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
+_AWAY, _PARTS = 0.5, 20  # steps that the stamps may be from equal spacing, in the median of parts of the log
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,40 @@ def timing(log: Log) -> Timing:
         even=even,
         slots=slots,
     )
+
+
+def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpaced | None]:
+    """Return the log on equal spacing where its positions are less noisy on it than at the stamps, and what was done.
+
+    The line through the stamps gives the times; samples that were lost keep their place. Where the stamps leave the
+    line for long, which a late stamp does not, they have true gaps and are kept. ``always``: whatever the noise.
+    """
+    t, steps = log.t, np.diff(log.t)
+    jitter = _rms(steps)
+    if jitter <= _EVEN or len(log) < MINIMUM_SAMPLES or len(_long_steps(log)):
+        return log, None
+    places = np.append(0.0, np.cumsum(_whole_steps(steps / float(np.median(steps)))))
+    lost = int(places[-1]) + 1 - len(log)
+    axes = [_line(t, places), *([_line(t, np.arange(len(log)))] if lost and not always else ())]
+    ratios = [_noise_ratio(log, one) if always or _follows(t, one) else 1.0 for one in axes]
+    best = int(np.argmin(ratios))
+    if not always and ratios[best] >= _BETTER:
+        return log, None
+    note = notes.EquallySpaced(jitter, 1 / ratios[best], float((len(t) - 1) / np.ptp(axes[best])), lost * (best == 0))
+    return replace(log, t=axes[best]), note
+
+
+def _line(t: Array, places: NDArray[Any]) -> Array:
+    """Return the straight line (N) through the stamps at these places."""
+    middle, centred = places.mean(), t - t.mean()
+    slope = float((places - middle) @ centred / np.square(places - middle).sum())
+    return np.asarray(t.mean() + slope * (places - middle))
+
+
+def _follows(t: Array, line: Array) -> bool:
+    """Whether the stamps stay near the line, but for single ones."""
+    away = [float(np.median(part)) for part in np.array_split(t - line, _PARTS)]
+    return float(np.ptp(away)) < _AWAY * float(np.median(np.diff(t)))
 
 
 def _rms(steps: Array) -> float:

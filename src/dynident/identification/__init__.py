@@ -1,8 +1,10 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
 from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
+from dynident.identification.rests import Rests, moving_span, resting, whole_rests
 from dynident.identification.result import (
     Calibration,
     Identifiability,
@@ -24,6 +26,7 @@ __all__ = [
     "BaseTilt",
     "Calibration",
     "Choice",
+    "Gain",
     "HeldOut",
     "Identifiability",
     "Identification",
@@ -33,6 +36,7 @@ __all__ = [
     "Reason",
     "Recipe",
     "Remedy",
+    "Rests",
     "SourceFile",
     "Sources",
     "StandardErrors",
@@ -49,6 +53,9 @@ __all__ = [
     "identify",
     "judge",
     "mounted",
+    "moving_span",
     "pair",
+    "resting",
     "versions",
+    "whole_rests",
 ]

@@ -17,6 +17,7 @@ from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
+from dynident.identification.rests import without_rests
 from dynident.identification.result import (
     Calibration,
     Identifiability,
@@ -84,7 +85,8 @@ def _identify(
     progress: Callable[[str], None],
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
-    roles = _roles(train, validation, joints)
+    recorded = _roles(train, validation, joints)
+    roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
@@ -96,6 +98,7 @@ def _identify(
         trained = tuple(
             replace(log, tau=motion.tau) for log, motion in zip(trained, motions["train"].values(), strict=True)
         )
+    motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, min_speed)
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
@@ -120,6 +123,7 @@ def _identify(
         (
             *_warnings(model, estimate, base),
             *noted,
+            *resting,
             *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
         ),
     )

@@ -11,6 +11,7 @@ from typing import Any, Literal, get_type_hints
 
 from dynident.errors import ConfigError, changed, choices
 from dynident.estimators import Estimate, Estimator, LeastSquares
+from dynident.identification.rests import trimmed
 from dynident.log import Log, Motion
 from dynident.regression import ParallelFilter
 from dynident.smoothers import Smoother, Spline, motion_of, repaired
@@ -66,6 +67,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
         lambda value: value is None or _is_sought(value) or _is_tilt(value), "two angles (rad), 'estimate' or None",
     ),
     "outliers": (lambda value: value in ("mask", "keep"), "'mask' or 'keep'"),
+    "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -80,6 +82,8 @@ class Recipe:
     rotations (rad) of the robot's base about the x and y axes of its root link; "estimate" finds either on the training
     logs. ``restart`` (s) asks for free simulations from the measured torque; logs that know their controller need none.
     ``outliers`` "mask" replaces spikes and frozen stretches of positions, and leaves wrong torques out of the fit.
+    ``rests`` "trim" cuts long rests of the whole arm off the ends of the logs, and leaves those within out of the fit
+    where this predicts the torque in motion better.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -97,6 +101,7 @@ class Recipe:
     base_tilt: tuple[float, float] | Literal["estimate"] | None = None
     restart: float | None = None
     outliers: Literal["mask", "keep"] = "mask"
+    rests: Literal["trim", "keep"] = "trim"
 
     __repr__ = changed
 
@@ -121,6 +126,10 @@ class Recipe:
         if len(self.smoothers) != 1:
             raise ConfigError(f"the recipe has {len(self.smoothers)} smoothers to choose from; name one, or identify.")
         return motion_of(self.smoothers[0], self.repaired(log))
+
+    def trimmed(self, log: Log) -> Log:
+        """Return the log without long rests of the whole arm at its ends."""
+        return trimmed(log) if self.rests == "trim" else log
 
     def repaired(self, log: Log, *, torque: bool = False) -> Log:
         """Return the log without outliers of the positions; with ``torque``, suspect torques are not kept, either."""

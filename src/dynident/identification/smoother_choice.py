@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, Step, brief
 from dynident.estimators.least_squares import solve
+from dynident.identification.cross_validation import stretch
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
 from dynident.regression import Regression, TriangularFactors, rank_of
@@ -132,7 +133,8 @@ def excerpts(logs: Sequence[Log]) -> list[Log]:
 def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 5) -> float:
     """Return the relative torque error (%) of stretches of time predicted from the others, from triangular factors."""
     parts = [
-        Regression(model, tuple(_part(motion, k, folds) for motion in motions)).triangular_factors for k in range(folds)
+        Regression(model, tuple(stretch(motion, k, folds) for motion in motions)).triangular_factors
+        for k in range(folds)
     ]
     stacked = np.stack([part.stacked() for part in parts])
     rows = np.array([part.total for part in parts])
@@ -149,11 +151,3 @@ def _thinned(motions: Sequence[Motion], masks: Sequence[NDArray[np.bool_]]) -> t
     """Return motions of a few of the samples in the masks, all of them to be used."""
     masked = [replace(motion, mask=mask) for motion, mask in zip(motions, masks, strict=True)]
     return tuple(one.shifted(0.0, rows) for one, rows in zip(masked, subsample(masked, ROWS), strict=True))
-
-
-def _part(motion: Motion, k: int, folds: int) -> Motion:
-    """Return the motion with only the k-th of ``folds`` equal shares of its usable samples left in the mask."""
-    used = np.array_split(np.flatnonzero(motion.mask), folds)[k]
-    mask = np.zeros(len(motion), dtype=bool)
-    mask[used] = True
-    return replace(motion, mask=mask)

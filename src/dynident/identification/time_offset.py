@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity, Step, called
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem, quick
+from dynident.identification.cross_validation import Gain, fitted, gain_of
 from dynident.identification.motion_errors import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
@@ -45,6 +46,7 @@ class TimeOffset(Note):
     """Positions are stamped ``seconds`` later than the torque; training errors (%) without and with correction.
 
     ``std`` (s) is the standard error, that of the best offset where none is significant; None where it is not known.
+    ``gain`` is that of the best offset in cross-validation, None where another reason refused it.
     """
 
     severity: ClassVar[Severity] = Severity.INFO
@@ -52,6 +54,7 @@ class TimeOffset(Note):
     before: float
     after: float
     std: float | None = None
+    gain: Gain | None = None
 
 
 @dataclass(frozen=True)
@@ -113,22 +116,24 @@ def find_time_offset(
 ) -> TimeOffset:
     """Return the time offset, within 32 ms, at which the estimator explains the unfiltered torque of the motions best.
 
-    It is zero where it removes less than 0.5 % of the error or is below three standard errors, and where the best value
-    is beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
+    It is zero where it removes less than 0.5 % of the error, is below three standard errors, or gains no more than one
+    standard error in cross-validation, as what imitates a torque that the model lacks; and where the best value is
+    beyond the range, which indicates another fault. Noise in the motion, which is less between samples, and
     accelerations that a smoother attenuates can look like an offset: ``repeat`` (p to sets of motions) gives motions
     without an offset and their torque for the parameters found, and what is found in these is subtracted; where that or
-    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit; ``progress`` is called
-    with each trial. Raises the errors of
+    what is left is beyond the range, the offset is zero. ``min_speed`` (n) is that of the fit, and of the speed without
+    offset, so that all trials have the same samples; ``progress`` is called with each trial. Raises the errors of
     ``Regression`` and the estimator.
     """
     rows = subsample(motions, trial_samples(model), TRIALS[-1])
     if sum(map(len, rows)) < FEWEST:
         return TimeOffset(0.0, np.nan, np.nan)
     fast, trials = quick(estimator), count(1)
+    motions = _fast_enough(motions, min_speed)
 
     def errors_of(motions: Sequence[Motion]) -> tuple[Callable[[float], float], Callable[[float], float]]:
         """Return the error at an offset, and less than any parameters leave there."""
-        at = cache(lambda time_offset: Regression(model, _shifted(motions, rows, time_offset), min_speed=min_speed))
+        at = cache(lambda time_offset: Regression(model, _shifted(motions, rows, time_offset)))
 
         def error(time_offset: float) -> float:
             done = next(trials)
@@ -141,20 +146,28 @@ def find_time_offset(
     best, after, before = _least(error, TRIALS, floor)
     if np.isnan(best):
         return TimeOffset(0.0, before, before)
-    std = _offset_std(model, motions, rows, best, fast, min_speed)
+    std = _offset_std(model, motions, rows, best, fast)
     none = TimeOffset(0.0, before, before, std)
     if not after < (1.0 - GAIN) * before or abs(best) < SURE * std:
         return none
     at = _shifted(motions, rows, best)
-    theta = called(fast, Problem(model, at, Regression(model, at, min_speed=min_speed)), Estimate).value
-    invented = [_least(found, TRIALS[:NEAR], least)[0] for found, least in map(errors_of, repeat(theta))]
+    theta = called(fast, Problem(model, at, Regression(model, at)), Estimate).value
+    invented = [_least(found, TRIALS[:NEAR], least)[0]
+                for found, least in (errors_of(_fast_enough(one, min_speed)) for one in repeat(theta))]  # fmt: skip
     if not np.isfinite(invented).all():  # smoothing alone shows one beyond the range: nothing is known of this one
         return none
     if invented:  # either sign is as likely where it is noise that is less between samples
         best, std = best - float(np.mean(invented)), float(np.hypot(std, np.std(invented)))
     after = error(best)
-    significant = after < (1.0 - GAIN) * before and SURE * std <= abs(best) <= MOST
-    return TimeOffset(best, before, after, std) if significant else replace(none, std=std)
+    if not (after < (1.0 - GAIN) * before and SURE * std <= abs(best) <= MOST):
+        return replace(none, std=std)
+    gain = gain_of(model, _shifted(motions, rows, 0.0), _shifted(motions, rows, best))
+    return TimeOffset(best, before, after, std, gain) if gain.sure else replace(none, std=std, gain=gain)
+
+
+def _fast_enough(motions: Sequence[Motion], min_speed: tuple[float, ...] | None) -> list[Motion]:
+    """Return the motions that keep for the fit what is as fast as ``min_speed`` (n)."""
+    return [one if min_speed is None else replace(one, keep=fitted_rows(one, min_speed)) for one in motions]
 
 
 def _least(
@@ -214,7 +227,6 @@ def _offset_std(
     rows: Sequence[NDArray[np.intp]],
     best: float,
     estimator: Estimator,
-    min_speed: tuple[float, ...] | None,
 ) -> float:
     """Return the standard error (s) of a time offset, for correlated residuals; inf where the torque does not show it.
 
@@ -225,26 +237,18 @@ def _offset_std(
     step = max(float(np.median(np.diff(one.t))) for one in motions)
     wide = step * float(np.ceil(WIDE / step))  # whole samples: between two, interpolation makes noise less
     late, at, early = (
-        _squares(model, _shifted(motions, rows, best + side * wide), estimator, min_speed) for side in (1.0, 0.0, -1.0)
+        _squares(model, _shifted(motions, rows, best + side * wide), estimator) for side in (1.0, 0.0, -1.0)
     )
     curvature = (sum(map(np.sum, late)) + sum(map(np.sum, early)) - 2 * sum(map(np.sum, at))) / (2 * wide**2)
     shares = [(a - b)[:, None] / (4 * wide) for a, b in zip(late, early, strict=True)]
     return float(np.sqrt(long_run(shares)[0, 0]) / curvature) if curvature > 0 else np.inf
 
 
-def _squares(
-    model: Model, motions: tuple[Motion, ...], estimator: Estimator, min_speed: tuple[float, ...] | None
-) -> list[Array]:
+def _squares(model: Model, motions: tuple[Motion, ...], estimator: Estimator) -> list[Array]:
     """Return what the estimator leaves of the torque, squared and summed over the joints, for each motion (N)."""
-    regression = Regression(model, motions, min_speed=min_speed)
-    value = called(estimator, Problem(model, motions, regression), Estimate).value
-    found = []
-    for motion in motions:
-        left = motion.tau - model.torque(motion.q, motion.dq, motion.ddq, value)
-        keep = fitted_rows(motion, min_speed)
-        used = motion.mask[:, None] & (True if keep is None else keep)
-        found.append(np.square(left * used).sum(axis=1))
-    return found
+    value = called(estimator, Problem(model, motions, Regression(model, motions)), Estimate).value
+    left = [one.tau - model.torque(one.q, one.dq, one.ddq, value) for one in motions]
+    return [np.square(e * fitted(one)).sum(axis=1) for e, one in zip(left, motions, strict=True)]
 
 
 def _error(regression: Regression, estimator: Estimator) -> float:

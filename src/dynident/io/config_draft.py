@@ -14,8 +14,8 @@ import yaml
 from numpy.typing import NDArray
 from yaml.reader import Reader
 
-from dynident.checks import moving_span
 from dynident.errors import InputError, choices
+from dynident.identification import moving_span
 from dynident.io.column_mapping import ColumnMapping, Signal
 from dynident.io.fields import UNITS
 from dynident.io.match import JointFacts

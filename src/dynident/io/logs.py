@@ -10,14 +10,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.checks import MINIMUM_SAMPLES, Finding, check_log, reading_line, require, rest, split_gaps
-from dynident.errors import ConfigError, InputError, Severity, brief
+from dynident.checks import (
+    MINIMUM_SAMPLES,
+    Finding,
+    check_log,
+    reading_line,
+    reading_words,
+    require,
+    respaced,
+    rest,
+    split_gaps,
+)
+from dynident.errors import ConfigError, InputError, Note, Severity, brief
 from dynident.io.fields import Interval, interval_words
 from dynident.io.settings import Config, LogSpec, check_joints
 from dynident.io.signals import RecordedSignals, bad_values, column_names, controller, has_torques, signals
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
 from dynident.models import Joint
+from dynident.validation import CascadePD
 
 __all__ = [
     "DataTable",
@@ -162,7 +173,10 @@ def _read(
         log = _cut(found, window, joints, name)
         pieces = _pieces(replace(log, controller=drive), config.gaps, found.table.source)
         warnings += [*_overhang(name, found.t, window), *_left_out(log, pieces)]
-        logs += pieces
+        for piece in pieces:
+            spaced, note = _spaced(piece, config.time.spacing)
+            logs.append(spaced)
+            warnings += [] if note is None else [f"{piece.source}: {reading_words(note)}"]
     return Reading(tuple(logs), tuple(warnings), found.measured)
 
 
@@ -233,11 +247,23 @@ def _pieces(log: Log, gaps: str, source: str) -> tuple[Log, ...]:
     return pieces
 
 
+def _spaced(log: Log, spacing: str) -> tuple[Log, Note | None]:
+    """Return the log, and what drove it, at the times at which it was sampled."""
+    if spacing == "stamps":
+        return log, None
+    spaced, note = respaced(log, always=spacing == "even")
+    if isinstance(drive := log.controller, CascadePD):
+        beyond = drive.t - np.clip(drive.t, log.t[0], log.t[-1])
+        spaced = replace(spaced, controller=replace(drive, t=np.interp(drive.t, log.t, spaced.t) + beyond))
+    return spaced, note
+
+
 def _checked(log: Log, config: Config, joints: Sequence[Joint], source: str, measured: bool) -> tuple[Finding, ...]:
     """Return the findings on a log; InputError where one of them is an error."""
     findings = check_log(log, {joint.name: joint.kind for joint in joints}, turning_joints(config), torque=measured)
     require(findings, f"{source} ({log.source})")
-    return (*findings, *rest(log)) if config.min_speed is None and len(log) >= MINIMUM_SAMPLES else findings
+    kept = config.rests == "keep" and config.min_speed is None and len(log) >= MINIMUM_SAMPLES
+    return (*findings, *rest(log, kept=True)) if kept else findings
 
 
 def turning_joints(config: Config) -> frozenset[str]:

@@ -26,4 +26,5 @@ def build_recipe(config: Config) -> Recipe:
         "estimate" if sought else None,
         restart,
         config.outliers,
+        config.rests,
     )

@@ -60,6 +60,7 @@ class RecipePart(Part):
     base_tilt: tuple[float, float] | None
     restart: float | None
     outliers: Literal["mask", "keep"] = "keep"
+    rests: Literal["trim", "keep"] = "keep"
 
 
 class ParameterPart(Part):

@@ -176,6 +176,7 @@ def _recipe(given: RecipePart, folder: Path | None, source: str) -> Recipe:
         given.base_tilt,
         given.restart,
         given.outliers,
+        given.rests,
     )
 
 

@@ -90,6 +90,7 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
         "base_tilt": recipe.base_tilt,
         "restart": recipe.restart,
         "outliers": recipe.outliers,
+        "rests": recipe.rests,
     }
 
 

@@ -53,11 +53,15 @@ TORQUES = {"revolute": "torque", "prismatic": "force"}
 
 
 class Time(Section):
-    """Time stamps: a column and its unit, or the sampling rate (Hz) of a file without such a column."""
+    """Time stamps: a column and its unit, or the sampling rate (Hz) of a file without such a column.
+
+    ``spacing``: "even" takes the samples as equally spaced, "stamps" as stamped; "auto" decides by the noise of q.
+    """
 
     column: Name | None = None
     unit: str = "s"
     rate: Positive | None = None
+    spacing: Literal["auto", "stamps", "even"] = "auto"
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -233,6 +237,7 @@ class Config(Section):
     min_speed: PositiveOrEach = None
     delay: Delay | Literal["estimate"] = "estimate"
     outliers: Literal["mask", "keep"] = "mask"
+    rests: Literal["trim", "keep"] = "trim"
     simulation: Simulation | None = None
 
 

@@ -57,6 +57,7 @@ class RecipeFields(TypedDict, total=False):
     base_tilt: tuple[float, float] | Literal["estimate"] | None
     restart: float | None
     outliers: Literal["mask", "keep"]
+    rests: Literal["trim", "keep"]
 
 
 def default_recipe(model: Model) -> Recipe:

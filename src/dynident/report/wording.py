@@ -11,7 +11,7 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import BaseTilt, Choice, OldResult, TimeOffset
+from dynident.identification import BaseTilt, Choice, Gain, OldResult, Rests, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import percent
@@ -267,11 +267,29 @@ def _(choice: Choice) -> str:
 def _(time_offset: TimeOffset) -> str:
     error = np.inf if time_offset.std is None else 1e3 * time_offset.std
     if not time_offset.seconds:
+        if time_offset.gain is not None:
+            return f"none, as the best one does not predict left-out stretches better: {words(time_offset.gain)}"
         known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
         return f"none, as none lowers the training error ({percent(time_offset.before)}){known}"
     late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
     size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
     return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"
+
+
+@words.register
+def _(gain: Gain) -> str:
+    return f"{gain.share:.2g} +- {gain.std:.1g} % of the squared cross-validated error"
+
+
+@words.register
+def _(note: Rests) -> str:
+    ends = [f"{length:.3g} s at its {end}" for end, length in (("start", note.start), ("end", note.end)) if length]
+    said = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
+    if note.within:
+        how = "left out of the fit" if note.left_out else "fitted" if note.gain is not None else "not left out"
+        why = "" if note.gain is None else f": without them {words(note.gain)} in motion would be gained"
+        said.append(f"rests of {note.within:.3g} s within are {how}{why}")
+    return f"{note.log}: {'; '.join(said)}"
 
 
 @words.register

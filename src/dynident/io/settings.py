@@ -26,6 +26,7 @@ from dynident.io.fields import (
     Positive,
     PositiveOrEach,
     Section,
+    Tilt,
     Windows,
     by_kind,
     unit_factor,
@@ -134,8 +135,8 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and further terms per joint.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s,
-    m/s) smooths the sign in the Coulomb friction.
+    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2), by rotations (rad) about x
+    and y; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb friction.
     """
 
     _former: ClassVar[Mapping[str, str]] = {"lean": "base_tilt"}
@@ -144,7 +145,7 @@ class RobotSettings(Section):
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
-    base_tilt: Literal["none", "estimate"] = "none"
+    base_tilt: tuple[Tilt, Tilt] | Literal["none", "estimate"] = "estimate"
     terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...], FEW] = (
         "rotor", "viscous", "coulomb", "offset",
     )  # fmt: skip

@@ -1,6 +1,6 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
-from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
 from dynident.identification.recipe import Recipe
@@ -43,6 +43,7 @@ __all__ = [
     "SourceFile",
     "Sources",
     "StandardErrors",
+    "SteepBase",
     "Step",
     "TermChoice",
     "TimeOffset",
@@ -56,6 +57,7 @@ __all__ = [
     "excerpts",
     "find_base_tilt",
     "find_time_offset",
+    "has_gravity",
     "identify",
     "judge",
     "mounted",

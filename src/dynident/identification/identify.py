@@ -13,7 +13,7 @@ from dynident.errors import ConfigError, InputError, ModelError, Note, Step, cal
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
-from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -128,6 +128,7 @@ def _identify(
             *_warnings(model, estimate, base),
             *noted,
             *resting,
+            *([SteepBase(*tilt.steep)] if tilt and tilt.steep else ()),
             *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
         ),
     )
@@ -205,6 +206,8 @@ def _mounted(
         return model, None, None
     if recipe.base_tilt != "estimate":
         return mounted(model, *recipe.base_tilt), None, recipe.base_tilt
+    if not has_gravity(model):
+        return model, None, None
     progress("estimating the base tilt")
     tilt = find_base_tilt(model, motions, recipe.estimator, min_speed)
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)

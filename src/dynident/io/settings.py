@@ -27,6 +27,7 @@ from dynident.io.fields import (
     Positive,
     PositiveOrEach,
     Section,
+    Tilt,
     Windows,
     by_kind,
     unit_factor,
@@ -137,9 +138,9 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and further terms per joint.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``terms`` "auto", alone or
-    in the list, are those that the training logs choose; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb
-    friction.
+    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2), by rotations (rad) about x
+    and y; ``terms`` "auto", alone or in the list, are those that the training logs choose; ``coulomb_width`` (rad/s,
+    m/s) smooths the sign in the Coulomb friction.
     """
 
     _former: ClassVar[Mapping[str, str]] = {"lean": "base_tilt"}
@@ -148,7 +149,7 @@ class RobotSettings(Section):
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
-    base_tilt: Literal["none", "estimate"] = "none"
+    base_tilt: tuple[Tilt, Tilt] | Literal["none", "estimate"] = "estimate"
     terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True, words=(AUTO,))], ...], FEW, OneWord(AUTO)] = (
         "rotor", "viscous", "coulomb", "offset",
     )  # fmt: skip

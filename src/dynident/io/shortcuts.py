@@ -15,7 +15,7 @@ from dynident.bounds import AccuracyBound, TorqueNoise
 from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
-from dynident.identification import Identification, Recipe
+from dynident.identification import Identification, Recipe, has_gravity
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
@@ -63,13 +63,14 @@ class RecipeFields(TypedDict, total=False):
 def default_recipe(model: Model) -> Recipe:
     """Return the recipe for a real robot, with nothing to set.
 
-    The spline is smoothed as much as predicts the torque best, and the time offset between torque and position is
-    estimated. A model with rigid bodies is fitted physically consistent, any other by least squares. The article's
+    The spline is smoothed as much as predicts the torque best, the time offset between torque and position is
+    estimated, and the base tilt where the model has gravity. A model with rigid bodies is fitted physically consistent, any other by least squares. The article's
     method is ``Recipe()``.
     """
     smoother = Spline.Settings(rule="torque").build()
     estimator: Estimator = PhysicallyConsistent() if any(one.body for one in model.parameters) else LeastSquares()
-    return Recipe(smoother, estimator, time_offset="estimate")
+    tilt: Literal["estimate"] | None = "estimate" if has_gravity(model) else None
+    return Recipe(smoother, estimator, time_offset="estimate", base_tilt=tilt)
 
 
 def identify(

@@ -11,7 +11,7 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import BaseTilt, Choice, Gain, OldResult, Rests, TimeOffset
+from dynident.identification import BaseTilt, Choice, Gain, OldResult, Rests, SteepBase, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import percent
@@ -295,8 +295,21 @@ def _(note: Rests) -> str:
 @words.register
 def _(tilt: BaseTilt) -> str:
     x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
+    if not (tilt.x or tilt.y):
+        why = "" if tilt.gain is None else f": the best tilt would gain {words(tilt.gain)}"
+        known = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
+        return f"the base is taken as level{known}{why}"
     angles = f"{x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f})"
     return f"the base is tilted by {angles}; {_better(tilt)}"
+
+
+@words.register
+def _(note: SteepBase) -> str:
+    x, y = np.rad2deg((note.x, note.y))
+    return (
+        f"the torques ask for a base that is tilted by {x:z.3g} deg about x and {y:z.3g} deg about y, more than a "
+        "mounting error; it is taken as level. Set `gravity`, and check the zeros and axes of the joints."
+    )
 
 
 @words.register

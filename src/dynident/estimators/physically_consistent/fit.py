@@ -26,6 +26,7 @@ from dynident.estimators.constraints import (
     interval,
     scales,
     signs,
+    sized,
     total,
 )
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
@@ -139,7 +140,7 @@ class PhysicallyConsistent:
         model, triangular = problem.model, problem.regression.triangular_factors
         weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
         factor, directions = weighted(triangular, weights, model.parameters, self.threshold)
-        bodies = bodies_of(model.parameters)
+        bodies = sized(bodies_of(model.parameters), model.parameters, triangular)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         known = read(factor, scale, directions, triangular.total)

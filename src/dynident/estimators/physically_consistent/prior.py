@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.constraints import Barrier, BodyConstraint, Constraints, Penalised
+from dynident.estimators.physically_consistent.inner import held
 from dynident.estimators.physically_consistent.staged import Information
 
 __all__ = ["move_to_prior", "nearest"]
@@ -39,7 +40,7 @@ def move_to_prior(
     ``entropic``: Lee, Wensing and Park (2020), "Geometric robot dynamic identification". It is half the squared
     Euclidean one, in units of the parameters' scale, for all other parameters.
     """
-    directions = known.free @ _held(constraints, known.free)
+    directions = known.free @ held(constraints, known.free)
     if not directions.shape[1]:
         return theta, 0.0
     relaxed = constraints.relaxed(0.5)
@@ -73,14 +74,6 @@ class _Program:
 
     def _with_edge(self, weight: float) -> Penalised:
         return Penalised(self.H, self.g, ((self.kept, 1.0), (self.edge, weight)))
-
-
-def _held(constraints: Constraints, free: Array) -> Array:
-    """Return the coordinates (q, r) of the free directions (p, q) that change no equality."""
-    rows = [limit.rows[limit.lower == limit.upper] @ free for limit in constraints.limits]
-    fixed = np.concatenate([np.zeros((1, free.shape[1])), *rows])
-    _, s, Vt = np.linalg.svd(fixed)
-    return np.asarray(Vt[int((s > 1e-9).sum()) :].T)
 
 
 def _program(

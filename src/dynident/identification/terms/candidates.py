@@ -101,8 +101,8 @@ def _power(seen: Seen) -> Sequence[Term]:
     return tuple(Power(seen.joints, on=(seen.joint.name,), exponent=one) for one in EXPONENTS)
 
 
-def _spring(seen: Seen) -> Sequence[Term]:
-    return (Spring(seen.joints, on=(seen.joint.name,), order=2),)
+def _spring(order: int, seen: Seen) -> Sequence[Term]:
+    return (Spring(seen.joints, on=(seen.joint.name,), order=order),)
 
 
 KINDS = (
@@ -117,7 +117,8 @@ KINDS = (
     Kind("dahl", partial(_scaled, Dahl, "length", "reach", LENGTHS), dry=True),
     Kind("load_dahl", partial(_scaled, LoadDahl, "length", "reach", LENGTHS), dry=True, needs_load=True),
     Kind("power", _power, strict=True),
-    Kind("spring", _spring, strict=True, reaches=True),
+    Kind("spring", partial(_spring, 1), strict=True, reaches=True),
+    Kind("spring", partial(_spring, 2), strict=True, reaches=True),
     Kind("drift", partial(_scaled, Drift, "time", "duration", (0.3, 1.0, 3.0)), strict=True),
 )
 PLAIN = ("offset", "viscous", "coulomb")

@@ -148,46 +148,60 @@ class _Choosing:
         return self.prior.precision * self.independent
 
     def result(self) -> TermChoice:
-        """Search all joints."""
-        n = len(self.rows)
-        entered: list[list[tuple[str, int]]] = [[] for _ in range(n)]
-        searches: list[JointSearch] = []
-        columns: list[Array] = []
-        before = np.zeros(n)
+        """Search all joints, each with the others as they are."""
+        n, plain = len(self.rows), list[float]()
+        entered = [list[tuple[int, int]]() for _ in range(n)]
         for turn in range(PASSES):
             load = self.samples.model.loaded(self.theta).load if self._has_load else None
             loads = self.samples.loads(load)
             searches, columns = self._searches(loads)
-            for one, names in zip(searches, entered, strict=True):
-                one.entered = self._found(one, names) if turn else self._found(one, [(name, 0) for name in PLAIN])
-            before = np.array([one.errors(self._rest(searches, j)).sum() for j, one in enumerate(searches)])
+            for one, found in zip(searches, entered, strict=True):
+                again = [Entered(one.groups[g], size) for g, size in found]
+                one.entered = again if turn else self._of_names(one, PLAIN)
+            plain = plain or self._errors(searches)
+            normals = list(map(self._normal, searches))
             for j, one in enumerate(searches):
                 self.progress(Step("choosing the terms", turn * n + j, (PASSES + 1) * n))
-                rest = self._rest(searches, j)
-                if not turn:
-                    first = before
-                one.entered, one.trials = self._found(one, [("offset", 0), ("viscous", 0)]), {}
+                one.entered = self._of_names(one, PLAIN[:2])
+                rest = others(normals, j, self._precision, one.grams.acts)
                 one.forward(rest)
                 one.backward(rest)
-            entered = [[(x.group.kind.name, x.size) for x in one.entered] for one in searches]
-            residuals = self._refit(columns, [one.columns for one in searches])
-            for one, weight in zip(searches, self.weights, strict=True):
-                one.weight = float(weight)
-        searches = [self._with_ripples(searches, columns, residuals, loads, j) for j in range(n)]
-        residuals = self._refit(columns, [one.columns for one in searches])
-        after = np.array([one.errors(self._rest(searches, j)).sum() for j, one in enumerate(searches)])
-        torque = [self._torque(rows) for rows in self.rows]
-        speeds = tuple(self._min_speed(searches, columns, j) for j in range(n))
-        terms = [[x.term for x in one.entered] for one in searches]
+                normals[j] = self._normal(one)
+            entered = [[(one.groups.index(x.group), x.size) for x in one.entered] for one in searches]
+            residuals = self._weighed(searches, columns)
+        for j in range(n):
+            self.progress(Step("choosing the terms", PASSES * n + j, (PASSES + 1) * n))
+            self._ripples(searches, columns, residuals, loads, j)
+        self._weighed(searches, columns)
+        joints = self.samples.model.joints
         return TermChoice(
-            tuple(joint.name for joint in self.samples.model.joints),
-            combined(self.samples.model.joints, terms),
+            tuple(joint.name for joint in joints),
+            combined(joints, [[x.term for x in one.entered] for one in searches]),
             tuple(trial for one in searches for trial in one.trials.values()),
-            tuple((100.0 * np.sqrt(first / torque)).tolist()),
-            tuple((100.0 * np.sqrt(after / torque)).tolist()),
-            speeds,
+            tuple(plain),
+            tuple(self._errors(searches)),
+            tuple(self._min_speed(searches, columns, j) for j in range(n)),
             load,
         )
+
+    def _normal(self, one: JointSearch) -> Normal:
+        """Return the normal matrices of the model's parameters from one joint."""
+        return normal_matrices(one.grams, one.columns, self.division.train, one.weight)
+
+    def _errors(self, searches: Sequence[JointSearch]) -> list[float]:
+        """Return the cross-validated errors (%) of the joints."""
+        normals, found = list(map(self._normal, searches)), []
+        for j, one in enumerate(searches):
+            wrong = one.errors(others(normals, j, self._precision, one.grams.acts)).sum()
+            found.append(100.0 * float(np.sqrt(wrong / self._torque(self.rows[j]))))
+        return found
+
+    def _weighed(self, searches: Sequence[JointSearch], columns: Sequence[Array]) -> list[Array]:
+        """Fit all joints with what has entered; set the weights of the searches, and return the residuals (N)."""
+        residuals = self._refit(columns, [one.columns for one in searches])
+        for one, weight in zip(searches, self.weights.tolist(), strict=True):
+            one.weight = weight
+        return residuals
 
     def _torque(self, rows: Rows) -> float:
         """Return the sum of squares of the torque of a joint in the blocks."""
@@ -239,46 +253,41 @@ class _Choosing:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, CLASSES))
 
     @staticmethod
-    def _found(one: JointSearch, names: Sequence[tuple[str, int]]) -> list[Entered]:
-        known = {group.kind.name: group for group in one.groups}
-        return [Entered(known[name], size) for name, size in names if name in known]
+    def _of_names(one: JointSearch, names: Sequence[str]) -> list[Entered]:
+        """Return the groups of kinds by name, each in its first size."""
+        return [Entered(group, 0) for group in one.groups if group.kind.name in names]
 
     def _rest(self, searches: Sequence[JointSearch], j: int) -> Normal:
-        normals = [normal_matrices(one.grams, one.columns, self.division.train, one.weight) for one in searches]
-        return others(normals, j, self._precision, searches[j].grams.acts)
+        return others(list(map(self._normal, searches)), j, self._precision, searches[j].grams.acts)
 
-    def _with_ripples(
-        self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], loads: Sequence[Array], j: int
-    ) -> JointSearch:
-        """Return the search of a joint with the ripples that have entered besides."""
-        one, rows, joint = searches[j], self.rows[j], self.samples.model.joints[j]
+    def _ripples(
+        self,
+        searches: list[JointSearch],
+        columns: list[Array],
+        residuals: list[Array],
+        loads: Sequence[Array],
+        j: int,
+    ) -> None:
+        """Let ripples enter at a joint, one by one, at the largest peaks of what the others leave."""
+        rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
+        q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
         for turn in range(RIPPLES):
-            self.progress(Step("choosing the terms", PASSES * len(self.rows) + j, (PASSES + 1) * len(self.rows)))
-            block = np.where(rows.used, self.block, -1)
-            q, fastest = self.samples.states["q"][:, j], 0.5 * np.pi / step / self.seen[j].speed
-            rates = peaks(q, residuals[j], block, self.samples.blocks, fastest)
-            if not rates:
-                break
+            rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
+            one, found = searches[j], [columns[j][searches[j].columns]]
             kind = Kind(f"ripple {turn + 1}" if turn else "ripple", lambda _: (), strict=True)
-            kept = columns[j][one.columns]
-            found = [kept]
-            terms = tuple(Ripple(self.samples.model.joints, on=(joint.name,), cycles=(k,)) for k in rates)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(rate,)) for rate in rates)
+            if not terms:
+                return
             group = self._group(kind, terms, j, loads, found)
-            entered, first = [], 0
-            for x in one.entered:
-                at = tuple(range(first, first + len(x.columns)))
-                entered.append(Entered(Group(x.group.kind, (x.term,), (at,)), 0))
-                first += len(at)
             columns[j] = np.concatenate(found)
-            one = replace(one, grams=self._grams(rows, columns[j]), groups=(group,), entered=entered)
-            searches[j] = one
+            entered = _renumbered(one.entered)
+            grams = self._grams(rows, columns[j])
+            searches[j] = one = replace(one, grams=grams, groups=(group,), entered=entered)
             one.forward(self._rest(searches, j))
             if len(one.entered) == len(entered):
-                break
-            residuals[:] = self._refit(columns, [x.columns for x in searches])
-            one.weight = float(self.weights[j])
-        return one
+                return
+            residuals[:] = self._weighed(searches, columns)
 
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out: one that predicts all samples better."""
@@ -299,6 +308,16 @@ class _Choosing:
         best = int(np.argmax([gain for gain, _ in gains]))
         gain, std = gains[best]
         return SPEEDS[best - 1] * self.seen[j].speed if best and gain > max(std, 0.5) else 0.0
+
+
+def _renumbered(entered: Sequence[Entered]) -> list[Entered]:
+    """Return what has entered with its columns one after the other."""
+    found, first = [], 0
+    for one in entered:
+        at = tuple(range(first, first + len(one.columns)))
+        found.append(Entered(Group(one.group.kind, (one.term,), (at,)), 0))
+        first += len(at)
+    return found
 
 
 def _correlation(residual: Array, most: int) -> int:

@@ -20,6 +20,7 @@ __all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
 Array = NDArray[np.float64]
 LEAST = 1.0  # %, of the squared error: what a term must remove
 NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless, and two standard errors above it
+STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 MOST = 9  # terms of a joint
 
@@ -145,9 +146,12 @@ class JointSearch:
             good = [one for one in found if one.trial.outcome is Outcome.ENTERED]
             if not good:
                 return
+            if not any(one.group.kind.dry for one in self.entered):  # what is left of it has no meaning without
+                good = [one for one in good if one.entered.group.kind.dry] or good
             best = max(good, key=lambda one: one.trial.gain)
             chosen = next(one for one in good if one is best or _as_good(one, best))
             self.entered.append(chosen.entered)
+            self._resize(rest)
 
     def backward(self, rest: Normal) -> None:
         """Take out, one by one, what the others have made needless."""
@@ -160,6 +164,14 @@ class JointSearch:
             self.entered.remove(one)
             self.trials[trial.kind] = replace(trial, outcome=Outcome.REDUNDANT)
 
+    def _resize(self, rest: Normal) -> None:
+        """Give each group that has entered the size that is best with the others as they are now."""
+        for k, one in enumerate(self.entered):
+            if len(one.group.at) > 1:
+                columns = [i for other in self.entered if other is not one for i in other.columns]
+                fits = tried(self.grams, self.division.whole, rest, columns, [one.group.at], self.weight)
+                self.entered[k] = replace(one, size=int(fits.best[0, 0]))
+
     def errors(self, rest: Normal, columns: Sequence[int] | None = None) -> Array:
         """Return the squared errors (F) of the blocks with columns, those that have entered by default."""
         chosen = self.columns if columns is None else columns
@@ -169,13 +181,14 @@ class JointSearch:
         """Return the trial of a group that has entered, beside all others that have."""
         others = [other for other in self.entered if other is not one]
         alone = Group(one.group.kind, (one.term,), (one.columns,))
-        (found,) = replace(self, entered=others, trials={})._tried(rest, [alone])
+        (found,) = replace(self, entered=others, trials={})._tried(rest, [alone], STAYS)
         if _presumed(one.group.kind, others):
             idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < IDLE
             return replace(found.trial, outcome=Outcome.TOO_SMALL if idle else Outcome.ENTERED)
         return found.trial
 
-    def _tried(self, rest: Normal, groups: Sequence[Group]) -> list[_Found]:
+    def _tried(self, rest: Normal, groups: Sequence[Group], errors: float = 1.0) -> list[_Found]:
+        """Return the trials of groups; ``errors`` multiplies the standard errors that a gain must exceed."""
         if not groups:
             return []
         at = [one.at for one in groups]
@@ -187,7 +200,7 @@ class JointSearch:
         for g, group in enumerate(groups):
             size, gains = int(whole.best[0, g]), blocks.before - blocks.after[:, g]
             gain, std = share(gains, blocks.before)
-            outcome = self._outcome(group, size, gain, std, whole, g)
+            outcome = self._outcome(group, size, gain, errors * std, whole, g)
             trial = Trial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
             found.append(_Found(trial, gains, Entered(group, size)))
         return self._beyond(rest, found)
@@ -225,10 +238,10 @@ class JointSearch:
 
 def _held(kind: Kind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]) -> Outcome:
     """Return whether a kind holds on faster motion, further out, and in other recordings, by its gains there."""
-    (further, _), *logs = elsewhere
-    if faster[0] < (0.0 if kind.strict else -faster[1]):
+    further, *logs = elsewhere
+    if faster[0] < -faster[1]:
         return Outcome.REFUTED_FASTER
-    if kind.reaches and further < 0:
+    if kind.reaches and further[0] < max(LEAST, further[1]):
         return Outcome.REFUTED_FURTHER
     return Outcome.REFUTED_BY_LOG if any(gain < 0 for gain, _ in logs) else Outcome.ENTERED
 

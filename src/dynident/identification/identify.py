@@ -14,6 +14,7 @@ from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
+from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -26,7 +27,7 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
-from dynident.identification.terms.added import completed, first, speeds
+from dynident.identification.terms.added import chosen, first, speeds
 from dynident.identification.time_offset import Pairing, TimeOffset, pair
 from dynident.log import Log, Motion
 from dynident.models import Model
@@ -103,10 +104,16 @@ def _identify(
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
-    model, choice = completed(whole, model, angles, fitted, recipe, progress)
-    speed = speeds(recipe, choice)
-    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles, terms=None, min_speed=speed)
-    fitted, min_speed = tuple(map(model.remembering, fitted)), used.min_speeds(joints)
+    if recipe.terms is not None:  # the rest is as with these terms named, and with what was found for them
+        choice = chosen(whole, angles, fitted, min_speed, progress)
+        named = replace(recipe, smoother=unshifted(smoother), base_tilt=angles, terms=None)
+        named = replace(named, min_speed=speeds(recipe, choice))
+        found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
+        known = replace(found.calibration, smoother=pairing.choice, base_tilt=tilt, terms=choice)
+        return replace(found, calibration=known, warnings=(*found.warnings, *_steep(tilt)))
+    model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
+    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles)
+    fitted = tuple(map(model.remembering, fitted))
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
@@ -122,13 +129,13 @@ def _identify(
         base,
         judged,
         check_mass(model, estimate.value, [log.motion for log in judged]),
-        Calibration(pairing.choice, pairing.time_offset, tilt, choice),
+        Calibration(pairing.choice, pairing.time_offset, tilt),
         Sources(versions=versions()),
         (
             *_warnings(model, estimate, base),
             *noted,
             *resting,
-            *([SteepBase(*tilt.steep)] if tilt and tilt.steep else ()),
+            *_steep(tilt),
             *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
         ),
     )
@@ -211,6 +218,11 @@ def _mounted(
     progress("estimating the base tilt")
     tilt = find_base_tilt(model, motions, recipe.estimator, min_speed)
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)
+
+
+def _steep(tilt: BaseTilt | None) -> tuple[Note, ...]:
+    """Return the note on a tilt that is more than a mounting error."""
+    return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
 
 
 def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None) -> Array:

@@ -1,19 +1,17 @@
-"""A model with the plain set of terms, by which smoother, time offset and tilt are found, or with those chosen."""
+"""A model with the plain set of terms, by which smoother, time offset and tilt are found, and the choice of others."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from dynident.identification.base_tilt import mounted
-from dynident.identification.load import with_load
 from dynident.identification.recipe import Recipe
 from dynident.identification.terms.choice import TermChoice
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
 
-__all__ = ["completed", "first", "plain", "speeds"]
+__all__ = ["chosen", "first", "plain", "speeds"]
 
 PLAIN = (RotorInertia, Viscous, Coulomb, Offset)
 
@@ -33,31 +31,20 @@ def first(model: Model, recipe: Recipe) -> Model:
     return unloaded(model) if recipe.terms is None else plain(unloaded(model))
 
 
-def completed(
+def chosen(
     model: Model,
-    fitted: Model,
     tilt: tuple[float, float] | None,
     motions: tuple[Motion, ...],
-    recipe: Recipe,
+    min_speed: tuple[float, ...] | None,
     progress: Callable[[str], None],
-) -> tuple[Model, TermChoice | None]:
-    """Return the model of the fit, with the load that it needs, on its base as it is tilted, and the choice of terms.
-
-    ``fitted`` is the model that the steps before have used, which the motions remember. Raises the errors of
-    ``with_load`` and ``choose_terms``.
-    """
-    min_speed = recipe.min_speeds([joint.name for joint in model.joints])
-    if recipe.terms is None:
-        return with_load(model, fitted, motions, recipe.estimator, recipe.filter, min_speed, progress), None
-    whole = model if tilt is None else mounted(model, *tilt)
-    bodies = unloaded(whole)
-    choice = choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
-    found = whole.with_terms(*choice.terms)
-    return replace(found, load=choice.load if found.needs_load else None), choice
+) -> TermChoice:
+    """Return the choice of the terms of a model, on its base as it is tilted; raises the errors of ``choose_terms``."""
+    bodies = unloaded(model if tilt is None else mounted(model, *tilt))
+    return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
 
 
-def speeds(recipe: Recipe, choice: TermChoice | None) -> Mapping[str, float] | float | None:
+def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
     """Return the minimum speed as the recipe gives it, else that of the joints for which one was chosen."""
-    if choice is None or recipe.min_speed is not None:
+    if recipe.min_speed is not None:
         return recipe.min_speed
     return {name: one for name, one in zip(choice.joints, choice.min_speed, strict=True) if one} or None

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import Finding, Note
 from dynident.estimators import Estimate
-from dynident.identification import Calibration, Choice, Identification, Recipe
-from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.identification import Calibration, Choice, Identification, Recipe, TermChoice
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.result_format import FORMAT, VERSION, ResultFile
 from dynident.regression import BaseParameters
 from dynident.validation import Failure, LogValidation
@@ -104,7 +104,13 @@ def _calibration(calibration: Calibration) -> dict[str, Any]:
         "smoother": None if calibration.smoother is None else _choice(calibration.smoother),
         "time_offset": None if offset is None else asdict(offset),
         "base_tilt": None if tilt is None else asdict(tilt),
+        "terms": None if calibration.terms is None else _terms(calibration.terms),
     }
+
+
+def _terms(choice: TermChoice) -> dict[str, Any]:
+    trials = [{**vars(one), "settings": dict(one.settings)} for one in choice.trials]
+    return {**vars(choice), "trials": trials, "chosen": [TERMS.describe(one) for one in choice.terms]}
 
 
 def _choice(choice: Choice) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.project import model_source, read_project
 from dynident.io.robot import SUFFIXES, load_robot
-from dynident.io.settings import Config, LogSpec, RobotSettings
+from dynident.io.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.io.wording import worded
 from dynident.log import Log
 from dynident.models import Joint, Model
@@ -58,6 +58,7 @@ class RecipeFields(TypedDict, total=False):
     restart: float | None
     outliers: Literal["mask", "keep"]
     rests: Literal["trim", "keep"]
+    terms: Literal["auto"] | None
 
 
 def default_recipe(model: Model) -> Recipe:
@@ -84,8 +85,8 @@ def identify(
 ) -> Identification:
     """Identify the parameters of a robot from logs, and judge them on all logs.
 
-    ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file,
-    ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for ``validation``, are one log, logs
+    ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
+    beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for ``validation``, are one log, logs
     by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a real robot; keywords replace its
     fields, such as ``estimator=LeastSquares()``. ``progress`` is called with a few words before each step.
 
@@ -111,7 +112,7 @@ def identify(
     for name in changes:
         if name not in known:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
-    used = replace(_recipe(recipe, model), **changes)
+    used = replace(_recipe(recipe, model, robot), **changes)
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
@@ -134,7 +135,7 @@ def check(
     """
     model = _model(robot)
     roles = {"train": _named(logs, "logs"), "validation": _named(validation, "validation")}
-    return checks.run_checks(model, roles, _recipe(recipe, model), progress=progress)
+    return checks.run_checks(model, roles, _recipe(recipe, model, robot), progress=progress)
 
 
 def accuracy_bound(
@@ -164,7 +165,7 @@ def accuracy_bound(
     return bounds.accuracy_bound(
         model,
         _named(logs, "logs"),
-        _recipe(recipe, model),
+        _recipe(recipe, model, robot),
         sigma_q=sigma_q,
         sigma_tau=sigma_tau,
         torque=torque,
@@ -268,10 +269,12 @@ def _model(robot: Any) -> Model:
     return load_model(str(robot))
 
 
-def _recipe(recipe: Recipe | None, model: Model) -> Recipe:
+def _recipe(recipe: Recipe | None, model: Model, robot: Robot) -> Recipe:
+    """Return the recipe for a robot as it is given: a robot file names no terms."""
     if not isinstance(recipe, Recipe | None):
         raise ConfigError(f"recipe: a {type(recipe).__name__} is given; give a Recipe, or its fields as keywords.")
-    return default_recipe(model) if recipe is None else recipe
+    used = default_recipe(model) if recipe is None else recipe
+    return used if isinstance(robot, Model) or robot_settings(str(robot)) is None else replace(used, terms="auto")
 
 
 def _named(logs: Any, what: str) -> dict[str, Log]:

@@ -110,7 +110,8 @@ def _calibration(calibration: Calibration) -> dict[str, Any]:
 
 def _terms(choice: TermChoice) -> dict[str, Any]:
     trials = [{**vars(one), "settings": dict(one.settings)} for one in choice.trials]
-    return {**vars(choice), "trials": trials, "chosen": [TERMS.describe(one) for one in choice.terms]}
+    plain = {key: value for key, value in vars(choice).items() if key != "terms"}
+    return plain | {"trials": trials, "chosen": [TERMS.describe(one) for one in choice.terms]}
 
 
 def _choice(choice: Choice) -> dict[str, Any]:

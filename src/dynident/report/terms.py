@@ -57,7 +57,7 @@ def term_table(choice: TermChoice) -> PageTable:
         Column("joint", numeric=False),
         Column("plain set, %"),
         Column("chosen, %"),
-        Column("terms, and what each gains of the squared error", numeric=False, prose=True),
+        Column("terms, and the gain of those that had to enter, % of the squared error", numeric=False, prose=True),
     )
     rows = []
     for joint, before, after in zip(choice.joints, choice.before, choice.after, strict=True):

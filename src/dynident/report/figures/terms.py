@@ -12,7 +12,7 @@ from dynident.report.figures.canvas import AMBER, BLUE, GREEN, GRID, INK, RED, D
 __all__ = ["trial_figure"]
 
 COLOURS = {Outcome.ENTERED: GREEN, Outcome.TOO_SMALL: INK, Outcome.WITHIN_ERROR: AMBER, Outcome.NOT_EXCITED: INK}
-LEAST, LOWER = 5.0, 0.6  # %, to which the axis goes at least; and its lower end, relative to the upper one
+LEAST, MOST, LOWER = 5.0, 105.0, 0.6  # %, between which the axis ends; and its lower end, relative to the upper one
 
 
 def trial_figure(trials: Sequence[Trial], words: Mapping[Outcome, str]) -> Drawing:
@@ -29,7 +29,7 @@ def trial_figure(trials: Sequence[Trial], words: Mapping[Outcome, str]) -> Drawi
     if fast:
         figure.add(_faster(fast, [rows[one.kind] for one in fast]))
     ends = [one.gain + one.std for one in trials] + [one.faster + (one.faster_std or 0.0) for one in fast if one.faster]
-    upper = max(1.08 * max(ends, default=0.0), LEAST)
+    upper = min(max(1.08 * max(ends, default=0.0), LEAST), MOST)
     lower = min(0.0, *(one.gain - one.std for one in trials), *(one.faster or 0.0 for one in fast)) if trials else 0.0
     figure.axes("x", title="gain, % of the squared cross-validated error", zeroline=True, zerolinecolor=GRID)
     figure.axes("x", range=[max(1.08 * lower, -LOWER * upper) - 0.02 * upper, upper])

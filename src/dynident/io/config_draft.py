@@ -132,9 +132,10 @@ def _model(page: _Page, robot: str, joints: Sequence[JointFacts], mapping: Colum
     for name, (value, question) in mapping.lock.items():
         why = "  # does not move in the logs" if name in mapping.still else ""
         page.line(f"    {_scalar(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
+    page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
     page.line(
-        "  # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the "
-        "gears"
+        "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "
+        "--write-config FILE` writes"
     )
 
 

@@ -271,12 +271,13 @@ class _Choosing:
         """Let ripples enter at a joint, one by one, at the largest peaks of what the others leave."""
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
-        q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
+        q = self.samples.states["q"][:, j]
+        block = np.where(rows.used, self.block, -1)
         for turn in range(RIPPLES):
             rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
             one, found = searches[j], [columns[j][searches[j].columns]]
             kind = Kind(f"ripple {turn + 1}" if turn else "ripple", lambda _: (), strict=True)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(rate,)) for rate in rates)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in rates)
             if not terms:
                 return
             group = self._group(kind, terms, j, loads, found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, Step, brief
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
-from dynident.identification.terms.choice import TermChoice
+from dynident.identification.terms.choice import TermChoice, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
 from dynident.identification.terms.ripple import peaks
@@ -68,6 +69,8 @@ class _Choosing:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
+    ripples: list[list[Kind]] = field(default_factory=list)  # found at each joint
+    trials: list[dict[str, Trial]] = field(default_factory=list)  # of these
     _known: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
     __repr__ = brief
@@ -100,6 +103,7 @@ class _Choosing:
         division = Division.of(samples.of_block)
         made = cls(samples, rows, prior, seen, kinds, progress, division, weights, samples.block, prior.mean)
         made.given_speed = min_speed is not None
+        made.ripples, made.trials = [[] for _ in rows], [{} for _ in rows]
         made._start()
         return made
 
@@ -155,34 +159,37 @@ class _Choosing:
             load = self.samples.model.loaded(self.theta).load if self._has_load else None
             loads = self.samples.loads(load)
             searches, columns = self._searches(loads)
-            for one, found in zip(searches, entered, strict=True):
-                again = [Entered(one.groups[g], size) for g, size in found]
-                one.entered = again if turn else self._of_names(one, PLAIN)
+            for j, one in enumerate(searches):
+                again = [Entered(one.groups[g], size) for g, size in entered[j]]
+                one.entered = again + self._ripples_of(j, one) if turn else self._of_names(one, PLAIN)
             plain = plain or self._errors(searches)
             normals = list(map(self._normal, searches))
             for j, one in enumerate(searches):
-                self.progress(Step("choosing the terms", turn * n + j, (PASSES + 1) * n))
-                one.entered = self._of_names(one, PLAIN[:2])
+                self.progress(Step("choosing the terms", (turn + (turn == PASSES - 1)) * n + j, (PASSES + 1) * n))
+                one.entered = self._of_names(one, PLAIN[:2]) + self._ripples_of(j, one)
                 rest = others(normals, j, self._precision, one.grams.acts)
                 one.forward(rest)
                 one.backward(rest)
                 normals[j] = self._normal(one)
             entered = [[(one.groups.index(x.group), x.size) for x in one.entered] for one in searches]
             residuals = self._weighed(searches, columns)
-        for j in range(n):
-            self.progress(Step("choosing the terms", PASSES * n + j, (PASSES + 1) * n))
-            self._ripples(searches, columns, residuals, loads, j)
-        self._weighed(searches, columns)
+            for j in range(n if turn == PASSES - 2 else 0):
+                self.progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
+                self._find_ripples(searches, columns, residuals, j)
         joints = self.samples.model.joints
         return TermChoice(
             tuple(joint.name for joint in joints),
             combined(joints, [[x.term for x in one.entered] for one in searches]),
-            tuple(trial for one in searches for trial in one.trials.values()),
+            tuple(x for one, trials in zip(searches, self.trials, strict=True) for x in (trials | one.trials).values()),
             tuple(plain),
             tuple(self._errors(searches)),
             tuple(self._min_speed(searches, columns, j) for j in range(n)),
             load,
         )
+
+    def _ripples_of(self, j: int, one: JointSearch) -> list[Entered]:
+        """Return the groups of the ripples that were found at a joint."""
+        return self._of_names(one, [kind.name for kind in self.ripples[j]])
 
     def _normal(self, one: JointSearch) -> Normal:
         """Return the normal matrices of the model's parameters from one joint."""
@@ -218,7 +225,7 @@ class _Choosing:
         for j, rows in enumerate(self.rows):
             groups: list[Group] = []
             found: list[Array] = []
-            for kind in self.kinds:
+            for kind in (*self.kinds, *self.ripples[j]):
                 terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.seen[j]))
                 names = {one.name for term in terms for one in term.parameters}
                 if terms and not names & set(self.samples.model.names):
@@ -260,33 +267,28 @@ class _Choosing:
     def _rest(self, searches: Sequence[JointSearch], j: int) -> Normal:
         return others(list(map(self._normal, searches)), j, self._precision, searches[j].grams.acts)
 
-    def _ripples(
-        self,
-        searches: list[JointSearch],
-        columns: list[Array],
-        residuals: list[Array],
-        loads: Sequence[Array],
-        j: int,
-    ) -> None:
-        """Let ripples enter at a joint, one by one, at the largest peaks of what the others leave."""
+    def _find_ripples(self, searches: list[JointSearch], columns: list[Array], residuals: list[Array], j: int) -> None:
+        """Let ripples enter at a joint, one by one, at the largest lines of what the other terms leave."""
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
         q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
         for turn in range(RIPPLES):
             rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
-            one, found = searches[j], [columns[j][searches[j].columns]]
-            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", lambda _: (), strict=True)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(rate,)) for rate in rates)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in rates)
             if not terms:
                 return
-            group = self._group(kind, terms, j, loads, found)
+            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True)
+            found = [columns[j][searches[j].columns]]
+            group = self._group(kind, terms, j, self.samples.loads(None), found)
             columns[j] = np.concatenate(found)
-            entered = _renumbered(one.entered)
+            entered = _renumbered(searches[j].entered)
             grams = self._grams(rows, columns[j])
-            searches[j] = one = replace(one, grams=grams, groups=(group,), entered=entered)
+            searches[j] = one = replace(searches[j], grams=grams, groups=(group,), entered=list(entered), trials={})
             one.forward(self._rest(searches, j))
+            self.trials[j] |= one.trials
             if len(one.entered) == len(entered):
                 return
+            self.ripples[j].append(replace(kind, sizes=partial(_these, (one.entered[-1].term,))))
             residuals[:] = self._weighed(searches, columns)
 
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
@@ -308,6 +310,11 @@ class _Choosing:
         best = int(np.argmax([gain for gain, _ in gains]))
         gain, std = gains[best]
         return SPEEDS[best - 1] * self.seen[j].speed if best and gain > max(std, 0.5) else 0.0
+
+
+def _these(terms: tuple[Term, ...], _: Seen) -> tuple[Term, ...]:
+    """Return terms whatever is seen."""
+    return terms
 
 
 def _renumbered(entered: Sequence[Entered]) -> list[Entered]:

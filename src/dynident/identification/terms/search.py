@@ -20,6 +20,7 @@ __all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
 Array = NDArray[np.float64]
 LEAST = 1.0  # %, of the squared error: what a term must remove
 NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless, and two standard errors above it
+SURE, STRICT = 1.5, 2.0  # standard errors that a gain must exceed: about ten kinds are tried on each joint
 STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 MOST = 9  # terms of a joint
@@ -215,7 +216,7 @@ class JointSearch:
             return Outcome.ENTERED if gain > 0 or gain + std > LEAST else Outcome.TOO_SMALL
         if gain < LEAST:
             return Outcome.TOO_SMALL
-        return Outcome.ENTERED if gain > std * (2.0 if group.kind.strict else 1.0) else Outcome.WITHIN_ERROR
+        return Outcome.ENTERED if gain > std * (STRICT if group.kind.strict else SURE) else Outcome.WITHIN_ERROR
 
     def _beyond(self, rest: Normal, found: list[_Found]) -> list[_Found]:
         """Return the same, with what does not hold on faster motion, further out or in another recording refuted."""

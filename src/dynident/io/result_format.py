@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from dynident.errors import Severity
 from dynident.estimators import Provenance
-from dynident.identification import BaseTilt, Sources, TimeOffset
+from dynident.identification import BaseTilt, PriorStrength, Sources, TimeOffset
 from dynident.models import Joint
 from dynident.validation import Driver, ResidualTest, TorqueErrors
 
@@ -170,11 +170,12 @@ class ChoicePart(Part):
 
 
 class CalibrationPart(Part):
-    """How smoother, time offset and tilt of the base were found, null where they were not sought."""
+    """How smoother, time offset, tilt of the base and strength of the prior were found, null where not sought."""
 
     smoother: ChoicePart | None
     time_offset: TimeOffset | None
     base_tilt: BaseTilt | None
+    prior_strength: PriorStrength | None = None
 
 
 class MassPart(Part):

@@ -84,6 +84,7 @@ def identification_of(
             _choice(file.calibration.smoother, folder, source),
             file.calibration.time_offset,
             file.calibration.base_tilt,
+            file.calibration.prior_strength,
         ),
         file.provenance,
         (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),

@@ -31,7 +31,14 @@ from dynident.estimators.constraints import (
 )
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
-from dynident.estimators.notes import ConstraintsCostly, DecidedByPrior, HeldByConstraints, NotIdentifiable, PriorApproached, RankDeficient
+from dynident.estimators.notes import (
+    ConstraintsCostly,
+    DecidedByPrior,
+    HeldByConstraints,
+    NotIdentifiable,
+    PriorApproached,
+    RankDeficient,
+)
 from dynident.estimators.physically_consistent.prior import drawn, move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
 from dynident.models import Model, Parameter

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
 from dynident.estimators.least_squares import solve
-from dynident.identification.cross_validation import FOLDS, Gain, gained, predicted
+from dynident.identification.cross_validation import FOLDS, Gain, gained, merged, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import HasGravity, Model, structure_of
@@ -159,13 +159,13 @@ class _Linearised:
         turned = mounted(model, *tilt)
         folds = [tuple(_part(one, k) for one in motions) for k in range(FOLDS)]
         level = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in folds]
-        shown = rank_of(_merged(level).stacked(), model.parameters).determined
+        shown = rank_of(merged(level).stacked(), model.parameters).determined
         value = shown @ _solved(_along(Regression(turned, motions, None, min_speed).triangular_factors, shown))[0]
         slopes = _slopes(model, motions, value, tilt)
         level = [_along(one, shown) for one in level]
         tilted = [_along(_beside(turned, some, slopes, min_speed), shown) for some in folds]
         gain = gained(predicted(level, level), predicted(tilted, tilted))
-        std, whole = _solved(_merged(tilted))[1], _merged(level)
+        std, whole = _solved(merged(tilted))[1], merged(level)
         left, torque = whole.residual(_solved(whole)[0]).sum(), np.square(whole.factors[:, :, -1]).sum()
         error = 100.0 * float(np.sqrt(left / torque)) if torque > 0 else 0.0
         return cls(gain, (float(std[-2]), float(std[-1])), error)
@@ -183,13 +183,7 @@ def _along(triangular: TriangularFactors, directions: Array) -> TriangularFactor
     rest = triangular.factors.shape[2] - p
     into = np.zeros((p + rest, r + rest))
     into[:p, :r], into[p:, r:] = directions, np.eye(rest)
-    return TriangularFactors(np.linalg.qr(triangular.factors @ into, mode="r"), triangular.rows)
-
-
-def _merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts."""
-    rows = np.concatenate([one.factors for one in parts], axis=1)
-    return TriangularFactors(np.linalg.qr(rows, mode="r"), np.sum([one.rows for one in parts], axis=0))
+    return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ into, mode="r")), triangular.rows)
 
 
 def _part(motion: Motion, k: int) -> Motion:

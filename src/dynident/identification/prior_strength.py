@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity
 from dynident.estimators import Estimator, PhysicallyConsistent, Problem
-from dynident.identification.cross_validation import Gain, gained, stretch
+from dynident.identification.cross_validation import Gain, gained, merged, stretch
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import Model
-from dynident.regression import Regression, TriangularFactors
+from dynident.regression import Regression, factorise
 
 __all__ = ["PriorStrength", "find_prior_strength", "with_strength"]
 
 Array = NDArray[np.float64]
 FOLDS = 6
+ROWS = 3  # times the parameters: with fewer there is nothing to predict
 STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one usual size away
 
 LEAST = 1.0  # % of the squared cross-validated error that a strength must remove
@@ -41,7 +42,7 @@ def find_prior_strength(
     """Return the strength with the least cross-validated error, 0 unless it gains more than one standard error and 1 %.
 
     Stretches of time are predicted from the others by the estimator. None where it has no strength that is to be
-    chosen, or there is no inertia in the robot file. Raises the errors of ``Regression`` and the estimator.
+    chosen, there is no inertia in the robot file, or there are too few samples. Raises the errors of ``Regression`` and the estimator.
     """
     if not isinstance(estimator, PhysicallyConsistent) or estimator.strength != "auto" or not estimator.inertia:
         return None
@@ -49,17 +50,17 @@ def find_prior_strength(
     if estimator.prior != "nominal" or not known:
         return None
     thin = thinned(motions, trial_samples(model))
-    parts = [
-        Regression(model, tuple(stretch(one, k, FOLDS) for one in thin), None, min_speed).triangular_factors
-        for k in range(FOLDS)
-    ]
+    masked = [tuple(stretch(one, k, FOLDS) for one in thin) for k in range(FOLDS)]
+    parts = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in masked]
+    if sum(one.total for one in parts) < ROWS * len(model.parameters):
+        return None
 
     def errors(strength: float) -> Array:
         """Return the squared errors (folds, n) of each fold, predicted from the others."""
         fit, found = replace(estimator, strength=strength, costs=False), []
         for k, part in enumerate(parts):
             regression = Regression(model, thin, None, min_speed)
-            regression.__dict__["triangular_factors"] = _merged([*parts[:k], *parts[k + 1 :]])
+            regression.__dict__["triangular_factors"] = merged([*parts[:k], *parts[k + 1 :]])
             found.append(part.residual(fit(Problem(model, thin, regression)).value))
         return np.stack(found)
 
@@ -74,9 +75,3 @@ def with_strength(estimator: Estimator, found: PriorStrength | None) -> Estimato
     if found is None or not isinstance(estimator, PhysicallyConsistent):
         return estimator
     return replace(estimator, strength=found.strength)
-
-
-def _merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts."""
-    rows = np.concatenate([one.factors for one in parts], axis=1)
-    return TriangularFactors(np.linalg.qr(rows, mode="r"), np.sum([one.rows for one in parts], axis=0))

@@ -103,8 +103,7 @@ def _identify(
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
-    progress("choosing the strength of the prior")
-    strength = find_prior_strength(model, fitted, recipe.estimator, min_speed)
+    strength = find_prior_strength(model, fitted, recipe.estimator, min_speed, progress=progress)
     estimator = with_strength(recipe.estimator, strength)
     used = replace(recipe, smoother=smoother, estimator=estimator, time_offset=late, base_tilt=angles)
     progress("reducing the regression to triangular factors")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -37,18 +37,25 @@ class PriorStrength(Note):
 
 
 def find_prior_strength(
-    model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
+    model: Model,
+    motions: Sequence[Motion],
+    estimator: Estimator,
+    min_speed: tuple[float, ...] | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> PriorStrength | None:
     """Return the strength with the least cross-validated error, 0 unless it gains more than one standard error and 1 %.
 
     Stretches of time are predicted from the others by the estimator. None where it has no strength that is to be
-    chosen, there is no inertia in the robot file, or there are too few samples. Raises the errors of ``Regression`` and the estimator.
+    chosen, there is no inertia in the robot file, or there are too few samples. Raises the errors of
+    ``Regression`` and the estimator.
     """
     if not isinstance(estimator, PhysicallyConsistent) or estimator.strength != "auto" or not estimator.inertia:
         return None
     known = any(one.role == "mass" and (one.value or 0.0) > 0 for one in model.parameters)
     if estimator.prior != "nominal" or not known:
         return None
+    progress("choosing the strength of the prior")
     thin = thinned(motions, trial_samples(model))
     masked = [tuple(stretch(one, k, FOLDS) for one in thin) for k in range(FOLDS)]
     parts = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in masked]

@@ -59,7 +59,7 @@ def problem(
     seconds: float = 20.0,
     wrong: float = 1.0,
 ) -> Problem:
-    """The problem of a file's model and the torque of the true arm, with friction, and ``wrong`` gear ripple and noise."""
+    """The problem of a file's model and the torque of the true arm with friction, ``wrong`` times ripple and noise."""
     truth, bodies, rng = RigidBodies(arm(mass, length)), RigidBodies(text), np.random.default_rng(seed)
     t = np.linspace(0.0, seconds, samples)
     phase, rate = rng.uniform(0, 6, (4, 6)), speed * rng.uniform(0.5, 2.5, (4, 6))

@@ -7,9 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.estimators import PhysicallyConsistent
-from dynident.estimators.constraints import Constraints
+from dynident.estimators.constraints import Constraints, scales, sized
 from dynident.estimators.constraints.cone import minimise
-from dynident.estimators.constraints import scales, sized
 from dynident.estimators.constraints.constraints import bodies_of
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
 from dynident.models import Model, moved, to_pseudo

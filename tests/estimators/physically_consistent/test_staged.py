@@ -33,7 +33,7 @@ def test_three_units_are_tried(failures: int, failure: str, monkeypatch: pytest.
         np.testing.assert_allclose(path, 0.0, atol=1e-9)  # the optimum, as nothing is constrained
         monkeypatch.setattr(staged, "descended", lambda *_: None)
         asked.clear()
-        with pytest.raises(ModelError, match="the solver failed|hold to 1.0e"):
+        with pytest.raises(ModelError, match=r"the solver failed|hold to 1\.0e"):
             staged._solved_for(known, Constraints())
         return
     found = staged._solved_for(known, Constraints())

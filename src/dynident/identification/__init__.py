@@ -3,6 +3,7 @@
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
+from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, moving_span, resting, whole_rests
 from dynident.identification.result import (
@@ -36,6 +37,7 @@ __all__ = [
     "OldResult",
     "Outcome",
     "Pairing",
+    "PriorStrength",
     "Reason",
     "Recipe",
     "Remedy",
@@ -56,6 +58,7 @@ __all__ = [
     "cross_validated_error",
     "excerpts",
     "find_base_tilt",
+    "find_prior_strength",
     "find_time_offset",
     "has_gravity",
     "identify",

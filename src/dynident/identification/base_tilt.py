@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
 from dynident.estimators.least_squares import solve
-from dynident.identification.cross_validation import FOLDS, Gain, gained, predicted
+from dynident.identification.cross_validation import FOLDS, Gain, gained, merged, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import HasGravity, Model, structure_of
@@ -28,6 +28,7 @@ __all__ = ["BaseTilt", "SteepBase", "find_base_tilt", "has_gravity", "mounted"]
 Array = NDArray[np.float64]
 STEEPEST = 0.2  # rad: a larger tilt is intended mounting
 EXACT = 1e-10  # of the largest entry: to what the rows must be affine in gravity
+SURE = 2.0  # standard errors of the gain: what a term lacks of friction or load imitates a small tilt
 LEAST = 1.0  # % of the squared cross-validated error that a tilt must remove
 STRETCHES = 8  # of each motion, in a fold
 EDGE = 0.1  # share of a stretch left out at either end
@@ -39,8 +40,8 @@ class BaseTilt(Note):
     """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
     error (%) ``before`` and ``after`` correction.
 
-    ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than one
-    standard error, or 1 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
+    ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than two
+    standard errors, or 1 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
     """
 
     severity: ClassVar[Severity] = Severity.INFO
@@ -86,7 +87,7 @@ def find_base_tilt(
 
     Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters; none are taken where
     a step of least squares shows that no tilt can gain much. The tilt is zero unless it lowers the cross-validated
-    error by more than one standard error and 1 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
+    error by more than two standard errors and 1 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
     ``Regression`` and the estimator.
     """
     thin = thinned(motions, trial_samples(model))
@@ -99,7 +100,7 @@ def find_base_tilt(
     if not (x or y):  # a tilt that the motion does not excite
         return level
     gain = _Linearised.at(model, thin, min_speed, (x, y)).gain
-    if not (gain.sure and gain.share > LEAST):
+    if not gain.share > max(SURE * gain.std, LEAST):
         return replace(level, gain=gain)
     if max(abs(x), abs(y)) > STEEPEST:
         return replace(level, gain=gain, steep=(x, y))
@@ -158,13 +159,13 @@ class _Linearised:
         turned = mounted(model, *tilt)
         folds = [tuple(_part(one, k) for one in motions) for k in range(FOLDS)]
         level = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in folds]
-        shown = rank_of(_merged(level).stacked(), model.parameters).determined
+        shown = rank_of(merged(level).stacked(), model.parameters).determined
         value = shown @ _solved(_along(Regression(turned, motions, None, min_speed).triangular_factors, shown))[0]
         slopes = _slopes(model, motions, value, tilt)
         level = [_along(one, shown) for one in level]
         tilted = [_along(_beside(turned, some, slopes, min_speed), shown) for some in folds]
         gain = gained(predicted(level, level), predicted(tilted, tilted))
-        std, whole = _solved(_merged(tilted))[1], _merged(level)
+        std, whole = _solved(merged(tilted))[1], merged(level)
         left, torque = whole.residual(_solved(whole)[0]).sum(), np.square(whole.factors[:, :, -1]).sum()
         error = 100.0 * float(np.sqrt(left / torque)) if torque > 0 else 0.0
         return cls(gain, (float(std[-2]), float(std[-1])), error)
@@ -182,13 +183,7 @@ def _along(triangular: TriangularFactors, directions: Array) -> TriangularFactor
     rest = triangular.factors.shape[2] - p
     into = np.zeros((p + rest, r + rest))
     into[:p, :r], into[p:, r:] = directions, np.eye(rest)
-    return TriangularFactors(np.linalg.qr(triangular.factors @ into, mode="r"), triangular.rows)
-
-
-def _merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts."""
-    rows = np.concatenate([one.factors for one in parts], axis=1)
-    return TriangularFactors(np.linalg.qr(rows, mode="r"), np.sum([one.rows for one in parts], axis=0))
+    return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ into, mode="r")), triangular.rows)
 
 
 def _part(motion: Motion, k: int) -> Motion:
@@ -221,7 +216,7 @@ def _beside(
     """Return the factors of the regression with two more columns, the ``slopes`` of the torque."""
     structure = model.structure.beside(2)
     moved = [
-        Regression(model, tuple(replace(m, tau=one[k]) for m, one in zip(motions, slopes, strict=True)), None, min_speed)
+        Regression(model, tuple(replace(m, tau=s[k]) for m, s in zip(motions, slopes, strict=True)), None, min_speed)
         for k in range(2)
     ]
 

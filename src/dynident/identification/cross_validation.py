@@ -13,7 +13,7 @@ from dynident.log import Motion
 from dynident.models import Model, Parameter
 from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of
 
-__all__ = ["FOLDS", "Gain", "fitted", "gain_of", "gained", "left_out_errors", "predicted", "stretch"]
+__all__ = ["FOLDS", "Gain", "fitted", "gain_of", "gained", "left_out_errors", "merged", "predicted", "stretch"]
 
 Array = NDArray[np.float64]
 FOLDS = 10
@@ -85,6 +85,12 @@ def predicted(
 def _factors(model: Model, motions: Sequence[Motion], folds: int) -> list[TriangularFactors]:
     parts = [Regression(model, tuple(stretch(one, k, folds) for one in motions)) for k in range(folds)]
     return [factorise(one.entries(), model.structure) for one in parts]
+
+
+def merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
+    """Return the factors of the rows of all parts."""
+    rows = np.concatenate([one.factors for one in parts], axis=1)
+    return TriangularFactors(np.asarray(np.linalg.qr(rows, mode="r")), np.sum([one.rows for one in parts], axis=0))
 
 
 def stretch(motion: Motion, k: int, folds: int) -> Motion:

@@ -17,6 +17,7 @@ from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_til
 from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
+from dynident.identification.prior_strength import find_prior_strength, with_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import without_rests
 from dynident.identification.result import (
@@ -112,13 +113,15 @@ def _identify(
         known = replace(found.calibration, smoother=pairing.choice, base_tilt=tilt, terms=choice)
         return replace(found, calibration=known, warnings=(*found.warnings, *_steep(tilt)))
     model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
-    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles)
     fitted = tuple(map(model.remembering, fitted))
+    strength = find_prior_strength(model, fitted, recipe.estimator, min_speed, progress=progress)
+    estimator = with_strength(recipe.estimator, strength)
+    used = replace(recipe, smoother=smoother, estimator=estimator, time_offset=late, base_tilt=angles)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
-    estimate, regression, more, noted = _estimated(problem, recipe.estimator, pairing, progress)
+    estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
     judged = _judged(model, estimate, roles, motions, used, progress)
     errors, base = _identifiability(model, regression, estimate, more, progress)
     return Identification(
@@ -129,7 +132,7 @@ def _identify(
         base,
         judged,
         check_mass(model, estimate.value, [log.motion for log in judged]),
-        Calibration(pairing.choice, pairing.time_offset, tilt),
+        Calibration(pairing.choice, pairing.time_offset, tilt, strength),
         Sources(versions=versions()),
         (
             *_warnings(model, estimate, base),

@@ -16,6 +16,7 @@ from dynident import __version__
 from dynident.errors import Finding, InputError, Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.base_tilt import BaseTilt
+from dynident.identification.prior_strength import PriorStrength
 from dynident.identification.recipe import Recipe
 from dynident.identification.smoother_choice import Choice
 from dynident.identification.terms.choice import TermChoice
@@ -89,11 +90,12 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How smoother, time offset, tilt of the base and terms were found, each None where it was not sought."""
+    """How smoother, time offset, tilt of the base, terms and strength of the prior were found, None where not sought."""
 
     smoother: Choice | None = None
     time_offset: TimeOffset | None = None
     base_tilt: BaseTilt | None = None
+    prior_strength: PriorStrength | None = None
     terms: TermChoice | None = None
 
     __repr__ = brief

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 
 from dynident.errors import Severity
 from dynident.estimators import Provenance
-from dynident.identification import BaseTilt, Sources, TimeOffset
+from dynident.identification import BaseTilt, PriorStrength, Sources, TimeOffset
 from dynident.identification.terms import Outcome
 from dynident.models import Joint
 from dynident.validation import Driver, ResidualTest, TorqueErrors
@@ -199,11 +199,12 @@ class TermsPart(Part):
 
 
 class CalibrationPart(Part):
-    """How smoother, time offset, tilt of the base and terms were found, null where they were not sought."""
+    """How smoother, time offset, tilt of the base, terms and strength of the prior were found, null where not sought."""
 
     smoother: ChoicePart | None
     time_offset: TimeOffset | None
     base_tilt: BaseTilt | None
+    prior_strength: PriorStrength | None = None
     terms: TermsPart | None = None
 
 

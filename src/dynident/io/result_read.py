@@ -96,6 +96,7 @@ def identification_of(
             _choice(file.calibration.smoother, folder, source),
             file.calibration.time_offset,
             file.calibration.base_tilt,
+            file.calibration.prior_strength,
             choice,
         ),
         file.provenance,

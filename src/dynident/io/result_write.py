@@ -99,11 +99,12 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
 
 
 def _calibration(calibration: Calibration) -> dict[str, Any]:
-    offset, tilt = calibration.time_offset, calibration.base_tilt
+    offset, tilt, strength = calibration.time_offset, calibration.base_tilt, calibration.prior_strength
     return {
         "smoother": None if calibration.smoother is None else _choice(calibration.smoother),
         "time_offset": None if offset is None else asdict(offset),
         "base_tilt": None if tilt is None else asdict(tilt),
+        "prior_strength": None if strength is None else asdict(strength),
         "terms": None if calibration.terms is None else _terms(calibration.terms),
     }
 

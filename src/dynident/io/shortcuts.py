@@ -65,8 +65,8 @@ def default_recipe(model: Model) -> Recipe:
     """Return the recipe for a real robot, with nothing to set.
 
     The spline is smoothed as much as predicts the torque best, the time offset between torque and position is
-    estimated, and the base tilt where the model has gravity. A model with rigid bodies is fitted physically consistent, any other by least squares. The article's
-    method is ``Recipe()``.
+    estimated, and the base tilt where the model has gravity. A model with rigid bodies is fitted physically consistent,
+    any other by least squares. The article's method is ``Recipe()``.
     """
     smoother = Spline.Settings(rule="torque").build()
     estimator: Estimator = PhysicallyConsistent() if any(one.body for one in model.parameters) else LeastSquares()

@@ -88,6 +88,8 @@ def choice_comments(found: Identification, source: str) -> dict[str, list[str]]:
         said["model.base_tilt"] = [f"rad, about x and y: {words(calibration.base_tilt)}"]
     if calibration.time_offset is not None:
         said["delay"] = [f"s: {words(calibration.time_offset)}"]
+    if calibration.prior_strength is not None:
+        said["estimator"] = [f"strength of the prior: {words(calibration.prior_strength)}"]
     if calibration.smoother is not None:
         said["smoother"] = [f"{len(calibration.smoother.candidates)} were compared by the cross-validated torque error"]
     if recipe.rests == "trim":

@@ -43,6 +43,9 @@ def sized(
     arm = np.maximum.reduce([mass, first * length, second * length**2])  # N m/kg
     most = np.where(acts & (torque > 0)[:, None], torque[:, None] / np.where(acts, arm, 1.0), np.inf).min(axis=0)
     most[~np.isfinite(most)] = most[np.isfinite(most)].max()
+    lifted = acts.any(axis=0) & (first > TINY * first.max()).any(axis=0)
+    if lifted.any():  # of the others only the inertia about an axis is seen, behind that of all they carry
+        most = np.where(lifted, most, np.minimum(most, most[lifted].max()))
     most = np.maximum(most, LIGHTEST * most.max())
     return tuple(_resized(body, parameters, *one) for body, *one in zip(bodies, most, length, strict=True))
 

@@ -17,7 +17,7 @@ from dynident.estimators.constraints import Barrier, BodyConstraint, Constraints
 from dynident.estimators.physically_consistent.inner import held
 from dynident.estimators.physically_consistent.staged import Information
 
-__all__ = ["move_to_prior", "nearest"]
+__all__ = ["drawn", "move_to_prior", "nearest"]
 
 Array = NDArray[np.float64]
 TINY = 1e-9  # slack given to limits that are active after the first program
@@ -29,6 +29,27 @@ def nearest(known: Information, theta: Array, prior: Array) -> Array:
     """Return theta (p) moved along the free directions to the smallest Euclidean distance from the prior (p)."""
     aim = (prior - theta) / known.scale
     return np.asarray(theta + known.free @ ((known.free / known.scale[:, None]).T @ aim))
+
+
+def drawn(known: Information, prior: Array, strength: float) -> Information:
+    """Return the information with a penalty on the distance from the prior (p, nan where there is none), in d alone.
+
+    It is ``strength`` times the squared residual where a parameter is one usual size away from the prior; w, which the
+    data do not determine, is where the distance is least. The base is the optimum, and |d|^2 the increase from it.
+    """
+    with_prior = ~np.isnan(prior)
+    if not strength or not with_prior.any():
+        return known
+    shape = (1.0 / known.scale)[with_prior, None]
+    free, _ = np.linalg.qr(known.free[with_prior] * shape) if known.free.shape[1] else (np.zeros((len(shape), 0)), None)
+    A = known.informed[with_prior] * shape
+    away = (prior - known.base)[with_prior] * shape[:, 0]
+    A, away = A - free @ (free.T @ A), away - free @ (free.T @ away)
+    share = strength * known.noise
+    values, turn = np.linalg.eigh(np.eye(known.rank) + share * A.T @ A)
+    half = turn / np.sqrt(values)
+    d = half @ (half.T @ (share * A.T @ away))
+    return replace(known, base=known.base + known.informed @ d, informed=known.informed @ half)
 
 
 def move_to_prior(

@@ -51,6 +51,11 @@ class Information:
         """Number of directions that the data determine."""
         return int(self.informed.shape[1])
 
+    @property
+    def noise(self) -> float:
+        """The squared residual of all rows, in squared standard errors."""
+        return max(self.rss, (EXACT * self.torque) ** 2) / self.unit**2
+
     def theta(self, x: Array) -> Array:
         """Return theta (p) for x = (d, w)."""
         return np.asarray(self.base + self.informed @ x[: self.rank] + self.free @ x[self.rank :])
@@ -117,10 +122,9 @@ def _freed(known: Information, constraints: Constraints, start: Array) -> Array 
 def _solved(known: Information, constraints: Constraints) -> Array:
     """Return x = (d, w) (p), solved with w in units in which the penalty is far below the noise."""
     free = np.arange(known.scale.size) >= known.rank
-    noise = max(known.rss, (EXACT * known.torque) ** 2) / known.unit**2
     for wider in WIDER:
         x = _solved_for(replace(known, free=known.free * wider), constraints)
-        if PULL * float(np.sum(x[free] ** 2)) <= BELOW * (noise + float(np.sum(x[~free] ** 2))):
+        if PULL * float(np.sum(x[free] ** 2)) <= BELOW * (known.noise + float(np.sum(x[~free] ** 2))):
             break
     return np.where(free, wider * x, x)
 

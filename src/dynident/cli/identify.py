@@ -28,7 +28,9 @@ MOST_STEPS = 6  # in a terminal; the report has all
 @click.argument("config", type=CONFIG)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
 @click.option(
-    "--write-config", type=CONFIG, metavar="FILE",
+    "--write-config",
+    type=CONFIG,
+    metavar="FILE",
     help="File (YAML) for the same configuration with all that was chosen written out.",
 )
 def identify(config: Path, out: Path | None, write_config: Path | None) -> None:

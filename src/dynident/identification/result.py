@@ -90,7 +90,7 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How smoother, time offset, tilt of the base, terms and strength of the prior were found, None where not sought."""
+    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; None where not sought."""
 
     smoother: Choice | None = None
     time_offset: TimeOffset | None = None

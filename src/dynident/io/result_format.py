@@ -199,7 +199,7 @@ class TermsPart(Part):
 
 
 class CalibrationPart(Part):
-    """How smoother, time offset, tilt of the base, terms and strength of the prior were found, null where not sought."""
+    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; null where not sought."""
 
     smoother: ChoicePart | None
     time_offset: TimeOffset | None

@@ -219,9 +219,7 @@ def _choice(given: ChoicePart | None, folder: Path | None, source: str) -> Choic
     return Choice(candidates[given.chosen], candidates, tuple(one.error for one in given.candidates))
 
 
-def _terms(
-    given: TermsPart | None, joints: tuple[Joint, ...], folder: Path | None, source: str
-) -> TermChoice | None:
+def _terms(given: TermsPart | None, joints: tuple[Joint, ...], folder: Path | None, source: str) -> TermChoice | None:
     if given is None:
         return None
     where = f"{source}: calibration.terms"

@@ -15,8 +15,8 @@ from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
-from dynident.report.terms import term_section, term_table
 from dynident.report.structure import base_section, condition_section, consistency_section
+from dynident.report.terms import term_section, term_table
 from dynident.report.validation import error_section, error_table, joint_table, simulation_section, torque_section
 from dynident.report.verdict import verdict_results, verdict_section
 from dynident.report.wording import Line, causes_words, note_lines, status_words, words

@@ -30,8 +30,8 @@ OUTCOMES: Mapping[Outcome, str] = {
 _LEAD = (
     "The terms of each joint were chosen on the training logs alone: each was tried beside those that had entered, by "
     "the torque error in stretches of time that were not fitted. The gain is what a term removes of the squared error "
-    "of its joint. A term enters where the gain is above its standard error (a special one: above two) and 1 %, and where "
-    "it is no loss on motion faster than fitted. To keep these terms, write them out: `dynident identify CONFIG "
+    "of its joint. A term enters where the gain is above its standard error (a special one: above two) and 1 %, and "
+    "where it is no loss on motion faster than fitted. To keep these terms, write them out: `dynident identify CONFIG "
     "--write-config FILE`."
 )
 _FIGURE = "With the plain set (offset, viscous and Coulomb friction), the cross-validated error is"
@@ -93,7 +93,7 @@ def choice_comments(found: Identification, source: str) -> dict[str, list[str]]:
     if calibration.smoother is not None:
         said["smoother"] = [f"{len(calibration.smoother.candidates)} were compared by the cross-validated torque error"]
     if recipe.rests == "trim":
-        said["rests"] = ["at the ends of recordings; those within as cross-validation says, where there is no min_speed"]
+        said["rests"] = ["at the ends; those within as cross-validation says, unless there is a min_speed"]
     return said
 
 

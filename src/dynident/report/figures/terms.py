@@ -56,14 +56,16 @@ def _gains(trials: Sequence[Trial], rows: Sequence[int], outcome: Outcome, words
 
 
 def _faster(trials: Sequence[Trial], rows: Sequence[int]) -> Trace:
+    std = [one.faster_std or 0.0 for one in trials]
+    words = [f"{one.faster:.3g} ± {error:.2g} %" for one, error in zip(trials, std, strict=True)]
     return trace(
         "scatter",
         x=np.array([one.faster for one in trials], dtype=float),
         y=np.array(rows) + 0.28,
-        error_x={"array": np.array([one.faster_std or 0.0 for one in trials]), "color": BLUE, "thickness": 1, "width": 3},
+        error_x={"array": np.array(std), "color": BLUE, "thickness": 1, "width": 3},
         mode="markers",
         name="on faster motion",
         marker={"color": BLUE, "size": 6, "symbol": "diamond-open"},
-        text=[f"{plain(one.kind)} on faster motion: {one.faster:.3g} ± {one.faster_std or 0.0:.2g} %" for one in trials],
+        text=[f"{plain(one.kind)} on faster motion: {said}" for one, said in zip(trials, words, strict=True)],
         hovertemplate="%{text}<extra></extra>",
     )

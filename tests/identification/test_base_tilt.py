@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError
 from dynident.estimators import LeastSquares, PhysicallyConsistent
-from dynident.identification import base_tilt, find_base_tilt, mounted
-from dynident.log import Motion
+from dynident.identification import Recipe, SteepBase, base_tilt, find_base_tilt, has_gravity, identify, mounted
+from dynident.log import Log, Motion
 from dynident.models import Model, RigidBodies, Viscous
 from dynident.models.gallery import two_link_arm
+from dynident.smoothers import Spline
 from tests.robots import joint, link, urdf
 
 ARM = urdf(
@@ -140,13 +141,48 @@ def test_only_robot_files_can_tilt() -> None:
         mounted(two_link_arm(), 0.1, 0.0)
 
 
-def test_a_base_that_lies_on_its_side_is_not_a_tilt() -> None:
-    model, motion = tilted(0.6, 0.0)
-    with pytest.raises(ConfigError, match=r"3\d\.?\d* deg about x.*set `gravity`, and check the zeros"):
-        find_base_tilt(model, [motion], LeastSquares())
-    model, motion = tilted(0.0, -0.3)
-    with pytest.raises(ConfigError, match=r"-1\d\.?\d* deg about y"):
-        find_base_tilt(model, [motion], LeastSquares())
+def test_a_base_that_lies_on_its_side_is_taken_as_level_with_a_warning() -> None:
+    for x, y in ((0.6, 0.0), (0.0, -0.3)):
+        model, motion = tilted(x, y)
+        found = find_base_tilt(model, [motion], LeastSquares())
+        assert (found.x, found.y, found.after) == (0.0, 0.0, found.before)
+        assert found.steep == pytest.approx((x, y), abs=0.02)
+        assert found.gain is not None
+        assert found.gain.sure
+    recipe = Recipe(Spline(), base_tilt="estimate")
+    result = identify(model, [Log(motion.t, motion.q, motion.tau, motion.joints)], (), recipe)
+    assert [type(note) for note in result.warnings if isinstance(note, SteepBase)] == [SteepBase]
+    assert result.recipe.base_tilt == (0.0, 0.0)
+
+
+def test_what_imitates_a_tilt_in_few_stretches_is_none() -> None:
+    """A tilt that lowers the training error by what noise does, and one that only a single stretch asks for."""
+    model, motion = tilted(0.0, 0.0)
+    _, leaning = tilted(0.0, 0.02)
+    tau = motion.tau.copy()
+    tau[1000:1060] = leaning.tau[1000:1060] + 0.5
+    found = find_base_tilt(model, [replace(motion, tau=tau)], LeastSquares())
+    assert (found.x, found.y, found.steep) == (0.0, 0.0, None)
+
+
+def test_a_level_base_with_friction_that_the_model_lacks_stays_level() -> None:
+    kept = 0
+    for seed in range(8):
+        model, motion = tilted(0.0, 0.0)
+        rng, rms = np.random.default_rng(seed), motion.tau.std(axis=0)
+        load = 0.15 * np.abs(motion.tau) * np.sign(motion.dq)
+        ripple = 0.1 * rms * np.sin(rng.uniform(3, 15, 3) * motion.q + rng.uniform(0, 6, 3))
+        slow = 0.2 * rms * np.exp(-np.abs(motion.dq) / 0.3) * np.sign(motion.dq)
+        found = find_base_tilt(model, [replace(motion, tau=motion.tau + load + ripple + slow)], LeastSquares())
+        kept += bool(found.x or found.y or found.steep)
+    assert kept <= 1
+
+
+def test_a_model_without_gravity_has_no_tilt() -> None:
+    model, _ = tilted(0.0, 0.0)
+    assert has_gravity(model)
+    assert not has_gravity(model.with_gravity(lambda _: np.zeros(3)))
+    assert not has_gravity(two_link_arm())
 
 
 def test_gravity_turns_the_other_way() -> None:

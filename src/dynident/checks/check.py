@@ -25,8 +25,9 @@ from dynident.errors import DynidentError, Severity, Step
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
+from dynident.identification.terms.added import first
 from dynident.log import Log, Motion, thinned
-from dynident.models import HasGravity, HasRobotFile, Model, unloaded
+from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
 from dynident.smoothers.outliers import suspects
@@ -109,7 +110,8 @@ def run_checks(
     """
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
-    model, recipe = unloaded(model), recipe or Recipe()
+    recipe = recipe or Recipe()
+    model = first(model, recipe)
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
@@ -138,7 +140,9 @@ def with_findings(
     motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
-    recipe = replace(recipe, base_tilt=identification.recipe.base_tilt)  # as it was found
+    used, choice = identification.recipe, identification.calibration.terms
+    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
+    model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(
         model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress

@@ -27,22 +27,33 @@ MOST_STEPS = 6  # in a terminal; the report has all
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=CONFIG)
 @click.option("--out", type=DIRECTORY, help="Folder for result.json, report.html, and the model's files.")
-def identify(config: Path, out: Path | None) -> None:
+@click.option(
+    "--write-config",
+    type=CONFIG,
+    metavar="FILE",
+    help="File (YAML) for the same configuration with all that was chosen written out.",
+)
+def identify(config: Path, out: Path | None, write_config: Path | None) -> None:
     """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
     from dynident.export import export_files, exports
+    from dynident.io.explicit_config import explicit_config
     from dynident.io.folder import result_folder
     from dynident.io.model_files import moved_to
     from dynident.io.opener import refuse_inputs
     from dynident.io.project import read_project
+    from dynident.io.results import write_text
     from dynident.kernel import kernel
     from dynident.report import identification_notes, identification_tables
     from dynident.report.exports import export_notes
+    from dynident.report.terms import choice_comments
     from dynident.report.verdict import verdict_text
     from dynident.report.wording import Line
 
     with result_folder(out) if out else nullcontext() as folder:
         with status() as say:
             project = read_project(config, say)
+            if write_config:
+                refuse_inputs(_named_yaml(write_config))
             if out:
                 names = ("result.json", "report.html", *export_files(project.model))
                 refuse_inputs(*(out / name for name in names))
@@ -51,6 +62,9 @@ def identify(config: Path, out: Path | None) -> None:
             made = moved_to(folder.path, exports(found), found.provenance) if folder else ()
         # written before anything is printed: the reader of a pipe may close it early
         written = write_result(folder, found, made) if folder else []
+        if write_config:
+            text = explicit_config(found, write_config, choice_comments(found, config.name))
+            written.append(("Configuration", write_text(write_config, text)))
     screen = console()
     verdict, steps = verdict_text(found)
     screen.say(verdict, "bold")
@@ -63,14 +77,26 @@ def identify(config: Path, out: Path | None) -> None:
     screen.remark(f"Computed by {kernel()}.")
     for what, path in written:
         tell(screen, what, path)
-    for line in _next(config, out, project):
+    for line in _next(config, out, project, chose=found.calibration.terms is not None and not write_config):
         screen.remark(line, whole=True)
 
 
-def _next(config: Path, out: Path | None, project: Project) -> Iterator[str]:
-    """Yield what to type next."""
+def _named_yaml(path: Path) -> Path:
+    """Return the path of a configuration to be written; ConfigError where it is not named so."""
+    from dynident.errors import ConfigError
+
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise ConfigError(f"--write-config: {str(path)!r} is no name of a configuration; end it in .yaml.")
+    return path
+
+
+def _next(config: Path, out: Path | None, project: Project, *, chose: bool) -> Iterator[str]:
+    """Yield what to type next; ``chose`` tells that terms were chosen and not written out."""
     from dynident.io.named_log import named
 
+    if chose:
+        explicit = config.with_name(f"{config.stem}-explicit.yaml")
+        yield f"To write out the terms that were chosen: {command('identify', config, '--write-config', explicit)}"
     if out is None:
         yield f"To keep this, with a report: {command('identify', config, '--out', f'{config.stem}-out')}"
         return

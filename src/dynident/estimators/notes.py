@@ -9,6 +9,7 @@ from dynident.errors import Note, Severity
 
 __all__ = [
     "Averaged",
+    "ConstraintsCostly",
     "DecidedByPrior",
     "Failed",
     "HeldByConstraints",
@@ -87,6 +88,15 @@ class HeldByConstraints(Note):
 
     severity: ClassVar[Severity] = Severity.INFO
     moved: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class ConstraintsCostly(Note):
+    """Constraints, of these most the ``family``, make the weighted training error (%) ``error`` instead of ``free``."""
+
+    family: str
+    error: float
+    free: float
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
-from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
+from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, moving_span, resting, whole_rests
 from dynident.identification.result import (
@@ -16,6 +17,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
+from dynident.identification.terms import Kind, Outcome, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
@@ -30,9 +32,12 @@ __all__ = [
     "HeldOut",
     "Identifiability",
     "Identification",
+    "Kind",
     "LargestResidual",
     "OldResult",
+    "Outcome",
     "Pairing",
+    "PriorStrength",
     "Reason",
     "Recipe",
     "Remedy",
@@ -40,16 +45,22 @@ __all__ = [
     "SourceFile",
     "Sources",
     "StandardErrors",
+    "SteepBase",
     "Step",
+    "TermChoice",
     "TimeOffset",
+    "Trial",
     "Use",
     "Verdict",
     "WorstRun",
     "choose_smoother",
+    "choose_terms",
     "cross_validated_error",
     "excerpts",
     "find_base_tilt",
+    "find_prior_strength",
     "find_time_offset",
+    "has_gravity",
     "identify",
     "judge",
     "mounted",

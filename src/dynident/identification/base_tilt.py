@@ -16,23 +16,33 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
+from dynident.estimators.least_squares import solve
+from dynident.identification.cross_validation import FOLDS, Gain, gained, merged, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import HasGravity, Model, structure_of
-from dynident.regression import EntryBlock, Regression, factorise
+from dynident.regression import EntryBlock, Regression, TriangularFactors, factorise, rank_of
 
-__all__ = ["BaseTilt", "find_base_tilt", "mounted"]
+__all__ = ["BaseTilt", "SteepBase", "find_base_tilt", "has_gravity", "mounted"]
 
 Array = NDArray[np.float64]
 STEEPEST = 0.2  # rad: a larger tilt is intended mounting
 EXACT = 1e-10  # of the largest entry: to what the rows must be affine in gravity
+SURE = 2.0  # standard errors of the gain: what a term lacks of friction or load imitates a small tilt
+LEAST = 1.0  # % of the squared cross-validated error that a tilt must remove
+STRETCHES = 8  # of each motion, in a fold
+EDGE = 0.1  # share of a stretch left out at either end
 START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
 
 
 @dataclass(frozen=True)
 class BaseTilt(Note):
     """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
-    error (%) ``before`` and ``after`` correction."""
+    error (%) ``before`` and ``after`` correction.
+
+    ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than two
+    standard errors, or 1 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
+    """
 
     severity: ClassVar[Severity] = Severity.INFO
     x: float
@@ -40,6 +50,16 @@ class BaseTilt(Note):
     std: tuple[float, float]
     before: float
     after: float
+    gain: Gain | None = None
+    steep: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class SteepBase(Note):
+    """A base tilt by ``x`` and ``y`` (rad) would be more than a mounting error: the base is taken as level."""
+
+    x: float
+    y: float
 
 
 def mounted(model: Model, x: float, y: float) -> Model:
@@ -55,17 +75,44 @@ def mounted(model: Model, x: float, y: float) -> Model:
     return model.with_gravity(back.apply)
 
 
+def has_gravity(model: Model) -> bool:
+    """Return whether any term has a gravity that a tilt would rotate."""
+    return any(isinstance(term, HasGravity) and any(term.gravity) for term in model.terms)
+
+
 def find_base_tilt(
     model: Model, motions: Sequence[Motion], estimator: Estimator, min_speed: tuple[float, ...] | None = None
 ) -> BaseTilt:
     """Return the tilt of the base at which the estimator explains the torque of the motions best.
 
-    Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters. Raises ConfigError
-    where the best tilt exceeds 0.2 rad, and the errors of ``mounted``, ``Regression`` and the estimator.
+    Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters; none are taken where
+    a step of least squares shows that no tilt can gain much. The tilt is zero unless it lowers the cross-validated
+    error by more than two standard errors and 1 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
+    ``Regression`` and the estimator.
     """
+    thin = thinned(motions, trial_samples(model))
+    near = _Linearised.at(model, thin, min_speed, (0.0, 0.0))
+    if near.gain.share < 0.5 * LEAST:
+        return BaseTilt(0.0, 0.0, near.std, near.error, near.error, near.gain)
+    (x, y), std, error = _searched(model, thin, estimator, min_speed)
+    before = error(0.0, 0.0)
+    level = BaseTilt(0.0, 0.0, std, before, before)
+    if not (x or y):  # a tilt that the motion does not excite
+        return level
+    gain = _Linearised.at(model, thin, min_speed, (x, y)).gain
+    if not gain.share > max(SURE * gain.std, LEAST):
+        return replace(level, gain=gain)
+    if max(abs(x), abs(y)) > STEEPEST:
+        return replace(level, gain=gain, steep=(x, y))
+    return BaseTilt(x, y, std, before, error(x, y), gain)
+
+
+def _searched(
+    model: Model, thin: tuple[Motion, ...], estimator: Estimator, min_speed: tuple[float, ...] | None
+) -> tuple[tuple[float, float], tuple[float, float], Callable[[float, float], float]]:
+    """Return the best tilt (rad), zero within two standard errors, these, and the training error (%) by tilt."""
     from scipy.optimize import least_squares
 
-    thin = thinned(motions, trial_samples(model))
     fast = quick(estimator)
     under = _affine(mounted(model, START, START), thin, min_speed)
 
@@ -80,20 +127,109 @@ def find_base_tilt(
         parts = [(one.tau - one.torque(value)) * (1.0 if one.keep is None else one.keep) for one in blocks]
         return np.concatenate(parts, axis=1).ravel()
 
-    level = residual(np.zeros(2))
-    torque = np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin))
+    torque = float(np.sqrt(sum(float(np.sum(one.tau[one.mask] ** 2)) for one in thin)))
     found = least_squares(residual, np.full(2, START), diff_step=0.1, x_scale=0.01, xtol=1e-3, ftol=1e-4, max_nfev=20)
-    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(level.size - 2, 1))
-    seen = np.abs(found.x) > 2.0 * spread  # a tilt that the motion does not excite is zero
-    x, y = (float(v) for v in found.x * seen)
-    if max(abs(x), abs(y)) > STEEPEST:
-        raise ConfigError(
-            f"the base would be tilted by {np.rad2deg(x):.3g} deg about x and {np.rad2deg(y):.3g} deg about y, more "
-            "than a mounting error; set `gravity`, and check the zeros and axes of the joints."
-        )
-    left = (float(np.linalg.norm(r)) for r in (level, residual(np.array([x, y]))))
-    before, after = (100.0 * one / torque if torque > 0 else 0.0 for one in left)
-    return BaseTilt(x, y, (float(spread[0]), float(spread[1])), before, after)
+    spread = np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac)) * 2.0 * found.cost / max(found.fun.size - 2, 1))
+    x, y = (float(v) for v in found.x * (np.abs(found.x) > 2.0 * spread))
+
+    def error(x: float, y: float) -> float:
+        return 100.0 * float(np.linalg.norm(residual(np.array([x, y])))) / torque if torque > 0 else 0.0
+
+    return (x, y), (float(spread[0]), float(spread[1])), error
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """What a tilt near another one gains in cross-validation over a level base, where the torque is linear in it; its
+    standard errors, and the training error (%) of the level base."""
+
+    gain: Gain
+    std: tuple[float, float]
+    error: float
+
+    @classmethod
+    def at(
+        cls, model: Model, motions: tuple[Motion, ...], min_speed: tuple[float, ...] | None, tilt: tuple[float, float]
+    ) -> _Linearised:
+        """Linearise at a tilt and the parameters of least squares there.
+
+        Each fold finds its own tilt, and parameters in the directions that a level base shows: others would be fitted
+        to noise as long as the tilt is small.
+        """
+        turned = mounted(model, *tilt)
+        folds = [tuple(_part(one, k) for one in motions) for k in range(FOLDS)]
+        level = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in folds]
+        shown = rank_of(merged(level).stacked(), model.parameters).determined
+        value = shown @ _solved(_along(Regression(turned, motions, None, min_speed).triangular_factors, shown))[0]
+        slopes = _slopes(model, motions, value, tilt)
+        level = [_along(one, shown) for one in level]
+        tilted = [_along(_beside(turned, some, slopes, min_speed), shown) for some in folds]
+        gain = gained(predicted(level, level), predicted(tilted, tilted))
+        std, whole = _solved(merged(tilted))[1], merged(level)
+        left, torque = whole.residual(_solved(whole)[0]).sum(), np.square(whole.factors[:, :, -1]).sum()
+        error = 100.0 * float(np.sqrt(left / torque)) if torque > 0 else 0.0
+        return cls(gain, (float(std[-2]), float(std[-1])), error)
+
+
+def _solved(triangular: TriangularFactors) -> tuple[Array, Array]:
+    """Return the least-squares solution (p) and its standard errors (p), inf where there are none."""
+    fit = solve(triangular.stacked())
+    return fit.value, np.sqrt(np.diag(fit.directions.covariance(fit.rss / max(triangular.total - fit.rank, 1))))
+
+
+def _along(triangular: TriangularFactors, directions: Array) -> TriangularFactors:
+    """Return the factors of coordinates along directions (p, r) of the first parameters, and of the rest."""
+    p, r = directions.shape
+    rest = triangular.factors.shape[2] - p
+    into = np.zeros((p + rest, r + rest))
+    into[:p, :r], into[p:, r:] = directions, np.eye(rest)
+    return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ into, mode="r")), triangular.rows)
+
+
+def _part(motion: Motion, k: int) -> Motion:
+    """Return the motion with only the stretches of fold k in the mask, which have gaps between them.
+
+    A fold has several stretches, evenly spread, so that the others excite what it does.
+    """
+    mask = np.zeros(len(motion), dtype=bool)
+    for used in np.array_split(np.flatnonzero(motion.mask), FOLDS * STRETCHES)[k::FOLDS]:
+        edge = int(EDGE * len(used))
+        mask[used[edge : len(used) - edge]] = True
+    return replace(motion, mask=mask)
+
+
+def _slopes(model: Model, motions: Sequence[Motion], value: Array, tilt: tuple[float, float]) -> list[Array]:
+    """Return for each motion what the torque (N, n) changes with the tilt, (2, N, n) in N m/rad."""
+    found = []
+    for motion in motions:
+        ends = [
+            [mounted(model, *(tilt + side * step)).torque(motion.q, motion.dq, motion.ddq, value) for side in (1, -1)]
+            for step in START * np.eye(2)
+        ]
+        found.append(np.array([(late - early) / (2 * START) for late, early in ends]))
+    return found
+
+
+def _beside(
+    model: Model, motions: Sequence[Motion], slopes: Sequence[Array], min_speed: tuple[float, ...] | None
+) -> TriangularFactors:
+    """Return the factors of the regression with two more columns, the ``slopes`` of the torque."""
+    structure = model.structure.beside(2)
+    moved = [
+        Regression(model, tuple(replace(m, tau=s[k]) for m, s in zip(motions, slopes, strict=True)), None, min_speed)
+        for k in range(2)
+    ]
+
+    def blocks() -> Iterator[EntryBlock]:
+        plain = Regression(model, tuple(motions), None, min_speed).entries()
+        for block, x, y in zip(plain, *(one.entries() for one in moved), strict=True):
+            rows = [
+                np.concatenate((block.entries[part], x.tau[[j]], y.tau[[j]]))
+                for j, part in enumerate(block.structure.parts)
+            ]
+            yield EntryBlock(structure, np.concatenate(rows), block.tau, block.keep)
+
+    return factorise(blocks(), structure)
 
 
 def _gravity(model: Model) -> Array:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from dynident.estimators.least_squares import solve
 from dynident.log import Motion
-from dynident.models import Model
+from dynident.models import Model, Parameter
 from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of
 
-__all__ = ["Gain", "fitted", "gain_of", "left_out_errors", "stretch"]
+__all__ = ["FOLDS", "Gain", "fitted", "gain_of", "gained", "left_out_errors", "merged", "predicted", "stretch"]
 
 Array = NDArray[np.float64]
 FOLDS = 10
@@ -42,9 +42,14 @@ def gain_of(model: Model, before: Sequence[Motion], after: Sequence[Motion], fol
     """
     common = [fitted(one) & fitted(other) for one, other in zip(before, after, strict=True)]
     old, new = (left_out_errors(model, motions, _scored(motions, common), folds) for motions in (before, after))
+    return gained(old, new)
+
+
+def gained(old: Array, new: Array) -> Gain:
+    """Return what is gained where the squared errors (folds, n) of left-out stretches are ``new`` and not ``old``."""
     size = np.where(old.sum(axis=0) > 0, old.sum(axis=0), np.inf)
     blocks = 100.0 * ((old - new) / size).mean(axis=1)
-    return Gain(float(blocks.sum()), float(np.sqrt(folds) * np.std(blocks, ddof=1)))
+    return Gain(float(blocks.sum()), float(np.sqrt(len(blocks)) * np.std(blocks, ddof=1)))
 
 
 def _scored(motions: Sequence[Motion], keep: Sequence[NDArray[np.bool_]]) -> list[Motion]:
@@ -60,20 +65,32 @@ def left_out_errors(
     torque. ``scored`` are the motions to predict, by default those that are fitted.
     """
     parts = _factors(model, motions, folds)
-    judged = parts if scored is None else _factors(model, scored, folds)
+    return predicted(parts, parts if scored is None else _factors(model, scored, folds), model.parameters)
+
+
+def predicted(
+    parts: Sequence[TriangularFactors], judged: Sequence[TriangularFactors], parameters: Sequence[Parameter] = ()
+) -> Array:
+    """Return the squared errors (folds, n) of what is ``judged``, each predicted from all ``parts`` but its own."""
     size = np.sqrt(sum(np.square(one.factors[:, :, -1]).sum(axis=1) for one in parts))
     weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
     stacked, rows = np.stack([one.stacked(weights) for one in parts]), np.array([one.total for one in parts])
     found = []
     for k, one in enumerate(judged):
         factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stacked()
-        found.append(one.residual(solve(factor, rank_of(factor, model.parameters)).value))
+        found.append(one.residual(solve(factor, rank_of(factor, parameters)).value))
     return np.stack(found)
 
 
 def _factors(model: Model, motions: Sequence[Motion], folds: int) -> list[TriangularFactors]:
     parts = [Regression(model, tuple(stretch(one, k, folds) for one in motions)) for k in range(folds)]
     return [factorise(one.entries(), model.structure) for one in parts]
+
+
+def merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
+    """Return the factors of the rows of all parts."""
+    rows = np.concatenate([one.factors for one in parts], axis=1)
+    return TriangularFactors(np.asarray(np.linalg.qr(rows, mode="r")), np.sum([one.rows for one in parts], axis=0))
 
 
 def stretch(motion: Motion, k: int, folds: int) -> Motion:

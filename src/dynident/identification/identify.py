@@ -13,10 +13,11 @@ from dynident.errors import ConfigError, InputError, ModelError, Note, Step, cal
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
-from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, masked
+from dynident.identification.prior_strength import find_prior_strength, with_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import without_rests
 from dynident.identification.result import (
@@ -27,9 +28,10 @@ from dynident.identification.result import (
     StandardErrors,
     versions,
 )
+from dynident.identification.terms.added import chosen, first, speeds
 from dynident.identification.time_offset import Pairing, TimeOffset, pair
 from dynident.log import Log, Motion
-from dynident.models import Model, unloaded
+from dynident.models import Model
 from dynident.regression import (
     BaseParameters,
     Regression,
@@ -91,27 +93,35 @@ def _identify(
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
-    whole, model = model, unloaded(model)
+    whole, model = model, first(model, recipe)
     pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, recipe.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
     motions = _smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
         motions = masked(model, motions, roles, min_speed)
-        trained = tuple(
-            replace(log, tau=motion.tau) for log, motion in zip(trained, motions["train"].values(), strict=True)
-        )
+        pairs = zip(trained, motions["train"].values(), strict=True)
+        trained = tuple(replace(log, tau=motion.tau) for log, motion in pairs)
     motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, min_speed)
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
+    if recipe.terms is not None:  # the rest is as with these terms named, and with what was found for them
+        choice = chosen(whole, angles, fitted, min_speed, progress)
+        named = replace(recipe, smoother=unshifted(smoother), base_tilt=angles, terms=None)
+        named = replace(named, min_speed=speeds(recipe, choice))
+        found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
+        known = replace(found.calibration, smoother=pairing.choice, base_tilt=tilt, terms=choice)
+        return replace(found, calibration=known, warnings=(*found.warnings, *_steep(tilt)))
     model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
     fitted = tuple(map(model.remembering, fitted))
-    used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles)
+    strength = find_prior_strength(model, fitted, recipe.estimator, min_speed, progress=progress)
+    estimator = with_strength(recipe.estimator, strength)
+    used = replace(recipe, smoother=smoother, estimator=estimator, time_offset=late, base_tilt=angles)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
-    estimate, regression, more, noted = _estimated(problem, recipe.estimator, pairing, progress)
+    estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
     judged = _judged(model, estimate, roles, motions, used, progress)
     errors, base = _identifiability(model, regression, estimate, more, progress)
     return Identification(
@@ -122,12 +132,13 @@ def _identify(
         base,
         judged,
         check_mass(model, estimate.value, [log.motion for log in judged]),
-        Calibration(pairing.choice, pairing.time_offset, tilt),
+        Calibration(pairing.choice, pairing.time_offset, tilt, strength),
         Sources(versions=versions()),
         (
             *_warnings(model, estimate, base),
             *noted,
             *resting,
+            *_steep(tilt),
             *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
         ),
     )
@@ -197,9 +208,16 @@ def _mounted(
         return model, None, None
     if recipe.base_tilt != "estimate":
         return mounted(model, *recipe.base_tilt), None, recipe.base_tilt
+    if not has_gravity(model):
+        return model, None, None
     progress("estimating the base tilt")
     tilt = find_base_tilt(model, motions, recipe.estimator, min_speed)
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)
+
+
+def _steep(tilt: BaseTilt | None) -> tuple[Note, ...]:
+    """Return the note on a tilt that is more than a mounting error."""
+    return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
 
 
 def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None) -> Array:

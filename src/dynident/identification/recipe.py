@@ -68,6 +68,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     ),
     "outliers": (lambda value: value in ("mask", "keep"), "'mask' or 'keep'"),
     "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
+    "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -84,6 +85,8 @@ class Recipe:
     ``outliers`` "mask" replaces spikes and frozen stretches of positions, and leaves wrong torques out of the fit.
     ``rests`` "trim" cuts long rests of the whole arm off the ends of the logs, and leaves those within out of the fit
     where this predicts the torque in motion better.
+    ``terms`` "auto" adds to the model the terms of each joint that the training logs choose, as ``choose_terms`` does,
+    and chooses ``min_speed`` with them where none is given.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -102,6 +105,7 @@ class Recipe:
     restart: float | None = None
     outliers: Literal["mask", "keep"] = "mask"
     rests: Literal["trim", "keep"] = "trim"
+    terms: Literal["auto"] | None = None
 
     __repr__ = changed
 

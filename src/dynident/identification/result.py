@@ -16,8 +16,10 @@ from dynident import __version__
 from dynident.errors import Finding, InputError, Note, brief
 from dynident.estimators import Estimate
 from dynident.identification.base_tilt import BaseTilt
+from dynident.identification.prior_strength import PriorStrength
 from dynident.identification.recipe import Recipe
 from dynident.identification.smoother_choice import Choice
+from dynident.identification.terms.choice import TermChoice
 from dynident.identification.time_offset import TimeOffset
 from dynident.kernel import kernel
 from dynident.log import Log
@@ -88,11 +90,13 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How smoother, time offset and tilt of the base were found, each None where it was not sought."""
+    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; None where not sought."""
 
     smoother: Choice | None = None
     time_offset: TimeOffset | None = None
     base_tilt: BaseTilt | None = None
+    prior_strength: PriorStrength | None = None
+    terms: TermChoice | None = None
 
     __repr__ = brief
 

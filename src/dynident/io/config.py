@@ -16,7 +16,7 @@ from dynident.io.fields import Interval, interval_words
 from dynident.io.opener import keep, real
 from dynident.io.opener import text as text_of
 from dynident.io.python_file import CODE, XACRO_CODE, from_file, guarded, located
-from dynident.io.settings import Channel, Config, RobotSettings
+from dynident.io.settings import Channel, Config, RobotSettings, robot_settings
 from dynident.io.wording import worded
 from dynident.io.yaml_text import load_yaml
 
@@ -137,11 +137,11 @@ def load_model(
     file or function, where it is a function and not ``allow_code``, where the function raises, or where
     it returns something else than a Model.
     """
-    from dynident.io.robot import SUFFIXES, is_xacro, load_robot
+    from dynident.io.robot import is_xacro, load_robot
     from dynident.models import Model
 
-    if isinstance(spec, str) and Path(spec).suffix.lower() in SUFFIXES:
-        spec = RobotSettings.model_validate({"file": spec}, context={"folder": folder})
+    if isinstance(spec, str):
+        spec = robot_settings(spec, {"folder": folder}) or spec
     if isinstance(spec, RobotSettings):
         if text is None and not allow_code and any(map(is_xacro, spec.file.values())):
             raise ModelError(f"model: {' '.join(map(str, spec.file.values()))} {XACRO_CODE}")

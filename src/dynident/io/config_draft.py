@@ -24,13 +24,13 @@ from dynident.io.sources import Source
 from dynident.io.tables import DataTable
 from dynident.log import Log
 
-__all__ = ["ConfigDraft", "draft_config", "same_columns"]
+__all__ = ["BREAKING", "ConfigDraft", "draft_config", "relative", "same_columns"]
 
 Array = NDArray[np.float64]
 # names that YAML takes as they are, but for words such as yes
 _PLAIN = re.compile(r"(?!\.+$)[A-Za-z_./][A-Za-z0-9_./-]*")
 # what no line may hold: names in quotes are escaped by then, so that this is left in comments only
-_BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
+BREAKING = re.compile(f"{Reader.NON_PRINTABLE.pattern}|[\n\r\x85\u2028\u2029]")
 _TRAIN = 0.7  # of a single log
 _LARGEST = 1e100  # of values that can have been measured
 _ASSUMED = (
@@ -94,7 +94,7 @@ def draft_config(
         "is part of the body before them, and they have no friction of their own."
     )
     notes = (*((still,) if mapping.still else ()), *((strange,) if mapping.strangers else ()), *faults)
-    text = "\n".join(_BREAKING.sub("?", line) for line in page.lines) + "\n"
+    text = "\n".join(BREAKING.sub("?", line) for line in page.lines) + "\n"
     return ConfigDraft(text, notes, tuple(page.questions), tuple(page.blanks))
 
 
@@ -126,10 +126,10 @@ class _Page:
 def _model(page: _Page, robot: str, joints: Sequence[JointFacts], mapping: ColumnMapping, folder: Path) -> None:
     if Path(robot).suffix.lower() not in SUFFIXES:
         place, _, name = robot.rpartition(":")
-        page.line(f"model: {_scalar(robot if place == 'gallery' else f'{_relative(Path(place), folder)}:{name}')}")
+        page.line(f"model: {_scalar(robot if place == 'gallery' else f'{relative(Path(place), folder)}:{name}')}")
         return
     page.line("model:")
-    page.line(f"  file: {_scalar(_relative(Path(robot), folder))}")
+    page.line(f"  file: {_scalar(relative(Path(robot), folder))}")
     page.line(f"  joints: [{', '.join(map(_scalar, mapping.position))}]")
     left = [joint for joint in joints if joint.name not in mapping.position and joint.name not in mapping.lock]
     if left:
@@ -139,9 +139,10 @@ def _model(page: _Page, robot: str, joints: Sequence[JointFacts], mapping: Colum
     for name, (value, question) in mapping.lock.items():
         why = "  # does not move in the logs" if name in mapping.still else ""
         page.line(f"    {_scalar(name)}: {value:.12g}{why}", f"model.lock.{name}", question)
+    page.line("  terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs")
     page.line(
-        "  # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the "
-        "gears"
+        "  # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG "
+        "--write-config FILE` writes"
     )
 
 
@@ -245,10 +246,10 @@ def _moving(mapping: ColumnMapping, table: DataTable) -> Iterator[str]:
 
 def _log(source: Source, folder: Path) -> Iterator[str]:
     if list(source.files) == [""]:
-        yield f"  - file: {_scalar(_relative(source.files[''], folder))}"
+        yield f"  - file: {_scalar(relative(source.files[''], folder))}"
     else:
         yield "  - file:"
-        yield from (f"      {_scalar(key)}: {_scalar(_relative(path, folder))}" for key, path in source.files.items())
+        yield from (f"      {_scalar(key)}: {_scalar(relative(path, folder))}" for key, path in source.files.items())
     if source.widths:
         widths = ", ".join(f"{_scalar(key)}: {width}" for key, width in source.widths.items())
         yield f"    width: {{ {widths} }}  # one number per line; this many form a row"
@@ -283,7 +284,7 @@ def _times_and_positions(mapping: ColumnMapping, table: DataTable) -> Array:
     return rows
 
 
-def _relative(path: Path, folder: Path) -> str:
+def relative(path: Path, folder: Path) -> str:
     """Return the path relative to a folder, with forward slashes; unchanged on another drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()

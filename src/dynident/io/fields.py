@@ -281,6 +281,7 @@ _TEXTS = {"type": "object", "additionalProperties": {"type": "string"}, "minProp
 FEW = BeforeValidator(_few)
 Number = Annotated[float, BeforeValidator(_between(-LARGEST, LARGEST))]
 Gravity = Annotated[float, BeforeValidator(_between(-1e3, 1e3, " m/s^2"))]
+Tilt = Annotated[float, BeforeValidator(_between(-3.2, 3.2, " rad"))]
 Delay = Annotated[float, BeforeValidator(_between(-LONGEST_OFFSET, LONGEST_OFFSET, " s"))]
 Positive = Annotated[float, BeforeValidator(_positive), _schema(type="number", exclusiveMinimum=0)]
 NonNegative = Annotated[float, BeforeValidator(_non_negative), _schema(type="number", minimum=0)]

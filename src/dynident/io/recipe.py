@@ -14,7 +14,7 @@ def build_recipe(config: Config) -> Recipe:
     """Return smoother, estimator and parallel filter as configured; ConfigError where their values do not fit."""
     given = config.filter
     parallel_filter = None if given is None else ParallelFilter(given.decimate, given.cutoff, given.order)
-    sought = isinstance(config.model, RobotSettings) and config.model.base_tilt == "estimate"
+    tilt = config.model.base_tilt if isinstance(config.model, RobotSettings) else "none"
     restart = config.simulation.restart if isinstance(config.simulation, TorqueInputSettings) else None
     smoother, estimator = built(config.smoother), built(config.estimator)
     return Recipe(
@@ -23,8 +23,9 @@ def build_recipe(config: Config) -> Recipe:
         parallel_filter,
         config.min_speed,
         config.delay,
-        "estimate" if sought else None,
+        None if tilt == "none" else tilt,
         restart,
         config.outliers,
         config.rests,
+        "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
     )

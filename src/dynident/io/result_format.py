@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict
 
 from dynident.errors import Severity
 from dynident.estimators import Provenance
-from dynident.identification import BaseTilt, Sources, TimeOffset
+from dynident.identification import BaseTilt, PriorStrength, Sources, TimeOffset
+from dynident.identification.terms import Outcome
 from dynident.models import Joint
 from dynident.validation import Driver, ResidualTest, TorqueErrors
 
@@ -171,12 +172,40 @@ class ChoicePart(Part):
     candidates: list[CandidatePart]
 
 
+class TrialPart(Part):
+    """A kind of term that was tried on a joint, and what became of it; see ``Trial``."""
+
+    joint: str
+    kind: str
+    settings: dict[str, Any]
+    gain: float
+    std: float
+    outcome: Outcome
+    faster: float | None = None
+    faster_std: float | None = None
+
+
+class TermsPart(Part):
+    """The terms that were chosen, in the order in which the model has them, and all that was tried; see
+    ``TermChoice``."""
+
+    joints: tuple[str, ...]
+    chosen: list[Kind]
+    trials: list[TrialPart]
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    min_speed: tuple[float, ...]
+    load: tuple[float, ...] | None = None
+
+
 class CalibrationPart(Part):
-    """How smoother, time offset and tilt of the base were found, null where they were not sought."""
+    """How smoother, time offset, tilt of the base, terms, strength of the prior were found; null where not sought."""
 
     smoother: ChoicePart | None
     time_offset: TimeOffset | None
     base_tilt: BaseTilt | None
+    prior_strength: PriorStrength | None = None
+    terms: TermsPart | None = None
 
 
 class MassPart(Part):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,10 +24,12 @@ from dynident.identification import (
     Recipe,
     Sources,
     StandardErrors,
+    TermChoice,
+    Trial,
     mounted,
 )
 from dynident.io.config import load_model, parse_config
-from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.parts import build
 from dynident.io.result_format import (
     BasePart,
@@ -36,10 +39,12 @@ from dynident.io.result_format import (
     Kind,
     RecipePart,
     ResultFile,
+    TermsPart,
     ValidationPart,
 )
 from dynident.io.robot import changed, is_xacro
-from dynident.models import MassMatrixCheck, Model
+from dynident.io.settings import AUTO, PLAIN, RobotSettings, robot_settings
+from dynident.models import Joint, MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
 from dynident.validation import Failure, FreeRun, LogValidation
 
@@ -64,7 +69,11 @@ def identification_of(
         raise InputError(_wrong(error, source)) from None
     folder = _folder(file.provenance, source) if allow_code else None
     recipe = _recipe(file.recipe, folder, source)
-    model = model_of(file.provenance, source, allow_code=allow_code) if model is None else model
+    if model is None:
+        named = file.calibration.terms is None
+        model = model_of(file.provenance, source, named=named, allow_code=allow_code)
+    choice = _terms(file.calibration.terms, model.joints, folder, source)
+    model = model if choice is None else model.with_terms(*choice.terms)
     if isinstance(recipe.base_tilt, tuple):
         model = mounted(model, *recipe.base_tilt)
     check_parameters(model, [row.name for row in file.parameters], source)
@@ -87,16 +96,19 @@ def identification_of(
             _choice(file.calibration.smoother, folder, source),
             file.calibration.time_offset,
             file.calibration.base_tilt,
+            file.calibration.prior_strength,
+            choice,
         ),
         file.provenance,
         (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),
     )
 
 
-def model_of(sources: Sources, source: str, *, allow_code: bool = False) -> Model:
+def model_of(sources: Sources, source: str, *, named: bool = True, allow_code: bool = False) -> Model:
     """Return the model of a configuration, or of a robot file alone, which must be as it was.
 
-    Where a robot file is gone, its text in the result will do. Raises InputError where there is neither, ModelError
+    Where a robot file is gone, its text in the result will do. ``named`` tells that no terms were chosen: what leaves
+    them out had the plain set, in versions that knew no choice. Raises InputError where there is neither, ModelError
     where the model's file is gone or has changed.
     """
     given, robot = sources.configuration, sources.model
@@ -110,10 +122,19 @@ def model_of(sources: Sources, source: str, *, allow_code: bool = False) -> Mode
     if given is not None:
         folder = Path(given.path).parent
         config = parse_config(given.text, folder, f"{source}, its configuration", allow_code=allow_code)
-        return load_model(config.model, folder, text, allow_code=allow_code)
+        return load_model(_named_terms(config.model) if named else config.model, folder, text, allow_code=allow_code)
     if robot is not None:
-        return load_model(robot.path, text=text, allow_code=allow_code)
+        settings = robot_settings(robot.path) or robot.path
+        return load_model(_named_terms(settings) if named else settings, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
+
+
+def _named_terms(spec: str | RobotSettings) -> str | RobotSettings:
+    """Return the settings of a model with the plain set in place of terms that are chosen."""
+    if not isinstance(spec, RobotSettings):
+        return spec
+    terms = [(one,) if one != AUTO else PLAIN for one in spec.terms]
+    return spec.model_copy(update={"terms": tuple(chain.from_iterable(terms))})
 
 
 def check_parameters(model: Model, names: Sequence[str], source: str) -> None:
@@ -196,6 +217,20 @@ def _choice(given: ChoicePart | None, folder: Path | None, source: str) -> Choic
     if not 0 <= given.chosen < len(candidates):
         raise InputError(f"{where}.chosen is {given.chosen}, but there are {len(candidates)} candidates.")
     return Choice(candidates[given.chosen], candidates, tuple(one.error for one in given.candidates))
+
+
+def _terms(given: TermsPart | None, joints: tuple[Joint, ...], folder: Path | None, source: str) -> TermChoice | None:
+    if given is None:
+        return None
+    where = f"{source}: calibration.terms"
+    terms = tuple(build(TERMS, one.model_dump(), where, folder, joints=joints) for one in given.chosen)
+    trials = tuple(Trial(**vars(one) | {"settings": tuple(map(_pair, one.settings.items()))}) for one in given.trials)
+    return TermChoice(given.joints, terms, trials, given.before, given.after, given.min_speed, given.load)
+
+
+def _pair(setting: tuple[str, Any]) -> tuple[str, Any]:
+    name, value = setting
+    return name, tuple(value) if isinstance(value, list) else value
 
 
 def _base(given: BasePart | None, names: tuple[str, ...], source: str) -> BaseParameters | None:

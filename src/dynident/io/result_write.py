@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import Finding, Note
 from dynident.estimators import Estimate
-from dynident.identification import Calibration, Choice, Identification, Recipe
-from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.identification import Calibration, Choice, Identification, Recipe, TermChoice
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.result_format import FORMAT, VERSION, ResultFile
 from dynident.regression import BaseParameters
 from dynident.validation import Failure, LogValidation
@@ -99,12 +99,20 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
 
 
 def _calibration(calibration: Calibration) -> dict[str, Any]:
-    offset, tilt = calibration.time_offset, calibration.base_tilt
+    offset, tilt, strength = calibration.time_offset, calibration.base_tilt, calibration.prior_strength
     return {
         "smoother": None if calibration.smoother is None else _choice(calibration.smoother),
         "time_offset": None if offset is None else asdict(offset),
         "base_tilt": None if tilt is None else asdict(tilt),
+        "prior_strength": None if strength is None else asdict(strength),
+        "terms": None if calibration.terms is None else _terms(calibration.terms),
     }
+
+
+def _terms(choice: TermChoice) -> dict[str, Any]:
+    trials = [{**vars(one), "settings": dict(one.settings)} for one in choice.trials]
+    plain = {key: value for key, value in vars(choice).items() if key != "terms"}
+    return plain | {"trials": trials, "chosen": [TERMS.describe(one) for one in choice.terms]}
 
 
 def _choice(choice: Choice) -> dict[str, Any]:

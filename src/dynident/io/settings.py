@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, StrictBool, TypeAdapter, ValidationInfo, WrapValidator, model_validator
@@ -27,6 +28,7 @@ from dynident.io.fields import (
     Positive,
     PositiveOrEach,
     Section,
+    Tilt,
     Windows,
     by_kind,
     unit_factor,
@@ -36,6 +38,7 @@ from dynident.models import Joint
 
 __all__ = [
     "AUTO",
+    "PLAIN",
     "CascadeJoint",
     "CascadeSettings",
     "Channel",
@@ -48,9 +51,11 @@ __all__ = [
     "Time",
     "TorqueInputSettings",
     "check_joints",
+    "robot_settings",
 ]
 
 AUTO = "auto"  # among the terms: those that the training logs choose
+PLAIN = ("rotor", "viscous", "coulomb", "offset")
 POSITIONS = {"revolute": "angle", "prismatic": "length"}
 TORQUES = {"revolute": "torque", "prismatic": "force"}
 
@@ -137,9 +142,9 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and further terms per joint.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``terms`` "auto", alone or
-    in the list, are those that the training logs choose; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb
-    friction.
+    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2), by rotations (rad) about x
+    and y; ``terms`` "auto", alone or in the list, are those that the training logs choose; ``coulomb_width`` (rad/s,
+    m/s) smooths the sign in the Coulomb friction.
     """
 
     _former: ClassVar[Mapping[str, str]] = {"lean": "base_tilt"}
@@ -148,9 +153,9 @@ class RobotSettings(Section):
     joints: tuple[Name, ...] | None = None
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
-    base_tilt: Literal["none", "estimate"] = "none"
+    base_tilt: tuple[Tilt, Tilt] | Literal["none", "estimate"] = "estimate"
     terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True, words=(AUTO,))], ...], FEW, OneWord(AUTO)] = (
-        "rotor", "viscous", "coulomb", "offset",
+        AUTO,
     )  # fmt: skip
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
@@ -224,7 +229,19 @@ def _least_squares() -> Any:
 def _model(value: object, _: Any, info: ValidationInfo) -> str | RobotSettings:
     if isinstance(value, Mapping):
         return RobotSettings.model_validate(value, context=info.context)
-    return value if isinstance(value, RobotSettings) else TypeAdapter(Name).validate_python(value)
+    if isinstance(value, RobotSettings):
+        return value
+    name = TypeAdapter(Name).validate_python(value)
+    return robot_settings(name, info.context) or name
+
+
+def robot_settings(name: str, context: Mapping[str, Any] | None = None) -> RobotSettings | None:
+    """Return the settings that the name of a robot file stands for, None where it is no such name."""
+    from dynident.io.robot import SUFFIXES
+
+    if Path(name).suffix.lower() not in SUFFIXES:
+        return None
+    return RobotSettings.model_validate({"file": name}, context=context)
 
 
 class Config(Section):

@@ -15,14 +15,14 @@ from dynident.bounds import AccuracyBound, TorqueNoise
 from dynident.checks import CheckResult
 from dynident.errors import ConfigError, InputError, ModelError, choices
 from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
-from dynident.identification import Identification, Recipe
+from dynident.identification import Identification, Recipe, has_gravity
 from dynident.io.config import load_model
 from dynident.io.fields import UNITS, Section
 from dynident.io.logs import read_logs
 from dynident.io.named_log import log_spec
 from dynident.io.project import model_source, read_project
 from dynident.io.robot import SUFFIXES, load_robot
-from dynident.io.settings import Config, LogSpec, RobotSettings
+from dynident.io.settings import Config, LogSpec, RobotSettings, robot_settings
 from dynident.io.wording import worded
 from dynident.log import Log
 from dynident.models import Joint, Model
@@ -58,18 +58,20 @@ class RecipeFields(TypedDict, total=False):
     restart: float | None
     outliers: Literal["mask", "keep"]
     rests: Literal["trim", "keep"]
+    terms: Literal["auto"] | None
 
 
 def default_recipe(model: Model) -> Recipe:
     """Return the recipe for a real robot, with nothing to set.
 
-    The spline is smoothed as much as predicts the torque best, and the time offset between torque and position is
-    estimated. A model with rigid bodies is fitted physically consistent, any other by least squares. The article's
-    method is ``Recipe()``.
+    The spline is smoothed as much as predicts the torque best, the time offset between torque and position is
+    estimated, and the base tilt where the model has gravity. A model with rigid bodies is fitted physically consistent,
+    any other by least squares. The article's method is ``Recipe()``.
     """
     smoother = Spline.Settings(rule="torque").build()
     estimator: Estimator = PhysicallyConsistent() if any(one.body for one in model.parameters) else LeastSquares()
-    return Recipe(smoother, estimator, time_offset="estimate")
+    tilt: Literal["estimate"] | None = "estimate" if has_gravity(model) else None
+    return Recipe(smoother, estimator, time_offset="estimate", base_tilt=tilt)
 
 
 def identify(
@@ -83,9 +85,9 @@ def identify(
 ) -> Identification:
     """Identify the parameters of a robot from logs, and judge them on all logs.
 
-    ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file,
-    ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for ``validation``, are one log, logs
-    by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a real robot; keywords replace its
+    ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
+    beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for
+    ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a real robot; keywords replace its
     fields, such as ``estimator=LeastSquares()``. ``progress`` is called with a few words before each step.
 
     Raises ConfigError for an unknown keyword or a recipe that does not fit, ModelError for the model, InputError for
@@ -110,7 +112,7 @@ def identify(
     for name in changes:
         if name not in known:
             raise ConfigError(f"identify: {name!r} is no field of a recipe; {choices(name, known)}")
-    used = replace(_recipe(recipe, model), **changes)
+    used = replace(_recipe(recipe, model, robot), **changes)
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
@@ -133,7 +135,7 @@ def check(
     """
     model = _model(robot)
     roles = {"train": _named(logs, "logs"), "validation": _named(validation, "validation")}
-    return checks.run_checks(model, roles, _recipe(recipe, model), progress=progress)
+    return checks.run_checks(model, roles, _recipe(recipe, model, robot), progress=progress)
 
 
 def accuracy_bound(
@@ -163,7 +165,7 @@ def accuracy_bound(
     return bounds.accuracy_bound(
         model,
         _named(logs, "logs"),
-        _recipe(recipe, model),
+        _recipe(recipe, model, robot),
         sigma_q=sigma_q,
         sigma_tau=sigma_tau,
         torque=torque,
@@ -267,10 +269,12 @@ def _model(robot: Any) -> Model:
     return load_model(str(robot))
 
 
-def _recipe(recipe: Recipe | None, model: Model) -> Recipe:
+def _recipe(recipe: Recipe | None, model: Model, robot: Robot) -> Recipe:
+    """Return the recipe for a robot as it is given: a robot file names no terms."""
     if not isinstance(recipe, Recipe | None):
         raise ConfigError(f"recipe: a {type(recipe).__name__} is given; give a Recipe, or its fields as keywords.")
-    return default_recipe(model) if recipe is None else recipe
+    used = default_recipe(model) if recipe is None else recipe
+    return used if isinstance(robot, Model) or robot_settings(str(robot)) is None else replace(used, terms="auto")
 
 
 def _named(logs: Any, what: str) -> dict[str, Log]:

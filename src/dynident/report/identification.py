@@ -16,6 +16,7 @@ from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
+from dynident.report.terms import term_section, term_table
 from dynident.report.validation import (
     error_section,
     error_table,
@@ -46,6 +47,7 @@ def identification_page(identification: Identification, exports: Sequence[Export
         error_section(identification),
         torque_section(identification),
         *simulation_section(identification),
+        *term_section(identification),
         parameter_section(identification),
         *base_section(identification),
         condition_section(identification),
@@ -83,9 +85,11 @@ def _warnings(identification: Identification) -> Iterator[PageBlock]:
 
 
 def identification_tables(identification: Identification) -> list[PageTable]:
-    """Return for a terminal: the parameters, the errors per log, and the errors per log and joint."""
+    """Return for a terminal: the parameters, the terms that were chosen, the errors per log, and per log and joint."""
     parameters, _ = terminal_parameters(identification)
-    return [parameters, error_table(identification), joint_table(identification)]
+    choice = identification.calibration.terms
+    terms = [] if choice is None else [term_table(choice)]
+    return [parameters, *terms, error_table(identification), joint_table(identification)]
 
 
 def identification_notes(identification: Identification) -> list[Line]:

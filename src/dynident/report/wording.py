@@ -11,7 +11,7 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import BaseTilt, Choice, Gain, OldResult, Rests, TimeOffset
+from dynident.identification import BaseTilt, Choice, Gain, OldResult, PriorStrength, Rests, SteepBase, TimeOffset
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import percent
@@ -85,6 +85,7 @@ def settings_of(identification: Identification) -> dict[str, str]:
         "smoother": calibration.smoother,
         "time offset": calibration.time_offset,
         "base tilt": calibration.base_tilt,
+        "strength of the prior": calibration.prior_strength,
     }
     found |= {key: str(value) for key, value in numbers.items() if value is not None}
     return found | {key: words(noun) for key, noun in chosen.items() if noun is not None}
@@ -148,6 +149,14 @@ def _(note: notes.HeldByConstraints) -> str:
         "constraints hold these base parameters more than 3 standard errors (in brackets) from least squares: "
         f"{listed}; the model lacks an effect, a sensor or a gain is off, or a limit is wrong. "
         "Their standard errors count this"
+    )
+
+
+@words.register
+def _(note: notes.ConstraintsCostly) -> str:
+    return (
+        f"the constraints, most of all {note.family}, raise the training error to {percent(note.error)}, where without "
+        f"them it is {percent(note.free)}; look for a wrong sign, gain or axis, or a term that the model lacks"
     )
 
 
@@ -301,8 +310,28 @@ def _within(note: Rests) -> str:
 @words.register
 def _(tilt: BaseTilt) -> str:
     x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
+    if not (tilt.x or tilt.y):
+        why = "" if tilt.gain is None else f": the best tilt would gain {words(tilt.gain)}"
+        known = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
+        return f"the base is taken as level{known}{why}"
     angles = f"{x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f})"
     return f"the base is tilted by {angles}; {_better(tilt)}"
+
+
+@words.register
+def _(found: PriorStrength) -> str:
+    if not found.strength:
+        return f"the robot file's inertias count only where the data show nothing: else {words(found.gain)} gained"
+    return f"the robot file's inertias count with a strength of {found.strength:g}, which gains {words(found.gain)}"
+
+
+@words.register
+def _(note: SteepBase) -> str:
+    x, y = np.rad2deg((note.x, note.y))
+    return (
+        f"the torques ask for a base that is tilted by {x:z.3g} deg about x and {y:z.3g} deg about y, more than a "
+        "mounting error; it is taken as level. Set `gravity`, and check the zeros and axes of the joints."
+    )
 
 
 @words.register

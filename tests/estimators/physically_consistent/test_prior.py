@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dynident.estimators import PhysicallyConsistent
-from dynident.estimators.constraints import Constraints
+from dynident.estimators.constraints import Constraints, scales, sized
 from dynident.estimators.constraints.cone import minimise
 from dynident.estimators.constraints.constraints import bodies_of
 from dynident.estimators.notes import DecidedByPrior, NotIdentifiable, RankDeficient
@@ -136,7 +136,8 @@ def test_towards_an_impossible_prior_the_bodies_go_as_far_as_they_may() -> None:
     friction, posed = model.names[-1], problem(model, np.append(both, 0.5), 0.1)
     setting = {"bounds": {friction: (0.6, None)}, "prior": named(model, np.append(aims, 0.5))}
     found = PhysicallyConsistent(distance="euclidean", **setting)(posed).value[:20]  # type: ignore[arg-type]
-    scale = np.tile(0.1 ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2]), 2)
+    held_bodies = sized(bodies_of(model.parameters), model.parameters, posed.regression.triangular_factors)
+    scale = scales(model.parameters, held_bodies, np.ones(len(model.parameters)), 1.0)[:20]
 
     def distance(theta: Array) -> float:
         return float(np.sum(((theta - aims) / scale) ** 2))
@@ -144,7 +145,7 @@ def test_towards_an_impossible_prior_the_bodies_go_as_far_as_they_may() -> None:
     assert 0 < smallest(found[10:]) < 1e-4
     free = np.array([np.concatenate((step, -moved(step, np.linalg.inv(X)))) for step in np.eye(10)]).T
     near, aside = free / scale[:, None], (found - aims) / scale
-    held = Constraints(bodies=bodies_of(model.parameters), margin=1e-5)
+    held = Constraints(bodies=held_bodies, margin=1e-5)
     best = minimise(near.T @ near, near.T @ aside, held, np.append(found, 0.6), np.vstack([free, np.zeros(10)]))
     assert best.good
     assert distance(found) == pytest.approx(distance(found + free @ best.point), rel=1e-4)

@@ -17,6 +17,7 @@ from dynident.estimators.constraints.constraints import (
     signs,
     total,
 )
+from dynident.estimators.constraints.sizes import sized
 
 __all__ = [
     "SIGNED",
@@ -34,5 +35,6 @@ __all__ = [
     "physics",
     "scales",
     "signs",
+    "sized",
     "total",
 ]  # fmt: skip

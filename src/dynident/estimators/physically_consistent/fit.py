@@ -26,12 +26,20 @@ from dynident.estimators.constraints import (
     interval,
     scales,
     signs,
+    sized,
     total,
 )
 from dynident.estimators.estimator import Consistency, Determined, Estimate, Problem, Provenance, Residual
 from dynident.estimators.least_squares import COARSEST, MOST, Weights, check_weights, joint_weights, weighted
-from dynident.estimators.notes import DecidedByPrior, HeldByConstraints, NotIdentifiable, PriorApproached, RankDeficient
-from dynident.estimators.physically_consistent.prior import move_to_prior, nearest
+from dynident.estimators.notes import (
+    ConstraintsCostly,
+    DecidedByPrior,
+    HeldByConstraints,
+    NotIdentifiable,
+    PriorApproached,
+    RankDeficient,
+)
+from dynident.estimators.physically_consistent.prior import drawn, move_to_prior, nearest
 from dynident.estimators.physically_consistent.staged import Information, read, staged_fit
 from dynident.models import Model, Parameter
 from dynident.regression import base_parameters
@@ -41,8 +49,10 @@ __all__ = ["PhysicallyConsistent"]
 Array = NDArray[np.float64]
 Distance = Literal["entropic", "euclidean"]
 NamedPrior = Literal["nominal", "none", "any"]
+STRONGEST = 1e3
 HEAVIEST, LARGEST = 1e6, 1e9  # kg; in size, of any limit
 CLOSED = 1e-6  # duality gap above which the prior was not reached
+COSTLY, LEAST_COST = 0.25, 0.5  # share of the error without constraints, and percentage points, that are said
 FAR = 3.0  # standard errors: noise alone moves an estimate as far in 0.3 % of all cases
 CLOSE = 1e-7  # how near a limit counts as at it, in units of the parameter's size
 
@@ -60,7 +70,9 @@ class PhysicallyConsistent:
     noise-weighted regressor; ``threshold`` is its tolerance (None: the precision of the model). The ``distance`` from
     it is "entropic" (log-det divergence of pseudo-inertias, invariant to frames and units; Euclidean for all other
     parameters) or "euclidean" (in units of each parameter's usual size). Undetermined parameters without a prior are
-    made as small as the constraints allow.
+    made as small as the constraints allow. With a ``strength`` above 0, the prior of the bodies also counts against the
+    data: where a parameter is one usual size away from it, by that share of the squared residual. "auto" is 0 here;
+    ``identify`` chooses it by cross-validation.
 
     ``margin`` is the least eigenvalue of a pseudo-inertia relative to the body's usual mass and length (the model's
     values, else 1 kg and 0.1 m); the second program may use half of it. ``weights`` and ``iterations`` are those of
@@ -95,6 +107,7 @@ class PhysicallyConsistent:
     centre_of_mass: Mapping[str, Corners] | tuple[tuple[str, Corners], ...] = ()
     prior: NamedPrior | Mapping[str, float] | tuple[tuple[str, float], ...] = "nominal"
     distance: Distance = "entropic"
+    strength: Annotated[float, Ge(0), Le(STRONGEST)] | Literal["auto"] = "auto"
     threshold: Annotated[float, Gt(0), Le(COARSEST)] | None = None
     margin: Annotated[float, Gt(0), Lt(1)] = 1e-5
     weights: Weights = "per_joint"
@@ -117,6 +130,8 @@ class PhysicallyConsistent:
             raise ConfigError(f"distance = {self.distance!r}; {choices(self.distance, get_args(Distance))}")
         if isinstance(self.prior, str) and self.prior not in get_args(NamedPrior):
             raise ConfigError(f"prior = {self.prior!r}; {choices(self.prior, get_args(NamedPrior))}")
+        if self.strength != "auto" and not 0 <= self.strength <= STRONGEST:
+            raise ConfigError(f"strength = {self.strength}; give a number from 0 to {STRONGEST:g}, or 'auto'.")
         for name, most in (("threshold", COARSEST), ("margin", 1.0)):
             value = getattr(self, name)
             if value is not None and not 0 < value <= most:
@@ -139,21 +154,23 @@ class PhysicallyConsistent:
         model, triangular = problem.model, problem.regression.triangular_factors
         weights = joint_weights(triangular, self.weights, self.iterations, model.parameters, self.threshold)
         factor, directions = weighted(triangular, weights, model.parameters, self.threshold)
-        bodies = bodies_of(model.parameters)
+        bodies = sized(bodies_of(model.parameters), model.parameters, triangular)
         effect = np.linalg.norm(factor, axis=0)
         scale = scales(model.parameters, bodies, effect[:-1], float(effect[-1]))
         known = read(factor, scale, directions, triangular.total)
         constraints, prior = self._constraints(model, bodies, scale), self._prior(model)
         aim = np.where(np.isnan(prior), 0.0, prior)
-        start = nearest(known, known.base, aim)
-        theta, excess = staged_fit(known, constraints, start)
+        strength = 0.0 if self.strength == "auto" else self.strength
+        leaning = drawn(known, self._of_bodies(constraints, prior), strength)
+        start = nearest(leaning, leaning.base, aim)
+        theta, excess = staged_fit(leaning, constraints, start)
         entropic = self._entropic(known, constraints, prior)
         value, gap = theta, 0.0
         if self.prior != "any":
             value, gap = move_to_prior(known, constraints, theta, aim, entropic)
         value = _clipped_to_limits(value, constraints)
         provenance = _provenance(value, known, constraints, ~np.isnan(prior))
-        costs = _costs(known, constraints, start, excess) if self.costs else {}
+        costs = _costs(leaning, constraints, start, excess) if self.costs else {}
         moved = np.where(directions.undetermined, 0.0, value - known.base)
         return Estimate(
             parameters=model.parameters,
@@ -165,14 +182,14 @@ class PhysicallyConsistent:
                 triangular.samples,
                 None if self.weights == "equal" else weights,
             ),
-            notes=(*_notes(known, provenance, gap), *_held(known, value, model.parameters)),
+            notes=(*_notes(known, provenance, gap), *_costly(known, costs), *_held(known, value, model.parameters)),
             provenance=provenance,
             consistency=Consistency(_eigenvalues(bodies, value), costs, known.base),
         )
 
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""
-        return replace(self, costs=False, prior="any")
+        return replace(self, costs=False, prior="any", strength=0.0)
 
     def _intervals(self) -> dict[str, Bounds]:
         mass = self.total_mass
@@ -201,6 +218,15 @@ class PhysicallyConsistent:
         values = {} if isinstance(self.prior, str) else dict(self.prior)
         given = {_index(name, model, "prior"): value for name, value in values.items()}
         return np.array([given.get(k, np.nan) for k in range(len(model.names))])
+
+    def _of_bodies(self, constraints: Constraints, prior: Array) -> Array:
+        """Return the prior (p) of the bodies that have a physically consistent one, nan for all else."""
+        out = np.full(len(prior), np.nan)
+        for body in constraints.bodies:
+            own = prior[body.columns]
+            if not np.isnan(own).any() and np.linalg.eigvalsh(body.scaled(prior))[0] > self.margin:
+                out[body.columns] = own
+        return out
 
     def _entropic(self, known: Information, constraints: Constraints, prior: Array) -> list[BodyConstraint]:
         """Return the bodies with a log-det distance: undetermined ones whose prior is physically consistent."""
@@ -269,6 +295,14 @@ def _costs(known: Information, constraints: Constraints, start: Array, excess: f
     """Return the increase of the error, in percentage points, by each family of constraints alone and by "all"."""
     alone = {family: staged_fit(known, constraints.only(family), start)[1] for family in constraints.families}
     return {family: known.error(more) - known.error(0.0) for family, more in (alone | {"all": excess}).items()}
+
+
+def _costly(known: Information, costs: Mapping[str, float]) -> tuple[ConstraintsCostly, ...]:
+    """Return a note where the constraints cost much of the error that there is without them."""
+    free, families = known.error(0.0), [name for name in costs if name != "all"]
+    if not families or costs["all"] < max(COSTLY * free, LEAST_COST):
+        return ()
+    return (ConstraintsCostly(max(families, key=lambda name: costs[name]), free + costs["all"], free),)
 
 
 def _held(known: Information, theta: Array, parameters: Sequence[Parameter]) -> tuple[HeldByConstraints, ...]:

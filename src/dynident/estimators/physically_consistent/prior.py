@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.estimators.constraints import Barrier, BodyConstraint, Constraints, Penalised
+from dynident.estimators.physically_consistent.inner import held
 from dynident.estimators.physically_consistent.staged import Information
 
-__all__ = ["move_to_prior", "nearest"]
+__all__ = ["drawn", "move_to_prior", "nearest"]
 
 Array = NDArray[np.float64]
 TINY = 1e-9  # slack given to limits that are active after the first program
@@ -30,6 +31,27 @@ def nearest(known: Information, theta: Array, prior: Array) -> Array:
     return np.asarray(theta + known.free @ ((known.free / known.scale[:, None]).T @ aim))
 
 
+def drawn(known: Information, prior: Array, strength: float) -> Information:
+    """Return the information with a penalty on the distance from the prior (p, nan where there is none), in d alone.
+
+    It is ``strength`` times the squared residual where a parameter is one usual size away from the prior; w, which the
+    data do not determine, is where the distance is least. The base is the optimum, and |d|^2 the increase from it.
+    """
+    with_prior = ~np.isnan(prior)
+    if not strength or not with_prior.any():
+        return known
+    shape = (1.0 / known.scale)[with_prior, None]
+    free, _ = np.linalg.qr(known.free[with_prior] * shape) if known.free.shape[1] else (np.zeros((len(shape), 0)), None)
+    A = known.informed[with_prior] * shape
+    away = (prior - known.base)[with_prior] * shape[:, 0]
+    A, away = A - free @ (free.T @ A), away - free @ (free.T @ away)
+    share = strength * known.noise
+    values, turn = np.linalg.eigh(np.eye(known.rank) + share * A.T @ A)
+    half = turn / np.sqrt(values)
+    d = half @ (half.T @ (share * A.T @ away))
+    return replace(known, base=known.base + known.informed @ d, informed=known.informed @ half)
+
+
 def move_to_prior(
     known: Information, constraints: Constraints, theta: Array, prior: Array, entropic: Sequence[BodyConstraint]
 ) -> tuple[Array, float]:
@@ -39,7 +61,7 @@ def move_to_prior(
     ``entropic``: Lee, Wensing and Park (2020), "Geometric robot dynamic identification". It is half the squared
     Euclidean one, in units of the parameters' scale, for all other parameters.
     """
-    directions = known.free @ _held(constraints, known.free)
+    directions = known.free @ held(constraints, known.free)
     if not directions.shape[1]:
         return theta, 0.0
     relaxed = constraints.relaxed(0.5)
@@ -73,14 +95,6 @@ class _Program:
 
     def _with_edge(self, weight: float) -> Penalised:
         return Penalised(self.H, self.g, ((self.kept, 1.0), (self.edge, weight)))
-
-
-def _held(constraints: Constraints, free: Array) -> Array:
-    """Return the coordinates (q, r) of the free directions (p, q) that change no equality."""
-    rows = [limit.rows[limit.lower == limit.upper] @ free for limit in constraints.limits]
-    fixed = np.concatenate([np.zeros((1, free.shape[1])), *rows])
-    _, s, Vt = np.linalg.svd(fixed)
-    return np.asarray(Vt[int((s > 1e-9).sum()) :].T)
 
 
 def _program(

@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, ModelError, brief
 from dynident.estimators.constraints import Constraints
 from dynident.estimators.constraints.cone import Optimum, minimise
+from dynident.estimators.physically_consistent.inner import descended
 from dynident.regression import Rank
 
 __all__ = ["Information", "read", "staged_fit"]
 
 Array = NDArray[np.float64]
 PULL = 1.0  # penalty, in squared standard errors, of one usual size along a free direction, which keeps bodies finite
+WIDER = (1.0, 10.0, 100.0, 1e3)  # times the usual size, where the penalty is more than
+BELOW = 0.01  # of the squared residual of all rows
+EXACT = 1e-5  # of the torque: its noise at least
 UNITS = (1.0, 1e3, 1e6)  # of d, in standard errors
 SLACK = 0.4  # share of the margin that the solver may use up; the second program keeps half of the margin
 
@@ -47,6 +51,11 @@ class Information:
         """Number of directions that the data determine."""
         return int(self.informed.shape[1])
 
+    @property
+    def noise(self) -> float:
+        """The squared residual of all rows, in squared standard errors."""
+        return max(self.rss, (EXACT * self.torque) ** 2) / self.unit**2
+
     def theta(self, x: Array) -> Array:
         """Return theta (p) for x = (d, w)."""
         return np.asarray(self.base + self.informed @ x[: self.rank] + self.free @ x[self.rank :])
@@ -67,7 +76,7 @@ def read(factor: Array, scale: Array, rank: Rank, rows: int) -> Information:
     rss = float(np.sum((y - rank.left[:, :k] @ target) ** 2) + factor[p, p] ** 2)
     torque = float(np.linalg.norm(factor[:, p]))
     # for exact data, a tiny share of the torque instead of the noise
-    step = max(np.sqrt(rss / max(rows - k, 1)), 1e-5 * torque / np.sqrt(rows)) or 1.0
+    step = max(np.sqrt(rss / max(rows - k, 1)), EXACT * torque / np.sqrt(rows)) or 1.0
     half = rank.determined / rank.values[:k]
     free, _ = np.linalg.qr(rank.free / scale[:, None])
     return Information(
@@ -93,16 +102,8 @@ def staged_fit(known: Information, constraints: Constraints, start: Array) -> tu
         return start, 0.0
     if (theta := _freed(known, constraints, start)) is not None:
         return theta, 0.0
-    found = _solved(known, constraints)
-    k, theta = known.rank, known.theta(found.point)
-    broken = constraints.violation(theta)
-    if not (found.good and broken <= SLACK * constraints.margin):
-        raise ModelError(
-            f"the consistent fit failed: the conic solver stopped with {found.status}; its optimality conditions hold "
-            f"to {max(found.stationarity, found.gap):.1e} (1e-05 is required), the constraints to {broken:.1e}; check "
-            "nominal values and bounds for wrong units, or raise the threshold, the margin, or both."
-        )
-    return theta, float(np.sum(found.point[:k] ** 2))
+    x = _solved(known, constraints)
+    return known.theta(x), float(np.sum(x[: known.rank] ** 2))
 
 
 def _freed(known: Information, constraints: Constraints, start: Array) -> Array | None:
@@ -118,19 +119,44 @@ def _freed(known: Information, constraints: Constraints, start: Array) -> Array 
     return theta if constraints.violation(theta) <= SLACK * constraints.margin else None
 
 
-def _solved(known: Information, constraints: Constraints) -> Optimum:
-    """Solve for x = (d, w). Where d is so large that the solver fails, d is scaled."""
+def _solved(known: Information, constraints: Constraints) -> Array:
+    """Return x = (d, w) (p), solved with w in units in which the penalty is far below the noise."""
+    free = np.arange(known.scale.size) >= known.rank
+    for wider in WIDER:
+        x = _solved_for(replace(known, free=known.free * wider), constraints)
+        if PULL * float(np.sum(x[free] ** 2)) <= BELOW * (known.noise + float(np.sum(x[~free] ** 2))):
+            break
+    return np.where(free, wider * x, x)
+
+
+def _solved_for(known: Information, constraints: Constraints) -> Array:
+    """Return x = (d, w). Where d is so large that the conic solver fails, d is scaled; then the path is tried."""
     p, k = known.scale.size, known.rank
+    failed: ConfigError | ModelError | None = None
     for unit in UNITS:
         sizes = np.where(np.arange(p) < k, unit, 1.0)
         quadratic = np.diag(np.where(np.arange(p) < k, 1.0, max(PULL / unit**2, 1e-8)))
         directions = np.concatenate((known.informed, known.free), axis=1) * sizes
         try:
             found = minimise(quadratic, np.zeros(p), constraints, known.base, directions)
-        except (ConfigError, ModelError):
-            if unit == UNITS[-1]:
-                raise
+        except (ConfigError, ModelError) as error:
+            failed = error
             continue
-        if found.good or unit == UNITS[-1]:
-            break
-    return replace(found, point=found.point * sizes)
+        broken = constraints.violation(known.theta(found.point * sizes))
+        if found.good and broken <= SLACK * constraints.margin:
+            return found.point * sizes
+        failed = _failure(found, broken)
+    quadratic = np.diag(np.where(np.arange(p) < k, 1.0, PULL))
+    directions = np.concatenate((known.informed, known.free), axis=1)
+    x = descended(quadratic, known.base, directions, constraints, known.scale)
+    if x is None or not constraints.violation(known.theta(x)) <= SLACK * constraints.margin:
+        raise failed or ModelError("the consistent fit failed: no point inside the constraints was found.")
+    return x
+
+
+def _failure(found: Optimum, broken: float) -> ModelError:
+    return ModelError(
+        f"the consistent fit failed: the conic solver stopped with {found.status}; its optimality conditions hold to "
+        f"{max(found.stationarity, found.gap):.1e} (1e-05 is required), the constraints to {broken:.1e}; check nominal "
+        "values and bounds for wrong units, or raise the threshold, the margin, or both."
+    )

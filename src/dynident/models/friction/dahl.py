@@ -76,12 +76,23 @@ def presliding(past: Past, columns: list[int], length: Array) -> Array:
     share = dq[:-1] / np.where(turns, dq[:-1] - dq[1:], 1.0)  # of the step that lies before the reversal
     first = np.where(turns, 0.5 * dq[:-1] * share * h, way)
     ways = np.stack([first, way - first], axis=1).reshape(-1, len(columns))
-    kept = np.exp(-np.abs(ways) / length)
     start = np.zeros(len(columns)) if past.start is None else past.start[: len(columns)]
     out = np.empty((len(q), len(columns)))
     if len(q):
-        for j, (stays, goes) in enumerate(zip(kept.T, (np.sign(ways) * (1 - kept)).T, strict=True)):
-            steps = zip(stays.tolist(), goes.tolist(), strict=True)
-            u = accumulate(steps, lambda u, step: step[0] * u + step[1], initial=float(start[j]))
-            out[:, j] = list(u)[::2]
+        for j, way in enumerate(ways.T):
+            out[:, j] = _along(way, float(length[j]), float(start[j]))[::2]
     return out
+
+
+def _along(way: Array, length: float, start: float) -> Array:
+    """Return u (K + 1) along K steps of a path of one joint, each in one direction; the loop is over the reversals."""
+    sign = np.sign(way)[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]  # no reversal at rest
+    first = np.flatnonzero(np.diff(sign, prepend=np.nan))
+    to = sign[first]
+    path = np.concatenate([[0.0], np.cumsum(np.abs(way))])
+    kept = np.exp(-np.diff(path[np.append(first, len(way))]) / length)
+    runs = zip(to.tolist(), kept.tolist(), strict=True)
+    u = list(accumulate(runs, lambda u, run: run[0] + (u - run[0]) * run[1], initial=start))
+    run = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(way))))
+    away = np.exp(-(path[1:] - path[first][run]) / length)
+    return np.concatenate([[start], to[run] + (np.array(u[:-1])[run] - to[run]) * away])

@@ -15,6 +15,7 @@ from dynident.report.figures.identification import (
 )
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
+from dynident.report.figures.terms import trial_figure
 
 __all__ = [
     "CHANGE_NAMES",
@@ -37,4 +38,5 @@ __all__ = [
     "thin",
     "torque_figure",
     "trace_figure",
+    "trial_figure",
 ]

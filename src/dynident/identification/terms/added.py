@@ -1,0 +1,50 @@
+"""A model with the plain set of terms, by which smoother, time offset and tilt are found, and the choice of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from dynident.identification.base_tilt import mounted
+from dynident.identification.recipe import Recipe
+from dynident.identification.terms.choice import TermChoice
+from dynident.identification.terms.choose import choose_terms
+from dynident.log import Motion
+from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
+
+__all__ = ["chosen", "first", "plain", "speeds"]
+
+PLAIN = (RotorInertia, Viscous, Coulomb, Offset)
+
+
+def plain(model: Model) -> Model:
+    """Return the model with rotor inertia, viscous and Coulomb friction and offset, where it lacks them."""
+    terms = []
+    for part in PLAIN:
+        names = {joint.name: part((joint,)).parameters[0].name for joint in model.joints}
+        if on := tuple(joint for joint, name in names.items() if name not in model.names):
+            terms.append(part(model.joints, on=on))
+    return model.with_terms(*terms)
+
+
+def first(model: Model, recipe: Recipe) -> Model:
+    """Return the model of the steps before a fit: without the load, and with the plain set where terms are chosen."""
+    return unloaded(model) if recipe.terms is None else plain(unloaded(model))
+
+
+def chosen(
+    model: Model,
+    tilt: tuple[float, float] | None,
+    motions: tuple[Motion, ...],
+    min_speed: tuple[float, ...] | None,
+    progress: Callable[[str], None],
+) -> TermChoice:
+    """Return the choice of the terms of a model, on its base as it is tilted; raises the errors of ``choose_terms``."""
+    bodies = unloaded(model if tilt is None else mounted(model, *tilt))
+    return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
+
+
+def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
+    """Return the minimum speed as the recipe gives it, else that of the joints for which one was chosen."""
+    if recipe.min_speed is not None:
+        return recipe.min_speed
+    return {name: one for name, one in zip(choice.joints, choice.min_speed, strict=True) if one} or None

@@ -1,0 +1,42 @@
+"""Sizes of bodies that a robot file does not say: within an order of magnitude, whatever the size of the arm."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from dynident.estimators.constraints import bodies_of, sized
+from tests.estimators.physically_consistent.arms import arm, problem
+
+
+@pytest.mark.parametrize(("mass", "length"), [(1.0, 1.0), (1e-2, 0.3), (1e-4, 0.05)])
+def test_torques_and_lever_arms_tell_the_size_of_a_body(mass: float, length: float) -> None:
+    truth = bodies_of(problem(arm(mass, length), mass, length).model.parameters)
+    posed = problem(arm(mass, length, "none"), mass, length)
+    parameters = posed.model.parameters
+    found = sized(bodies_of(parameters), parameters, posed.regression.triangular_factors)
+    for one, other in zip(found, truth, strict=True):
+        mass_ratio, length_ratio = (one.size[3] / other.size[3]) ** 2, one.size[0] / one.size[3]
+        assert 0.3 < mass_ratio < 30
+        assert 0.3 < length_ratio / (other.size[0] / other.size[3]) < 5
+
+
+def test_a_nominal_size_is_kept_unless_the_torques_contradict_it() -> None:
+    text = arm()
+    posed = problem(text)
+    bodies = bodies_of(posed.model.parameters)
+    kept = sized(bodies, posed.model.parameters, posed.regression.triangular_factors)
+    assert all(one is other for one, other in zip(kept, bodies, strict=True))
+    toy = problem(re.sub(r"<mass value='?\"?[^/]*/>", '<mass value="1e-6"/>', text))
+    other = sized(bodies_of(toy.model.parameters), toy.model.parameters, toy.regression.triangular_factors)
+    assert min(one.size[3] for one in other) > 1.0
+
+
+def test_without_torque_or_effect_nothing_is_known() -> None:
+    posed = problem(arm(inertias="none"))
+    bodies, factors = bodies_of(posed.model.parameters), posed.regression.triangular_factors
+    silent = type(factors)(np.zeros_like(factors.factors), factors.rows)
+    assert sized(bodies, posed.model.parameters, silent) == bodies
+    assert sized((), (), factors) == ()

@@ -1,0 +1,104 @@
+"""An arm of three joints with a friction law that is known, at the speed of the training or faster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.filters import butterworth, zero_phase
+from dynident.log import Motion
+from dynident.models import Dahl, Model, Past, RigidBodies
+from tests.robots import joint, link, urdf
+
+Array = NDArray[np.float64]
+Law = Callable[[Array, Array, Array, Array], Array]
+
+ARM = urdf(
+    link("base"),
+    link("shoulder", 3.0, (0.1, 0.02, 0.05)),
+    link("upper", 2.0, (0.15, 0.0, 0.02)),
+    link("fore", 1.0, (0.1, 0.06, 0.0)),
+    joint("j1", "revolute", "base", "shoulder", axis=(0, 1, 0)),
+    joint("j2", "revolute", "shoulder", "upper", xyz=(0.2, 0, 0.3), axis=(0, 1, 0)),
+    joint("j3", "revolute", "upper", "fore", xyz=(0.4, 0, 0), axis=(1, 0, 0)),
+)
+SIZE = np.array([3.0, 1.5, 0.15])  # N m: of the friction of each joint
+
+
+@cache
+def bodies() -> RigidBodies:
+    """The bodies of the arm."""
+    return RigidBodies(ARM)
+
+
+def states(seed: int, speed: float = 1.0, rows: int = 4000) -> tuple[Array, ...]:
+    """Return t (N) and q, dq, ddq (N, 3) of a Fourier series."""
+    rng, t = np.random.default_rng(seed), np.arange(rows) * 0.005
+    rate = 0.6 * speed * np.arange(1, 6)
+    size, phase = rng.normal(size=(5, 3)) / np.arange(1, 6)[:, None], rng.uniform(0, 6, (5, 3))
+    angle = t[:, None, None] * rate[:, None] + phase
+    q = np.sum(size * np.sin(angle), axis=1)
+    dq = np.sum(size * rate[:, None] * np.cos(angle), axis=1)
+    return t, q, dq, np.sum(-size * rate[:, None] ** 2 * np.sin(angle), axis=1)
+
+
+def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.1) -> Motion:
+    """Return a motion whose torque is that of the bodies and of a law: torques (N, 3) of t, q, dq and the load, per
+    unit of SIZE; ``noise`` is that of the torque, half white, half below 4 Hz, relative to the size of the friction."""
+    t, q, dq, ddq = states(seed, speed)
+    arm, rng = Model((bodies(),)), np.random.default_rng(seed + 1)
+    theta = 1.1 * np.array([one.value for one in arm.parameters])
+    load = arm.torque(q, dq, ddq, theta)
+    slow = zero_phase(butterworth(2, 4.0, 200.0), rng.normal(size=q.shape), 6, axis=0)
+    error = rng.normal(size=q.shape) + slow / slow.std(axis=0)
+    tau = load + SIZE * (law(t, q, dq, load) + noise / np.sqrt(2) * error)
+    return Motion(t, q, dq, ddq, tau, tuple(one.name for one in bodies().joints), np.ones(len(t), bool))
+
+
+def viscous(t: Array, q: Array, dq: Array, load: Array) -> Array:  # noqa: ARG001
+    """Viscous friction."""
+    return 0.3 * dq
+
+
+def none(t: Array, q: Array, dq: Array, load: Array) -> Array:  # noqa: ARG001
+    """No friction."""
+    return np.zeros_like(q)
+
+
+def coulomb(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Viscous and Coulomb friction."""
+    return viscous(t, q, dq, load) + np.sign(dq)
+
+
+def wide(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """The same with a wide sign."""
+    return viscous(t, q, dq, load) + np.tanh(dq / 0.1)
+
+
+def stribeck(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """The same with more friction at low speed."""
+    return coulomb(t, q, dq, load) + 0.8 * np.exp(-((dq / 0.15) ** 2)) * np.sign(dq)
+
+
+def by_load(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Friction that grows with the load."""
+    return viscous(t, q, dq, load) + 1.5 * np.abs(load) / np.sqrt(np.mean(load**2, axis=0)) * np.tanh(dq / 0.05)
+
+
+def dahl(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Presliding over 0.02 rad."""
+    term = Dahl(bodies().joints, length=0.02)
+    return viscous(t, q, dq, load) + term.remember(Past(t, q, dq, np.zeros_like(q), load))
+
+
+def ripple(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Ripple of 32 cycles in a turn."""
+    return coulomb(t, q, dq, load) + 0.3 * np.sin(32 * q + 0.4)
+
+
+def quadratic(t: Array, q: Array, dq: Array, load: Array) -> Array:
+    """Drag."""
+    return coulomb(t, q, dq, load) + 0.4 * np.abs(dq) * dq

@@ -1,0 +1,43 @@
+"""What identification makes of a model whose terms are left to the data."""
+
+from __future__ import annotations
+
+import pytest
+
+from dynident.errors import ConfigError
+from dynident.identification import Recipe, identify
+from dynident.identification.terms.added import plain
+from dynident.log import Log
+from dynident.models import Model, Viscous
+from tests.identification.terms import simulated
+from tests.identification.terms.simulated import bodies, recorded
+
+
+def log(seed: int, source: str) -> Log:
+    motion = recorded(simulated.dahl, seed)
+    return Log(motion.t, motion.q, motion.tau, motion.joints, source)
+
+
+def test_the_plain_set_is_added_where_it_lacks() -> None:
+    names = plain(Model((bodies(), Viscous(bodies().joints, on=("j2",))))).names
+    assert [name for name in names if name.startswith(("Ia", "Fv", "Fc", "off"))] == [
+        "Fv_j2", "Ia_j1", "Ia_j2", "Ia_j3", "Fv_j1", "Fv_j3", "Fc_j1", "Fc_j2", "Fc_j3",
+        "offset_j1", "offset_j2", "offset_j3",
+    ]  # fmt: skip
+
+
+def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
+    found = identify(Model((bodies(),)), [log(1, "train")], [log(5, "other")], Recipe(terms="auto"))
+    choice = found.calibration.terms
+    assert choice is not None
+    assert found.recipe.terms is None
+    assert "Dahl" in {type(one).__name__ for one in found.model.terms}
+    assert found.model.terms[1:] == choice.terms
+    before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
+    error = [one.validations[1].errors.relative_error for one in (found, before)]
+    assert error[0] < 0.5 * error[1]
+
+
+def test_other_words_are_refused() -> None:
+    with pytest.raises(ConfigError, match="terms is 'all'; it must be 'auto' or None"):
+        Recipe(terms="all")  # type: ignore[arg-type]

@@ -1,0 +1,138 @@
+"""The terms chosen for a known friction law are those of the law, and predict motion twice as fast."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError, Step
+from dynident.identification.terms import KINDS, Outcome, TermChoice, Trial, choose_terms, kind_of_class
+from dynident.models import Coulomb, Joint, Model, Offset, Viscous
+from dynident.regression import Regression
+from tests.identification.terms import simulated
+from tests.identification.terms.simulated import bodies, recorded
+
+LAWS = {
+    "none": set(),
+    "viscous": {"Viscous"},
+    "coulomb": {"Viscous", "Coulomb"},
+    "wide": {"Viscous", "Coulomb"},
+    "stribeck": {"Viscous", "Coulomb", "Stribeck"},
+    "by_load": {"Viscous", "LoadCoulomb"},
+    "dahl": {"Viscous", "Dahl"},
+    "ripple": {"Viscous", "Coulomb", "Ripple"},
+    "quadratic": {"Viscous", "Coulomb", "Power"},
+}
+SEEDS = (1, 2)
+
+
+@cache
+def chosen(law: str, seed: int) -> TermChoice:
+    """The choice on a recording of an arm with a law."""
+    return choose_terms(Model((bodies(),)), [recorded(getattr(simulated, law), seed)])
+
+
+def classes(choice: TermChoice, joint: str) -> set[str]:
+    return {type(one).__name__ for one in choice.terms if joint in one.acts_on}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_groups_of_a_law_are_found_and_no_others(law: str) -> None:
+    found = [classes(chosen(law, seed), f"j{j}") for seed in SEEDS for j in (1, 2, 3)]
+    right = [one >= LAWS[law] for one in found]
+    wrong = [name for one in found for name in one - LAWS[law]]
+    assert np.mean(right) >= 0.8, found
+    assert len(wrong) <= 1, found
+
+
+def held_out(law: str, seed: int, speed: float, *, plain: bool) -> float:
+    """Return the error (%) on another motion of the terms chosen, or of the plain set, by least squares."""
+    choice, joints = chosen(law, seed), bodies().joints
+    terms = (Offset(joints), Viscous(joints), Coulomb(joints)) if plain else choice.terms
+    model = Model((bodies(), *terms))
+    model = replace(model, load=choice.load) if model.needs_load else model
+    train, other = (model.remembering(recorded(getattr(simulated, law), k, v)) for k, v in ((seed, 1.0), (99, speed)))
+    factor = Regression(model, (train,)).triangular_factors.stacked()
+    theta = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=1e-9)[0]
+    left = other.tau - model.torque(**other.states(), theta=theta)
+    return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(other.tau))
+
+
+@pytest.mark.parametrize("law", ["wide", "stribeck", "by_load", "dahl", "ripple", "quadratic"])
+def test_the_terms_chosen_predict_other_motion_better_also_twice_as_fast(law: str) -> None:
+    for speed in (1.0, 2.0):
+        assert held_out(law, 1, speed, plain=False) < 0.9 * held_out(law, 1, speed, plain=True)
+
+
+def test_shape_constants_are_those_of_the_law() -> None:
+    (widths,) = (one for one in chosen("wide", 1).terms if isinstance(one, Coulomb))
+    assert [widths.constant("width", name) for name in widths.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
+
+
+def test_the_choice_is_the_same_again() -> None:
+    again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)])
+    assert again == chosen("dahl", 1)
+
+
+def test_what_was_tried_is_told_with_gain_and_error() -> None:
+    choice = chosen("dahl", 1)
+    trials = {one.kind: one for one in choice.of("j1")}
+    assert trials["dahl"].outcome is Outcome.ENTERED
+    assert trials["dahl"].gain > 20 * trials["dahl"].std / 10
+    assert dict(trials["dahl"].settings)["length"] == pytest.approx(0.02, rel=0.5)
+    assert trials["stribeck"].outcome in (Outcome.TOO_SMALL, Outcome.NEGATIVE)
+    assert {one.kind for one in choice.of("j1")} >= {kind.name for kind in KINDS}
+    assert all(after < before for before, after in zip(choice.before, choice.after, strict=True))
+
+
+def test_the_minimum_speed_is_left_to_terms_that_describe_reversals() -> None:
+    assert chosen("dahl", 1).min_speed == (0.0, 0.0, 0.0)
+    given = choose_terms(Model((bodies(),)), [recorded(simulated.coulomb, 1)], (0.1, 0.1, 0.1))
+    assert given.min_speed == (0.0, 0.0, 0.0)
+
+
+def test_progress_counts_up() -> None:
+    steps: list[str] = []
+    choose_terms(Model((bodies(),)), [recorded(simulated.none, 1)], progress=steps.append)
+    done = [one.done for one in steps if isinstance(one, Step)]
+    assert done == sorted(done)
+    assert len(done) > 3
+
+
+def test_a_term_that_the_model_has_is_not_tried() -> None:
+    joints = bodies().joints
+    model = Model((bodies(), Viscous(joints)))
+    choice = choose_terms(model, [recorded(simulated.coulomb, 1)])
+    assert "viscous" not in {one.kind for one in choice.trials}
+    assert model.with_terms(*choice.terms).names.count("Fv_j1") == 1
+
+
+def test_few_samples_are_refused() -> None:
+    motion = recorded(simulated.none, 1)
+    with pytest.raises(InputError, match="too few to choose the terms by"):
+        choose_terms(Model((bodies(),)), [replace(motion, mask=motion.t < 1.0)])
+
+
+def test_a_class_that_proposes_itself_takes_part() -> None:
+    class Cubic(Viscous):
+        """Friction with the cube of the speed."""
+
+        @classmethod
+        def proposed(cls, seen: object) -> tuple[Viscous, ...]:
+            joint: Joint = seen.joint  # type: ignore[attr-defined]
+            return (cls(seen.joints, on=(joint.name,), names=(f"cubic_{joint.name}",)),)  # type: ignore[attr-defined]
+
+        def shape(self, dq: np.ndarray) -> np.ndarray:
+            return dq**3
+
+    def law(t: np.ndarray, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> np.ndarray:
+        return simulated.coulomb(t, q, dq, load) + 0.3 * dq**3
+
+    kinds = (*(kind for kind in KINDS if kind.presumed), kind_of_class("cubic", Cubic))
+    choice = choose_terms(Model((bodies(),)), [recorded(law, 1)], kinds=kinds)
+    found = [one for one in choice.trials if one.kind == "cubic"]
+    assert [one.outcome for one in found] == [Outcome.ENTERED] * 3
+    assert isinstance(found[0], Trial)

@@ -10,7 +10,7 @@ import pytest
 
 from dynident.errors import Step
 from dynident.estimators import LeastSquares
-from dynident.identification import Pairing, Recipe, find_time_offset, identify, pair
+from dynident.identification import Gain, Pairing, Recipe, find_time_offset, identify, pair
 from dynident.identification import time_offset as module
 from dynident.identification.smoother_choice import choose_smoother
 from dynident.identification.time_offset import NEAR, TRIALS, _least
@@ -226,6 +226,7 @@ def test_the_standard_error_of_a_time_offset_is_its_scatter(monkeypatch: pytest.
     """Over 24 runs offsets over their standard errors have a mean square of one, within five of its deviations."""
     monkeypatch.setattr("dynident.identification.time_offset.GAIN", -1.0)
     monkeypatch.setattr("dynident.identification.time_offset.SURE", 0.0)
+    monkeypatch.setattr(Gain, "sure", True)
     arm, motion = swing(1001, 0.01)
     ratios = []
     for seed in range(24):
@@ -245,6 +246,35 @@ def test_an_offset_that_is_not_significant_is_not_applied(monkeypatch: pytest.Mo
     assert found.seconds == 0.0
     assert found.std is not None
     assert 0 < found.std < 0.1
+
+
+def imitated(share: float) -> Motion:
+    """A slider with a torque that grows with the jerk, as if it were late by 30 ms, in a share of the time."""
+    motion = sliding(0.0, 0.2)
+    there = np.arange(len(motion))[:, None] < share * len(motion)
+    arm = slider()
+    exact = [arm.torque(one.q, one.dq, one.ddq, (5.0, 8.0, 3.0, 0.5)) for one in (motion, motion.shifted(-0.03))]
+    return replace(motion, tau=motion.tau + np.where(there, exact[1] - exact[0], 0.0))
+
+
+def test_an_offset_that_a_missing_torque_imitates_for_a_while_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error of the training falls by far more than is asked for; that of left-out stretches does not."""
+    monkeypatch.setattr("dynident.identification.time_offset.SURE", 0.0)
+    part, whole = (find_time_offset(slider(), [imitated(share)], LeastSquares()) for share in (0.1, 1.0))
+    assert part.gain is not None
+    assert part.gain.share < part.gain.std
+    assert (part.seconds, part.after) == (0.0, part.before)
+    assert whole.gain is not None
+    assert whole.gain.sure
+    assert whole.seconds == pytest.approx(-0.03, abs=1e-3)  # the torque is that of before
+
+
+def test_an_offset_is_compared_on_the_samples_that_are_fast_without_it() -> None:
+    """So that none wins by what it leaves out."""
+    motion = sliding(0.004, 0.2)
+    found = find_time_offset(slider(), [motion], LeastSquares(), min_speed=(0.2,))
+    keep = replace(motion, keep=np.abs(motion.dq) >= 0.2)
+    assert found == find_time_offset(slider(), [keep], LeastSquares())
 
 
 def test_what_the_motion_invents_of_an_offset_is_taken_off() -> None:

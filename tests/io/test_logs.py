@@ -15,12 +15,17 @@ from dynident.models import Joint
 from tests.io.files import npz, written
 
 ELBOW = (Joint("elbow"),)
+SLIDER = (Joint("slider", "prismatic"),)
 HEAD = """
 model: gallery:pendulum
 time: {column: t, unit: s}
 position: {elbow: {column: q, unit: rad}}
 torque: {elbow: {column: tau, unit: N m}}
 """
+
+
+def spacing(how: str) -> str:
+    return HEAD.replace("unit: s}", f"unit: s, spacing: {how}}}")
 
 
 def recording(**changes) -> str:
@@ -34,9 +39,9 @@ def recording(**changes) -> str:
     return "\n".join([",".join(cells), *rows])
 
 
-def read(folder, text: str, settings: str = "", spec: str = "", joints=ELBOW):
+def read(folder, text: str, settings: str = "", spec: str = "", joints=ELBOW, head=HEAD):
     written(folder, "a.csv", text)
-    config = parse_config(HEAD + textwrap.dedent(settings) + f"\ntrain: [{{file: a.csv{spec}}}]\n", folder)
+    config = parse_config(head + textwrap.dedent(settings) + f"\ntrain: [{{file: a.csv{spec}}}]\n", folder)
     return read_logs(config.train[0], config, joints)
 
 
@@ -118,10 +123,50 @@ def test_rows_written_twice_are_left_out(tmp_path):
     assert reading.warnings == ("a: 4 rows that repeat the previous one, including its time, are left out.",)
 
 
-def test_a_long_rest_is_warned_of_unless_slow_samples_are_left_out(tmp_path):
+def test_a_long_rest_is_warned_of_unless_it_is_left_out(tmp_path):
     text = recording(t=lambda k: k * 0.05, q=lambda k: np.sin(0.1 * max(k - 80, 0)))
-    assert "the arm is at rest from 0 to" in read(tmp_path, text).warnings[0]
-    assert read(tmp_path, text, "min_speed: 0.01").warnings == ()
+    assert "the arm is at rest from 0.0 to 4.0 s" in read(tmp_path, text, "rests: keep").warnings[0]
+    assert read(tmp_path, text, "rests: keep\nmin_speed: 0.01").warnings == ()
+    assert read(tmp_path, text).warnings == ()
+
+
+def test_samples_are_equally_spaced_where_the_stamps_only_jitter(tmp_path):
+    jitter = 0.002 * np.random.default_rng(0).uniform(-1, 1, 200)
+    text = recording(t=lambda k: f"{k * 0.01 + jitter[k]:.6f}")
+    spaced, kept, forced = (read(tmp_path, text, head=spacing(how)) for how in ("auto", "stamps", "even"))
+    np.testing.assert_allclose(np.diff(spaced.logs[0].t), 0.01, rtol=2e-3)
+    assert "a: samples are taken as equally spaced, at 99.991 Hz: the steps of the stamps" in spaced.warnings[0]
+    np.testing.assert_allclose(kept.logs[0].t, np.arange(200) * 0.01 + jitter, atol=1e-6)
+    assert not any("equally spaced" in one for one in kept.warnings)
+    np.testing.assert_array_equal(forced.logs[0].t, spaced.logs[0].t)
+    with pytest.raises(ConfigError, match="spacing"):
+        read(tmp_path, text, head=spacing("sometimes"))
+
+
+def test_a_controller_keeps_the_rows_of_its_references_on_equal_spacing(tmp_path):
+    jitter = 0.002 * np.random.default_rng(0).uniform(-1, 1, 200)
+    k = np.arange(200)
+    data = npz(t=0.01 * k + jitter, x=np.sin(0.02 * k), f=np.cos(0.03 * k), r=np.arange(200.0))
+    written(tmp_path, "a.npz", data)
+    config = parse_config(
+        """
+        model: gallery:slider
+        time: {column: t, unit: s}
+        position: {slider: {column: x, unit: m}}
+        torque: {slider: {column: f, unit: N}}
+        train: [{file: a.npz, window: [0.5, 1.5]}]
+        simulation: {kind: cascade, joints: {slider: {reference: {column: r, unit: m}, kp: 1, kv: 1, gain: 1}}}
+        """,
+        tmp_path,
+    )
+    reading = read_logs(config.train[0], config, SLIDER)
+    (log,) = reading.logs
+    assert "equally spaced" in reading.warnings[0]
+    wanted = [log.controller(t, np.zeros(1), np.zeros(1))[0] for t in log.t]
+    np.testing.assert_array_equal(np.diff(wanted), 1.0)
+    rows = log.controller.t[(log.controller.t >= log.t[0]) & (log.controller.t <= log.t[-1])]
+    np.testing.assert_array_equal(rows, log.t)
+    assert (np.diff(log.controller.t) > 0).all()
 
 
 def test_a_window_past_the_end_is_a_warning(tmp_path):

@@ -14,7 +14,17 @@ import pytest
 from dynident.errors import ConfigError, InputError, ModelError
 from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.estimators.notes import NotIdentifiable
-from dynident.identification import Identification, OldResult, Recipe, identify, judge
+from dynident.identification import (
+    Calibration,
+    Gain,
+    Identification,
+    OldResult,
+    Recipe,
+    Rests,
+    TimeOffset,
+    identify,
+    judge,
+)
 from dynident.io.config import read_config
 from dynident.io.named_log import log_spec
 from dynident.io.project import run
@@ -132,7 +142,8 @@ def test_numbers_that_are_not_finite_and_rare_nouns_are_kept(tmp_path: Path) -> 
     odd = replace(
         found,
         validations=(replace(first, errors=errors, free_run=run), *rest),
-        warnings=(NotIdentifiable(3), *found.warnings),
+        warnings=(NotIdentifiable(3), Rests("a", 1.0, 0.0, 2.0, Gain(3.0, 1.0)), *found.warnings),
+        calibration=Calibration(time_offset=TimeOffset(0.0, 2.0, 2.0, None, Gain(-1.0, 2.0))),
         mass=None,
     )
     text = save(odd, tmp_path / "r.json", {"verdict": "of no use"}).read_text()

@@ -58,8 +58,30 @@ SAID = [
     (
         notes.ArmAtRest(2.5, 4.0),
         (
-            "the arm is at rest from 2.5 to 4 s: static friction there can take any value up to its limit. Leave "
-            "this part out with a window, or set `min_speed`."
+            "the arm is at rest from 2.5 to 4.0 s: static friction there can take any value up to its limit. Set "
+            "`rests: trim`, `min_speed`, or a window without this part."
+        ),
+    ),
+    (
+        notes.ArmAtRest(12345.04, 12345.51, kept=False),
+        (
+            "the arm is at rest from 12345.04 to 12345.51 s: static friction there can take any value up to its "
+            "limit. At the ends of a log this is left out, and within it where that predicts the torque in motion "
+            "better."
+        ),
+    ),
+    (
+        notes.EquallySpaced(0.0086, 853.2, 200.0, 0),
+        (
+            "samples are taken as equally spaced, at 200 Hz: the steps of the stamps vary by 0.86 %, and the positions "
+            "are 853 times less noisy. `time: { spacing: stamps }` undoes it."
+        ),
+    ),
+    (
+        notes.EquallySpaced(0.16, 0.5, 200.0, 13),
+        (
+            "samples are taken as equally spaced, at 200 Hz, 13 lost samples left open: the steps of the stamps vary "
+            "by 16 %, and the positions are 2 times more noisy. `time: { spacing: stamps }` undoes it."
         ),
     ),
     (

@@ -13,10 +13,12 @@ from dynident.estimators import notes
 from dynident.identification import (
     BaseTilt,
     Choice,
+    Gain,
     HeldOut,
     LargestResidual,
     Reason,
     Remedy,
+    Rests,
     Step,
     TimeOffset,
     Use,
@@ -191,6 +193,32 @@ def test_a_noun_without_words_is_an_error() -> None:
                 "training error is 2 % instead of 4 %"
             ),
         ),
+        (
+            TimeOffset(0.0, 2.0, 2.0, 1e-3, Gain(-9.94, 12.2)),
+            (
+                "none, as the best one does not predict left-out stretches better: -9.9 +- 12 % of the squared "
+                "cross-validated error"
+            ),
+        ),
+        (
+            Rests("a", 4.7, 0.52, 0.0),
+            "a: 4.7 s at its start and 0.52 s at its end, where the arm is at rest, are left out of fit and errors",
+        ),
+        (
+            Rests("a", 0.0, 1.2, 2.5, Gain(12.3, 1.2)),
+            (
+                "a: 1.2 s at its end, where the arm is at rest, are left out of fit and errors; rests of 2.5 s within "
+                "are left out of the fit, which gains 12 +- 1.2 % of the squared cross-validated error in motion"
+            ),
+        ),
+        (
+            Rests("a", 0.0, 0.0, 2.5, Gain(1.0, 2.0)),
+            (
+                "a: rests of 2.5 s within are fitted: without them 1 +- 2 % of the squared cross-validated error in "
+                "motion would be gained"
+            ),
+        ),
+        (Rests("a", 0.0, 0.0, 2.5), "a: rests of 2.5 s within are counted in its errors"),
         (
             Choice(Difference(), (Difference(), Spline()), (1.5, np.inf)),
             (

@@ -76,7 +76,7 @@ def _(note: notes.ConstantTorque) -> str:
 
 @reading_words.register
 def _(note: notes.ArmAtRest) -> str:
-    digits = max(0, 2 - floor(log10(max(note.stop - note.start, 1e-9))))
+    digits = max(0, 1 - floor(log10(max(note.stop - note.start, 1e-9))))
     return (
         f"the arm is at rest from {note.start:.{digits}f} to {note.stop:.{digits}f} s: static friction there can take "
         "any value up to its limit. "

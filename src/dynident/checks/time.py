@@ -40,6 +40,7 @@ _REGULAR = 0.9  # share of steps within 10 % of the median from which on a step 
 _MANY = 0.01  # share of lost samples to warn of
 _BETTER = 0.8  # ratio of noises below which one time axis is clearly better
 _EVEN = 1e-6  # jitter below which stamps and equal spacing are the same
+_ROUNDED = 1e-4  # jitter that stamps of few digits have
 _AWAY, _PARTS = 0.5, 20  # steps that the stamps may be from equal spacing, in the median of parts of the log
 
 
@@ -103,7 +104,7 @@ def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpace
     """
     t, steps = log.t, np.diff(log.t)
     jitter = _rms(steps)
-    if jitter <= _EVEN or len(log) < MINIMUM_SAMPLES or len(_long_steps(log)):
+    if jitter <= (_EVEN if always else _ROUNDED) or len(log) < MINIMUM_SAMPLES or len(_long_steps(log)):
         return log, None
     places = np.append(0.0, np.cumsum(_whole_steps(steps / float(np.median(steps)))))
     lost = int(places[-1]) + 1 - len(log)
@@ -112,7 +113,8 @@ def respaced(log: Log, *, always: bool = False) -> tuple[Log, notes.EquallySpace
     best = int(np.argmin(ratios))
     if not always and ratios[best] >= _BETTER:
         return log, None
-    note = notes.EquallySpaced(jitter, 1 / ratios[best], float((len(t) - 1) / np.ptp(axes[best])), lost * (best == 0))
+    lost *= best == 0
+    note = notes.EquallySpaced(jitter, 1 / ratios[best], (len(t) - 1 + lost) / float(np.ptp(axes[best])), lost)
     return replace(log, t=axes[best]), note
 
 
@@ -195,7 +197,7 @@ def jitter(log: Log) -> Iterator[Finding]:
 def stamps(facts: Timing) -> Iterator[Finding]:
     """Yield which time axis to use: the stamps, or equal spacing, whichever leaves less noise in the positions."""
     best = min(facts.even, facts.slots)
-    if best < _BETTER:
+    if best < _BETTER and facts.jitter > _ROUNDED:
         # equal spacing would shift all that follows a loss
         rounded = facts.missing > 0 and facts.slots < 0.9 * facts.even
         rate, step = (None, facts.step) if rounded else (facts.rate, None)

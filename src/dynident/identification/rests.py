@@ -18,7 +18,7 @@ from dynident.errors import Note, Severity
 from dynident.identification.cross_validation import Gain, gain_of
 from dynident.log import Log, Motion, subsample
 from dynident.models import Model
-from dynident.smoothers import position_noise
+from dynident.smoothers import position_noise, repaired
 from dynident.splines import stretches
 
 __all__ = ["Rests", "moving_span", "resting", "trimmed", "whole_rests", "without_rests"]
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCK = 0.1  # s: a joint that stays within its noise so long stands still
 NOISE, PACE = 8.0, 0.01  # times the noise, share of the usual pace: what a joint at rest moves in a block at most
-CREEP = 0.01  # share of the range of a joint that it may creep in a rest
+CREEP, FAR = 0.01, 0.05  # shares of the range of a joint that it may creep in a rest, and may not whatever its noise
 SHORTEST, CROSSING = 0.5, 0.1  # s, and share of the time in which the fastest joint crosses its range
 MARGIN = 3  # blocks of a rest that stay at an end, for the smoother
 FEWEST = 200  # samples that must be left of a log
@@ -70,10 +70,10 @@ def whole_rests(log: Log) -> tuple[slice, ...]:
     """Return the samples of the long rests of the whole arm, none where it never moves.
 
     Long is what lasts half a second, and a tenth of the time in which the fastest joint crosses its range at its usual
-    pace. What creeps further than its noise and a hundredth of its range is slow, and not at rest.
+    pace. What creeps further than its noise or a hundredth of its range is slow, and not at rest.
     """
     if log not in _KNOWN:
-        _KNOWN[log] = tuple(_whole_rests(log)) if len(log) >= FEWEST else ()
+        _KNOWN[log] = tuple(_whole_rests(repaired(log, torque=False))) if len(log) >= FEWEST else ()
     return _KNOWN[log]
 
 
@@ -86,6 +86,7 @@ def _whole_rests(log: Log) -> list[slice]:
     reach = np.where(still, np.nan, np.ptp(q, axis=1))[:, ~still.all(axis=0)]
     crossing = size * second * float(np.min(span[~still.all(axis=0)] / np.nanmedian(reach, axis=0)))
     least, creep = max(SHORTEST, CROSSING * crossing), np.maximum(2 * NOISE * position_noise(log), CREEP * span)
+    creep = np.where(still.all(axis=0), np.inf, np.minimum(creep, FAR * span))
     return [
         slice(one.start * size, len(log) if one.stop == last else one.stop * size)
         for one in stretches(np.asarray(still.all(axis=1)))
@@ -140,7 +141,8 @@ def without_rests(
     """
     if rests == "keep":
         return dict(motions), ()
-    gain = None if min_speed else _gained(model, motions, within := _within(recorded["train"]))
+    within = _within(recorded["train"])
+    gain = None if min_speed else _gained(model, motions, within)
     if gain is not None and gain.sure:
         motions = {name: _moved(motion, within[name]) for name, motion in motions.items()}
     gains = {"train": gain}

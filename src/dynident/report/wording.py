@@ -287,7 +287,7 @@ def _(time_offset: TimeOffset) -> str:
 
 @words.register
 def _(gain: Gain) -> str:
-    return f"{gain.share:.2g} +- {gain.std:.1g} % of the squared cross-validated error"
+    return f"{gain.share:.2g} +- {gain.std:.2g} % of the squared cross-validated error"
 
 
 @words.register
@@ -295,10 +295,16 @@ def _(note: Rests) -> str:
     ends = [f"{length:.3g} s at its {end}" for end, length in (("start", note.start), ("end", note.end)) if length]
     said = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
     if note.within:
-        how = "left out of the fit" if note.left_out else "fitted" if note.gain is not None else "not left out"
-        why = "" if note.gain is None else f": without them {words(note.gain)} in motion would be gained"
-        said.append(f"rests of {note.within:.3g} s within are {how}{why}")
+        said.append(f"rests of {note.within:.3g} s within are {_within(note)}")
     return f"{note.log}: {'; '.join(said)}"
+
+
+def _within(note: Rests) -> str:
+    if note.gain is None:
+        return "counted in its errors"
+    if note.left_out:
+        return f"left out of the fit, which gains {words(note.gain)} in motion"
+    return f"fitted: without them {words(note.gain)} in motion would be gained"
 
 
 @words.register

@@ -1,0 +1,94 @@
+"""Blocked cross-validation: the errors by hand, and common samples, on which leaving out does not win."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.identification import Gain
+from dynident.identification.cross_validation import gain_of, left_out_errors, stretch
+from dynident.log import Motion
+from dynident.models import simulate
+from dynident.models.gallery import two_link_arm
+
+FOLDS = 4
+
+
+@cache
+def motion(noise: float = 0.1) -> Motion:
+    """A swing of the arm with white noise in its torques."""
+    arm, t = two_link_arm(), np.arange(2000) * 0.005
+    exact = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(3 * s)), t)
+    return replace(exact, tau=exact.tau + noise * np.random.default_rng(0).standard_normal(exact.tau.shape))
+
+
+def by_hand(one: Motion, keep: np.ndarray, scored: np.ndarray) -> np.ndarray:
+    """The errors (folds, n) by lstsq, with each joint relative to its torque."""
+    Y = two_link_arm().regressor(one.q, one.dq, one.ddq)
+    w = 1 / np.sqrt((one.tau**2 * keep).sum(axis=0))
+    found = []
+    for part in np.array_split(np.arange(len(one)), FOLDS):
+        rest = keep.copy()
+        rest[part] = False
+        rows = (Y * w[:, None])[rest], (one.tau * w)[rest]
+        theta = np.linalg.lstsq(*rows, rcond=None)[0]
+        found.append(((one.tau - Y @ theta) ** 2 * scored)[part].sum(axis=0))
+    return np.array(found)
+
+
+def test_the_errors_are_those_by_hand() -> None:
+    whole = np.ones((2000, 2), dtype=bool)
+    np.testing.assert_allclose(
+        left_out_errors(two_link_arm(), [motion()], folds=FOLDS), by_hand(motion(), whole, whole), rtol=1e-8
+    )
+
+
+def test_what_is_scored_need_not_be_what_is_fitted() -> None:
+    keep, scored = np.ones((2000, 2), dtype=bool), np.ones((2000, 2), dtype=bool)
+    keep[300:500, 1], scored[900:1000] = False, False
+    found = left_out_errors(
+        two_link_arm(), [replace(motion(), keep=keep)], [replace(motion(), keep=scored)], folds=FOLDS
+    )
+    np.testing.assert_allclose(found, by_hand(motion(), keep, scored), rtol=1e-8)
+
+
+def test_the_gain_is_that_of_the_blocks() -> None:
+    before, after = (left_out_errors(two_link_arm(), [motion(noise)], folds=FOLDS) for noise in (0.1, 0.05))
+    blocks = 100 * ((before - after) / before.sum(axis=0)).mean(axis=1)
+    found = gain_of(two_link_arm(), [motion(0.1)], [motion(0.05)], folds=FOLDS)
+    assert found.share == pytest.approx(blocks.sum())
+    assert found.share == pytest.approx(75, abs=2)
+    assert found.std == pytest.approx(np.sqrt(FOLDS) * blocks.std(ddof=1))
+    assert found.sure
+
+
+def test_nothing_is_gained_where_nothing_changes() -> None:
+    assert gain_of(two_link_arm(), [motion()], [motion()]) == Gain(0.0, 0.0)
+    assert not Gain(0.0, 0.0).sure
+    assert not Gain(1.0, 1.0).sure
+
+
+def test_leaving_out_bad_samples_gains_by_what_is_fitted_only() -> None:
+    """Noise that is left out of the fit is left out of both errors: only the better fit of the rest counts."""
+    bad = np.arange(2000) % 10 == 0
+    wild = np.random.default_rng(1).standard_normal((2000, 2)) * bad[:, None]
+    one = replace(motion(), tau=motion().tau + wild)
+    found = gain_of(two_link_arm(), [one], [replace(one, keep=np.broadcast_to(~bad[:, None], (2000, 2)))])
+    assert 0 < found.share < 10
+    masked = gain_of(two_link_arm(), [motion()], [replace(motion(), mask=~bad)])
+    assert abs(masked.share) < 1
+
+
+def test_a_joint_without_torque_counts_for_nothing() -> None:
+    one = replace(motion(), tau=motion().tau * [1.0, 0.0])
+    assert gain_of(two_link_arm(), [one], [one]) == Gain(0.0, 0.0)
+
+
+def test_stretches_part_the_usable_samples() -> None:
+    one = replace(motion(), mask=np.arange(2000) % 3 > 0)
+    parts = [stretch(one, k, FOLDS).mask for k in range(FOLDS)]
+    assert (np.sum(parts, axis=0) == one.mask).all()
+    assert max(part.sum() for part in parts) - min(part.sum() for part in parts) <= 1

@@ -1,0 +1,184 @@
+"""Rests of the whole arm: cut off the ends, left out within where that predicts better, and nothing else touched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dynident.identification import Identification, Recipe, Rests, identify, moving_span, resting
+from dynident.identification.rests import trimmed, whole_rests, without_rests
+from dynident.log import Log, Motion
+from dynident.models import simulate
+from dynident.models.gallery import two_link_arm
+
+STEP, NOISE = 0.005, 1e-5
+JOINTS = ("joint1", "joint2")
+
+
+def clock(*parts: tuple[float, float]) -> np.ndarray:
+    """The phase of a motion in parts of (seconds, pace), of which 0 is a rest."""
+    return np.cumsum(np.concatenate([np.full(round(length / STEP), pace * STEP) for length, pace in parts]))
+
+
+def log(*parts: tuple[float, float], noise: float = NOISE, size: float = 1.0) -> Log:
+    """Two joints that swing at the given paces."""
+    s = clock(*parts)
+    q = size * np.column_stack([np.sin(2 * s), 0.5 * np.cos(3 * s)])
+    q = q + noise * np.random.default_rng(0).standard_normal(q.shape)
+    return Log(np.arange(len(s)) * STEP, q, np.cos(q), JOINTS, "log")
+
+
+def test_a_log_that_never_rests_is_the_same() -> None:
+    moving = log((20.0, 1.0))
+    assert whole_rests(moving) == ()
+    assert trimmed(moving) is moving
+    assert moving_span(moving) == (moving.t[0], moving.t[-1])
+
+
+def test_rests_at_the_ends_are_cut_but_for_a_moment() -> None:
+    still = log((5.0, 0.0), (20.0, 1.0), (3.0, 0.0))
+    assert moving_span(still) == pytest.approx((5.0, 25.0), abs=0.11)
+    cut = trimmed(still)
+    assert (cut.t[0], cut.t[-1]) == pytest.approx((4.7, 25.3), abs=0.11)
+    assert cut is trimmed(still)  # found once
+    assert cut.source == "log"
+
+
+@pytest.mark.parametrize("parts", [((0.3, 0.0), (20.0, 1.0)), ((20.0, 1.0), (0.3, 0.0))])
+def test_a_short_rest_stays(parts: tuple[tuple[float, float], ...]) -> None:
+    still = log(*parts)
+    assert trimmed(still) is still
+
+
+def test_one_joint_at_rest_is_no_rest_of_the_arm() -> None:
+    still = log((5.0, 0.0), (20.0, 1.0))
+    one = replace(still, q=np.column_stack([still.q[:, 0], np.sin(2 * still.t)]))
+    assert resting(one)[:49, 0].all()
+    assert trimmed(one) is one
+
+
+def test_a_flickering_encoder_is_at_rest() -> None:
+    still = log((5.0, 0.0), (20.0, 1.0), noise=0.0)
+    rng = np.random.default_rng(1)
+    counts = np.round(still.q / 4e-4 + rng.uniform(-0.3, 0.3, still.q.shape)) * 4e-4
+    assert trimmed(replace(still, q=counts)).t[0] == pytest.approx(4.7, abs=0.11)
+
+
+@pytest.mark.parametrize("noise", [NOISE, 1e-3])
+def test_a_slow_robot_is_not_trimmed_away(noise: float) -> None:
+    """A tenth of its usual pace, or less than its noise in a block: it creeps, and does not rest."""
+    for slow in (0.1, 0.02, 0.009):
+        creeping = log((10.0, slow), (10.0, 1.0), (10.0, slow), noise=noise)
+        assert trimmed(creeping) is creeping
+    crawling = log((60.0, 0.005), noise=noise)
+    assert trimmed(crawling) is crawling
+
+
+def test_spikes_of_the_positions_are_no_motion_and_no_noise() -> None:
+    moving, still = log((20.0, 1.0)), log((5.0, 0.0), (20.0, 1.0))
+    for one in (moving, still):
+        q = one.q.copy()
+        q[[300, 900, 2000], 0] += 50.0
+        span = moving_span(replace(one, q=q))
+        assert span == pytest.approx(moving_span(one), abs=0.11)
+
+
+def test_a_slow_robot_rests_longer() -> None:
+    """What stands for a second while it crosses its range in two minutes has only stuck."""
+    sticking = log((1.0, 0.0), (400.0, 0.02))
+    assert trimmed(sticking) is sticking
+
+
+def test_an_arm_that_never_moves_and_one_that_hardly_does_stay_as_they_are() -> None:
+    still, short = log((20.0, 0.0)), log((10.0, 0.0), (0.3, 1.0), (10.0, 0.0))
+    assert trimmed(still) is still
+    assert trimmed(short) is short
+    few = log((0.4, 0.0), (0.4, 1.0))
+    assert trimmed(few) is few
+
+
+@cache
+def held(friction: float) -> tuple[Motion, Log]:
+    """Swings with holds of the whole arm in between, in which friction has any value."""
+    arm, rng = two_link_arm(), np.random.default_rng(2)
+    s = clock(*[(2.0, 1.0), (1.5, 0.0)] * 8, (2.0, 1.0))
+    ramps = np.convolve(np.pad(s, 20, mode="edge"), np.ones(41) / 41, "valid")  # no step of the speed
+    angle = np.array([2.0, 3.0])
+    rate = np.gradient(ramps, STEP)[:, None]
+    q = np.array([1.0, 0.7]) * np.sin(angle * ramps[:, None])
+    dq = np.array([1.0, 0.7]) * angle * rate * np.cos(angle * ramps[:, None])
+    ddq = np.gradient(dq, STEP, axis=0)
+    tau = arm.torque(q, dq, ddq, arm.values) + 0.02 * rng.standard_normal(q.shape)
+    holds = np.repeat(rng.uniform(-1, 1, (200, 2)), -(-len(s) // 200), axis=0)[: len(s)]
+    tau = tau + friction * holds * (np.abs(dq) < 1e-3)
+    t = np.arange(len(s)) * STEP
+    log = Log(t, q + NOISE * rng.standard_normal(q.shape), tau, JOINTS, "log")
+    return Motion(t, q, dq, ddq, tau, JOINTS, np.ones(len(t), dtype=bool)), log
+
+
+def test_holds_in_which_friction_has_any_value_are_left_out() -> None:
+    motion, recorded = held(5.0)
+    found, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
+    assert note.left_out
+    assert note.gain is not None
+    assert note.gain.share > 10
+    assert note.within == pytest.approx(8 * 1.5, rel=0.2)
+    assert found["a"].keep is not None
+    kept = found["a"].keep.all(axis=1)
+    assert kept[np.abs(motion.dq).max(axis=1) > 0.1].all()
+    assert kept[np.abs(motion.dq).max(axis=1) == 0].mean() < 0.2
+
+
+def test_holds_that_carry_the_static_torque_stay() -> None:
+    motion, recorded = held(0.0)
+    found, (note,) = without_rests(two_link_arm(), {"a": motion}, {"train": {"a": recorded}}, "trim")
+    assert found == {"a": motion}
+    assert not note.left_out
+    assert note.within > 0
+
+
+def test_where_rests_are_kept_or_a_minimum_speed_is_set_nothing_is_decided() -> None:
+    motion, recorded = held(5.0)
+    logs = {"train": {"a": recorded}}
+    assert without_rests(two_link_arm(), {"a": motion}, logs, "keep") == ({"a": motion}, ())
+    found, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", (0.1, 0.1))
+    assert found == {"a": motion}
+    assert note.gain is None
+
+
+@cache
+def waiting() -> Log:
+    """A simulated swing that stands before and after."""
+    arm, t = two_link_arm(), np.arange(3001) * STEP
+    motion = simulate(arm, arm.values, lambda s: (4 * np.sin(2 * s), 3 * np.sin(3 * s)), t)
+    q = np.pad(motion.q, ((800, 600), (0, 0)), mode="edge")
+    tau = np.pad(motion.tau, ((800, 600), (0, 0)), mode="edge")
+    q = q + NOISE * np.random.default_rng(3).standard_normal(q.shape)
+    return Log(np.arange(len(q)) * STEP, q, tau, JOINTS, "log")
+
+
+def fitted(rests: str, one: Log) -> Identification:
+    return identify(two_link_arm(), {"a": one}, {"b": one}, Recipe(rests=rests))  # type: ignore[arg-type]
+
+
+def test_identify_trims_and_says_so() -> None:
+    found = fitted("trim", waiting())
+    said = [one for one in found.notes if isinstance(one, Rests)]
+    assert [one.log for one in said] == ["a", "b"]
+    assert [one.start for one in said] == pytest.approx([3.7, 3.7], abs=0.15)
+    assert [one.end for one in said] == pytest.approx([2.7, 2.7], abs=0.15)
+    assert {one.within for one in said} == {0.0}
+    assert [len(one.motion) for one in found.validations] == [len(trimmed(waiting()))] * 2
+    assert not any(isinstance(one, Rests) for one in fitted("keep", waiting()).notes)
+
+
+def test_an_identification_without_rests_is_the_same_to_the_last_bit() -> None:
+    moving = waiting().window(4.5, 18.5)
+    assert trimmed(moving) is moving
+    one, other = (fitted(rests, moving) for rests in ("trim", "keep"))
+    assert (one.estimate.value == other.estimate.value).all()
+    assert one.notes == other.notes
+    assert (one.validations[1].predicted == other.validations[1].predicted).all()

@@ -221,7 +221,8 @@ class Motion:
     ``t`` (N) s; ``q``, ``dq``, ``ddq``, ``tau`` (N, n) in SI units; ``mask`` (N) is True where the samples may be
     used; ``smoothing`` describes, for the report, how the derivatives were computed; ``time_offset`` (s) is how much
     later than its torque the motion was stamped; ``keep`` (N, n) is False where the torque equation of a joint must not
-    be fitted, None where all may. Raises InputError as ``Log`` does.
+    be fitted, None where all may. ``memory`` (N, m) is what the terms of a model remember at each sample of the motion
+    before it, from ``Model.remembering``. Raises InputError as ``Log`` does.
     """
 
     t: Array
@@ -235,6 +236,7 @@ class Motion:
     smoothing: Mapping[str, Any] = field(default_factory=dict)
     time_offset: float = 0.0
     keep: Mask | None = None
+    memory: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", _times(self.t, self.source))
@@ -247,6 +249,9 @@ class Motion:
             raise InputError(f"{self.source}: the mask has shape {mask.shape}, expected {self.t.shape}.")
         object.__setattr__(self, "mask", mask)
         object.__setattr__(self, "keep", _kept(self.keep, self.q.shape, self.source))
+        if self.memory is not None:
+            width = np.shape(self.memory)[-1] if np.ndim(self.memory) == 2 else 1
+            object.__setattr__(self, "memory", _matrix(self.memory, len(self.t), width, "memory", self.source))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -261,6 +266,14 @@ class Motion:
 
         return _frame(self, ("q", "dq", "ddq", "tau")).with_columns(pl.Series("usable", self.mask))
 
+    def states(self, rows: slice | NDArray[Any] = slice(None)) -> dict[str, Array]:
+        """Return what a model needs of these samples by name: q, dq, ddq and, where it is known, the memory.
+
+        >>> Y = model.regressor(**motion.states())  # doctest: +SKIP
+        """
+        names = ("q", "dq", "ddq") if self.memory is None else ("q", "dq", "ddq", "memory")
+        return {name: getattr(self, name)[rows] for name in names}
+
     def between(self, start: float = -np.inf, stop: float = np.inf) -> Motion:
         """Return the motion with only the samples in ``start <= t <= stop`` (s) left in its mask."""
         return replace(self, mask=self.mask & (self.t >= start) & (self.t <= stop))
@@ -270,7 +283,7 @@ class Motion:
 
         ddq is interpolated linearly between samples, as in a cubic spline, and integrated for dq and q. Samples whose
         motion lies outside the recording are masked out. ``rows`` (increasing indices, at least two) selects samples.
-        ``keep`` stays with the torque, whose equations it leaves out.
+        ``keep`` stays with the torque, whose equations it leaves out; ``memory`` is interpolated linearly.
         """
         if time_offset == 0.0 and rows is None:
             return self
@@ -283,10 +296,16 @@ class Motion:
         dq = self.dq[k] + (start + slope * s / 2) * s
         q = self.q[k] + (self.dq[k] + (start / 2 + slope * s / 6) * s) * s
         q, dq, ddq, tau = map(_owned, (q, dq, ddq, self.tau[rows]))
+        memory = self.memory
+        if memory is not None:
+            share = np.clip(s / h, 0.0, 1.0)
+            memory = _owned(memory[rows] if time_offset == 0.0 else (1 - share) * memory[k] + share * memory[k + 1])
         mask = self.mask[rows] & (at >= self.t[0]) & (at <= self.t[-1])
         late = self.time_offset + time_offset
         keep = None if self.keep is None else self.keep[rows]
-        return replace(self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late, keep=keep)
+        return replace(
+            self, t=self.t[rows], q=q, dq=dq, ddq=ddq, tau=tau, mask=mask, time_offset=late, keep=keep, memory=memory
+        )
 
 
 def subsample(motions: Sequence[Motion], most: int, margin: float = 0.0) -> list[NDArray[np.intp]]:

@@ -138,9 +138,15 @@ def _add(sums: dict[str, float], term: PerJoint, values: Array) -> None:
 
 def _rules(term: Term) -> Iterator[str]:
     """Return a note on the sign in friction, where the file cannot hold it."""
-    if isinstance(term, Coulomb) and (term.width or term.dead_band):
-        rule = f"tanh(dq/{term.width:g})" if term.width else f"zero within abs(dq) <= {term.dead_band:g}"
-        yield f"how Coulomb friction changes its sign: {rule}; the file's friction is a sign(dq)"
+    if not isinstance(term, Coulomb):
+        return
+    rules = [term.rule(joint) for joint in term.acts_on]
+    for width, band in dict.fromkeys(rules):
+        if width or band:
+            rule = f"tanh(dq/{width:g})" if width else f"zero within abs(dq) <= {band:g}"
+            where = [repr(joint) for joint, one in zip(term.acts_on, rules, strict=True) if one == (width, band)]
+            of = "" if len(where) == len(rules) else f" of {', '.join(where)}"
+            yield f"how Coulomb friction{of} changes its sign: {rule}; the file's friction is a sign(dq)"
 
 
 def _kept(nominal: Mapping[str, Mapping[str, float]], found: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

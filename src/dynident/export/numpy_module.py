@@ -76,8 +76,8 @@ class _Motors:
         kinds: list[type[Term]] = [RotorInertia, Viscous, Coulomb, Offset]
         if not isinstance(term, PerJoint) or type(term) not in kinds:
             return False
-        sign = (term.width, term.dead_band) if isinstance(term, Coulomb) else (0.0, 0.0)
-        for name, value in zip(term.on or self._names, values.tolist(), strict=True):
+        for name, value in zip(term.acts_on, values.tolist(), strict=True):
+            sign = term.rule(name) if isinstance(term, Coulomb) else (0.0, 0.0)
             vector = np.array([float(name == other) for other in self._names])
             self._gather(vector, value * np.eye(4)[kinds.index(type(term))], sign)
         return True

@@ -212,9 +212,9 @@ TERMS = Family(
     "term",
     {
         "rotor": "dynident.models.motor:RotorInertia",
-        "viscous": "dynident.models.friction:Viscous",
-        "coulomb": "dynident.models.friction:Coulomb",
-        "offset": "dynident.models.friction:Offset",
+        "viscous": "dynident.models.friction.viscous:Viscous",
+        "coulomb": "dynident.models.friction.coulomb:Coulomb",
+        "offset": "dynident.models.friction.offset:Offset",
     },
     members=("joints", "parameters", "regressor", "partials"),
     given=("joints",),

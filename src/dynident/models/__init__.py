@@ -11,7 +11,9 @@ from dynident.models.inertia import (
     to_pseudo,
 )
 from dynident.models.lagrangian import Lagrangian, Unknown
-from dynident.models.model import MassMatrixCheck, Model
+from dynident.models.mass_matrix import MassMatrixCheck
+from dynident.models.memory import remembered
+from dynident.models.model import Model
 from dynident.models.motor import CoupledMotor, RotorInertia
 from dynident.models.rigid_bodies import RigidBodies
 from dynident.models.simulation import Recording, record, simulate, simulate_many
@@ -22,14 +24,18 @@ from dynident.models.term import (
     HasGravity,
     HasLimits,
     HasMassMatrix,
+    HasMemory,
     HasNotes,
     HasNumpySource,
     HasRobotFile,
     HasSign,
     HasSupport,
     Joint,
+    Loads,
+    NeedsLoad,
     Parameter,
     Partials,
+    Past,
     Recursive,
     Selective,
     Term,
@@ -44,6 +50,7 @@ __all__ = [
     "HasGravity",
     "HasLimits",
     "HasMassMatrix",
+    "HasMemory",
     "HasNotes",
     "HasNumpySource",
     "HasRobotFile",
@@ -51,11 +58,14 @@ __all__ = [
     "HasSupport",
     "Joint",
     "Lagrangian",
+    "Loads",
     "MassMatrixCheck",
     "Model",
+    "NeedsLoad",
     "Offset",
     "Parameter",
     "Partials",
+    "Past",
     "PerJoint",
     "Recording",
     "Recursive",
@@ -73,6 +83,7 @@ __all__ = [
     "moved",
     "random_states",
     "record",
+    "remembered",
     "simulate",
     "simulate_many",
     "smallest_eigenvalue",

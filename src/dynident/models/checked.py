@@ -13,12 +13,12 @@ from dynident.models.term import Joint, Term
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
-__all__ = ["called", "checked", "kind_of", "listed_joints", "states_of", "theta_of"]
+__all__ = ["called", "check_terms", "checked", "kind_of", "listed_joints", "states_of", "theta_of"]
 
 Array = NDArray[np.float64]
 
 
-def called(model: Model, term: Term, method: str, *arguments: NDArray[Any]) -> Any:
+def called(model: Model, term: Term, method: str, *arguments: Any) -> Any:
     """Return what a method of a term returns; ModelError where it fails, unless with an error of dynident itself."""
     try:
         return getattr(term, method)(*arguments)
@@ -44,12 +44,35 @@ def checked(
         place = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])
         sample, joint = (place[1], None) if what == "entries" else place[:2]
         of = "" if joint is None else f", joint {model.joints[joint].name!r}"
-        q, dq, ddq = (state[sample].tolist() for state in states)
+        q, dq, ddq = (state[sample].tolist() for state in states[:3])
         raise ModelError(
             f"{model.name}: term {kind_of(term)} returned {array[place]} at sample {sample} in its {what}{of}, "
             f"where q = {q}, dq = {dq}, ddq = {ddq}; check both."
         )
     return array
+
+
+def check_terms(model: Model) -> None:
+    """Raise ModelError unless the model has terms, these have the same joints, and all parameters another name."""
+    if not model.terms:
+        raise ModelError(f"{model.name}: a model needs at least one term.")
+    for term in model.terms:
+        if not all(hasattr(term, name) for name in ("joints", "parameters", "regressor")):
+            raise ModelError(f"{model.name}: a {type(term).__name__} is no term; give terms such as Viscous(joints).")
+    for term in model.terms[1:]:
+        if tuple(term.joints) != model.joints:
+            raise ModelError(
+                f"{model.name}: term {kind_of(term)} has joints {listed_joints(term.joints)}, but "
+                f"{kind_of(model.terms[0])} has {listed_joints(model.joints)}; give all terms the same joints, in "
+                "the same order."
+            )
+    seen: set[str] = set()
+    for name in model.names:
+        if name in seen:
+            raise ModelError(
+                f"{model.name}: two parameters are called {name!r}; rename one with the field 'names' of its term."
+            )
+        seen.add(name)
 
 
 def states_of(model: Model, **given: ArrayLike) -> tuple[Array, ...]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,7 @@ class Lagrangian:
     <Lagrangian of rail: m>
     """
 
+    loads: ClassVar[bool] = True
     joints: tuple[Joint, ...]
     q: tuple[Any, ...]
     dq: tuple[Any, ...]

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynident.errors import ModelError, brief, listed
-from dynident.models.checked import called, checked, kind_of, listed_joints, states_of, theta_of
+from dynident.errors import ModelError, listed
+from dynident.log import Motion
+from dynident.models.checked import called, check_terms, checked, kind_of, states_of, theta_of
+from dynident.models.mass_matrix import MassMatrixCheck, accelerations, checked_mass
+from dynident.models.memory import loading, memory_of, needs_load, parts_of, remembered
 from dynident.models.robot_file import Limits
-from dynident.models.structure import Structure, is_selective, structure_of, support_of
+from dynident.models.structure import Structure, is_selective, random_states, structure_of, support_of
 from dynident.models.term import (
     HasGravity,
     HasLimits,
     HasMassMatrix,
+    HasMemory,
     HasNotes,
     Joint,
     Parameter,
@@ -32,29 +35,15 @@ __all__ = ["MassMatrixCheck", "Model"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class MassMatrixCheck:
-    """The ``smallest`` eigenvalue of the mass matrix over some configurations, and the configuration ``q`` (n) of it.
-
-    ``positive`` is True where it exceeds the rounding error of the largest eigenvalue. With both revolute and prismatic
-    joints only the sign of the eigenvalue is meaningful; its size depends on the units.
-    """
-
-    smallest: float
-    q: Array
-    positive: bool
-
-    __repr__ = brief
-
-
 @dataclass(frozen=True)
 class Model:
     """An ordered sum of terms for the same n joints; its p parameters are those of the terms, one after the other.
 
     In all methods q (rad or m), dq, ddq (per s and s^2) and tau (N m or N) are (N, n), and theta is (p) or, except in
-    ``partials``, one row per sample (N, p). Raises ModelError where the terms differ in their joints or share a
-    parameter name; the methods raise it where a shape does not fit, or a term fails or returns a wrong shape or a
-    number that is not finite.
+    ``partials``, one row per sample (N, p); ``memory`` (N, m) is what terms such as ``Dahl`` remember, which motions of
+    ``remembering`` hold. ``load`` are parameters of the bodies, whose torque is the load that such terms see.
+    Raises ModelError where the terms differ in their joints or share a parameter name; the methods raise it where a
+    shape does not fit, a memory is missing, or a term fails or returns a wrong shape or a number that is not finite.
 
     >>> import dynident as dy
     >>> from dynident.models.gallery import pendulum
@@ -65,30 +54,15 @@ class Model:
 
     terms: tuple[Term, ...]
     name: str = "model"
+    load: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms) if isinstance(self.terms, Iterable) else (self.terms,))
-        if not self.terms:
-            raise ModelError(f"{self.name}: a model needs at least one term.")
-        for term in self.terms:
-            if not all(hasattr(term, name) for name in ("joints", "parameters", "regressor")):
-                raise ModelError(
-                    f"{self.name}: a {type(term).__name__} is no term; give terms such as Viscous(joints)."
-                )
-        for term in self.terms[1:]:
-            if tuple(term.joints) != self.joints:
-                raise ModelError(
-                    f"{self.name}: term {kind_of(term)} has joints {listed_joints(term.joints)}, but "
-                    f"{kind_of(self.terms[0])} has {listed_joints(self.joints)}; give all terms the same joints, in "
-                    "the same order."
-                )
-        seen: set[str] = set()
-        for name in self.names:
-            if name in seen:
-                raise ModelError(
-                    f"{self.name}: two parameters are called {name!r}; rename one with the field 'names' of its term."
-                )
-            seen.add(name)
+        check_terms(self)
+        if self.load is not None:
+            object.__setattr__(self, "load", tuple(map(float, self.load)))
+            if len(self.load) != (count := int(self._loading.sum())):
+                raise ModelError(f"{self.name}: load has {len(self.load)} parameters, but its bodies have {count}.")
 
     def __repr__(self) -> str:
         joints = listed((joint.name for joint in self.joints), 6)
@@ -137,9 +111,36 @@ class Model:
 
         return replace(self, terms=tuple(map(changed, self.terms)))
 
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    @cached_property
+    def memory(self) -> int:
+        """The number m of states that the terms remember."""
+        return int(self._memories[-1].stop)
+
+    @cached_property
+    def needs_load(self) -> bool:
+        """Whether a term remembers the load, which a first fit must find."""
+        return any(map(needs_load, self.terms))
+
+    def loaded(self, theta: ArrayLike) -> Model:
+        """Return the model whose ``load`` is that of its bodies at theta (p); ModelError where it has none."""
+        if not self._loading.any():
+            raise ModelError(f"{self.name}: no term is of bodies, so there is no load; leave out what depends on it.")
+        return replace(self, load=tuple(theta_of(self, theta, None)[self._loading].tolist()))
+
+    def remembering(self, motion: Motion) -> Motion:
+        """Return a motion with what the terms remember of it; give a whole one, not thinned."""
+        if not self.memory:
+            return motion
+        return replace(motion, memory=remembered(self, motion.t, motion.q, motion.dq, motion.ddq))
+
+    def random_states(self, rng: np.random.Generator, samples: int) -> dict[str, Array]:
+        """Draw states at random by name: q, dq, ddq (samples, n) and, where the model has one, memory (samples, m)."""
+        found = dict(zip(("q", "dq", "ddq"), random_states(self.joints, rng, samples), strict=True))
+        return found | ({"memory": rng.uniform(-1.0, 1.0, (samples, self.memory))} if self.memory else {})
+
+    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, memory: ArrayLike | None = None) -> Array:
         """Return Y, shape (N, n, p): article, eq. (8)."""
-        return self._regressor(*states_of(self, q=q, dq=dq, ddq=ddq))
+        return self._regressor(self._states(q, dq, ddq, memory))
 
     @cached_property
     def support(self) -> NDArray[np.bool_]:
@@ -158,10 +159,16 @@ class Model:
         return Structure(own, tuple(np.eye(len(self.parameters))[one] for one in own))
 
     def entries(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, joint: NDArray[np.intp], parameter: NDArray[np.intp]
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        joint: NDArray[np.intp],
+        parameter: NDArray[np.intp],
+        memory: ArrayLike | None = None,
     ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
-        states = states_of(self, q=q, dq=dq, ddq=ddq)
+        states = self._states(q, dq, ddq, memory)
         out, first = np.empty((len(joint), len(states[0]))), 0
         for k, width in enumerate(self._widths):
             mine = np.flatnonzero((parameter >= first) & (parameter < first + width))
@@ -169,58 +176,61 @@ class Model:
             if not len(mine):
                 continue
             if self._selective[k]:
-                rows = called(self, self.terms[k], "entries", *states, *where)
+                rows = called(self, self.terms[k], "entries", *states[:3], *where, *self._own(k, states))
                 out[mine] = checked(self, self.terms[k], "entries", rows, (len(mine), len(out[0])), states)
             else:
                 out[mine] = self._block(k, states).transpose(1, 2, 0)[where]
         return out
 
-    def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Array:
+    def torque(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
+    ) -> Array:
         """Return the inverse dynamics Y theta, shape (N, n): article, eq. (8)."""
-        q, dq, ddq = states_of(self, q=q, dq=dq, ddq=ddq)
-        return self._torque(q, dq, ddq, theta_of(self, theta, len(q)))
+        states = self._states(q, dq, ddq, memory)
+        return self._torque(states, theta_of(self, theta, len(states[0])))
 
     def mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> Array:
         """Return D of the article's eq. (4), shape (N, n, n); its column j is Y(q, 0, e_j) theta - Y(q, 0, 0) theta."""
         (q,) = states_of(self, q=q)
-        return self._linear(q, np.zeros_like(q), theta_of(self, theta, len(q)))[0]
+        memory = np.zeros((len(q), self.memory))  # no part of the mass
+        return self._linear(self._states(q, np.zeros_like(q), None, memory), theta_of(self, theta, len(q)))[0]
 
-    def mass_and_bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> tuple[Array, Array]:
+    def mass_and_bias(
+        self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
         """Return ``mass_matrix`` and ``bias`` from one call of the regressor."""
-        q, dq = states_of(self, q=q, dq=dq)
-        return self._linear(q, dq, theta_of(self, theta, len(q)))
+        states = self._states(q, dq, None, memory)
+        return self._linear(states, theta_of(self, theta, len(states[0])))
 
-    def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike) -> Array:
+    def bias(self, q: ArrayLike, dq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None) -> Array:
         """Return the torque at ddq = 0, shape (N, n): C dq + G of the article's eq. (4), with friction."""
-        q, dq = states_of(self, q=q, dq=dq)
-        return self.torque(q, dq, np.zeros_like(q), theta)
+        states = self._states(q, dq, None, memory)
+        return self._torque(states, theta_of(self, theta, len(states[0])))
 
-    def forward_dynamics(self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, theta: ArrayLike) -> Array:
+    def forward_dynamics(
+        self, q: ArrayLike, dq: ArrayLike, tau: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
+    ) -> Array:
         """Return ddq = D^-1 (tau - bias), shape (N, n): article, eq. (43).
 
         Raises ModelError where the mass matrix is singular.
         """
         q, dq, tau = states_of(self, q=q, dq=dq, tau=tau)
         theta = theta_of(self, theta, len(q))
-        mass, bias = self._linear(q, dq, theta)
-        try:
-            ddq = np.linalg.solve(mass, (tau - bias)[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            self._singular(q, mass, theta)
-        # a solution this large comes from a mass matrix that is singular to working precision
-        reach = 10 * np.finfo(float).eps * np.abs(mass).max(axis=(1, 2)) * np.abs(ddq).max(axis=1)
-        if (reach > np.abs(tau).max(axis=1) + np.abs(bias).max(axis=1)).any():
-            self._singular(q, mass, theta)
-        return np.asarray(ddq, dtype=np.float64)
+        return accelerations(self, q, tau, theta, *self._linear(self._states(q, dq, None, memory), theta))
 
-    def partials(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike) -> Partials:
-        """Return the derivatives of the torque with respect to q, dq and ddq, each (N, n, n), for one theta (p)."""
-        states = states_of(self, q=q, dq=dq, ddq=ddq)
+    def partials(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, theta: ArrayLike, memory: ArrayLike | None = None
+    ) -> Partials:
+        """Return the derivatives of the torque with respect to q, dq and ddq, each (N, n, n), for one theta (p).
+
+        They are at constant memory.
+        """
+        states = self._states(q, dq, ddq, memory)
         theta = theta_of(self, theta, None)
         shape = (*states[0].shape, len(self.joints))
         total = np.zeros((3, *shape))
-        for term, part in zip(self.terms, np.split(theta, np.cumsum(self._widths)[:-1]), strict=True):
-            slopes = called(self, term, "partials", *states, part)
+        for i, (term, part) in enumerate(zip(self.terms, self._parts, strict=True)):
+            slopes = called(self, term, "partials", *states[:3], theta[part], *self._own(i, states))
             for k, wrt in enumerate(("q", "dq", "ddq")):
                 total[k] += checked(self, term, f"derivative by {wrt}", getattr(slopes, wrt, None), shape, states)
         return Partials(*total)
@@ -228,49 +238,53 @@ class Model:
     def check_mass_matrix(self, q: ArrayLike, theta: ArrayLike) -> MassMatrixCheck:
         """Return the smallest eigenvalue of the mass matrix over the configurations q (N, n), N at least 1."""
         (q,) = states_of(self, q=q)
-        if not len(q):
-            raise ModelError(
-                f"{self.name}: the mass matrix cannot be checked at 0 configurations; give some rows of q."
-            )
-        eigenvalues = np.linalg.eigvalsh(self.mass_matrix(q, theta))
-        i = int(np.argmin(eigenvalues[:, 0]))
-        rounding = np.finfo(float).eps * len(self.joints) * np.abs(eigenvalues[i]).max()
-        smallest = float(eigenvalues[i, 0])
-        return MassMatrixCheck(smallest, q[i].copy(), smallest > rounding)
+        return checked_mass(self, q, self.mass_matrix(q, theta) if len(q) else np.zeros((0, 0, 0)))
 
     @cached_property
     def _widths(self) -> list[int]:
         return [len(term.parameters) for term in self.terms]
 
-    def _linear(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
+    def _states(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike | None, memory: ArrayLike | None
+    ) -> tuple[Array, ...]:
+        """Return q, dq, ddq, zero where it is None, and the memory where the model has one."""
+        found = states_of(self, q=q, dq=dq, ddq=np.zeros(np.shape(q)) if ddq is None else ddq)
+        return (*found, *memory_of(self, memory, len(found[0])))
+
+    @cached_property
+    def _memories(self) -> tuple[slice, ...]:
+        return parts_of(self.terms)
+
+    def _own(self, k: int, states: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Return the memory of term k, where it has one."""
+        return (states[3][:, self._memories[k]],) if isinstance(self.terms[k], HasMemory) else ()
+
+    @cached_property
+    def _loading(self) -> NDArray[np.bool_]:
+        return loading(self.terms)
+
+    def _linear(self, states: tuple[Array, ...], theta: Array) -> tuple[Array, Array]:
         """Return mass matrix and bias: of each term that has them, and of all others from one call of the torque."""
+        q, dq = states[:2]
         rows, n = q.shape
         direct = self._direct if theta.ndim == 1 else []
         ddq = np.repeat(np.eye(n + 1, n, k=-1), rows, axis=0)
         many = theta if theta.ndim == 1 else np.concatenate([theta] * (n + 1))
-        tau = self._torque(np.concatenate([q] * (n + 1)), np.concatenate([dq] * (n + 1)), ddq, many, without=direct)
-        tau = tau.reshape(n + 1, rows, n)
+        q_, dq_, *memory = (np.concatenate([one] * (n + 1)) for one in (q, dq, *states[3:]))
+        tau = self._torque((q_, dq_, ddq, *memory), many, without=direct).reshape(n + 1, rows, n)
         mass, bias = (tau[1:] - tau[0]).transpose(1, 2, 0), tau[0]
         for k in direct:
             own = called(self, self.terms[k], "mass_and_bias", q, dq, theta[self._parts[k]])
-            states = q, dq, np.zeros_like(q)
             mass = mass + checked(self, self.terms[k], "mass matrix", own[0], (rows, n, n), states)
             bias = bias + checked(self, self.terms[k], "bias", own[1], (rows, n), states)
         return mass, bias
 
-    def _singular(self, q: Array, mass: Array, theta: Array) -> NoReturn:
-        i = int(np.argmin(np.abs(np.linalg.eigvalsh(mass)).min(axis=1)))
-        raise ModelError(
-            f"{self.name}: the mass matrix is singular at q = {q[i].tolist()} for theta = "
-            f"{(theta[i] if theta.ndim == 2 else theta).tolist()}; every joint needs an inertia."
-        )
-
-    def _regressor(self, q: Array, dq: Array, ddq: Array) -> Array:
-        return np.concatenate([self._block(k, (q, dq, ddq)) for k in range(len(self.terms))], axis=2)
+    def _regressor(self, states: tuple[Array, ...]) -> Array:
+        return np.concatenate([self._block(k, states) for k in range(len(self.terms))], axis=2)
 
     def _block(self, k: int, states: tuple[Array, ...]) -> Array:
         """Return the columns of the regressor that belong to term k."""
-        block = called(self, self.terms[k], "regressor", *states)
+        block = called(self, self.terms[k], "regressor", *states[:3], *self._own(k, states))
         return checked(self, self.terms[k], "regressor", block, (*states[0].shape, self._widths[k]), states)
 
     @cached_property
@@ -293,17 +307,18 @@ class Model:
         ends = np.cumsum(self._widths).tolist()
         return [slice(end - width, end) for end, width in zip(ends, self._widths, strict=True)]
 
-    def _torque(self, q: Array, dq: Array, ddq: Array, theta: Array, without: Sequence[int] = ()) -> Array:
+    def _torque(self, states: tuple[Array, ...], theta: Array, without: Sequence[int] = ()) -> Array:
         """Return the torque of all terms, or of some."""
         if theta.ndim == 2 or not (without or any(self._recursive)):
-            return _times(self._regressor(q, dq, ddq), theta)
-        total, states = np.zeros(q.shape), (q, dq, ddq)
+            return _times(self._regressor(states), theta)
+        shape = states[0].shape
+        total = np.zeros(shape)
         for k, part in enumerate(self._parts):
             if k in without:
                 continue
             if self._recursive[k]:
-                tau = called(self, self.terms[k], "torque", *states, theta[part])
-                total += checked(self, self.terms[k], "torque", tau, q.shape, states)
+                tau = called(self, self.terms[k], "torque", *states[:3], theta[part], *self._own(k, states))
+                total += checked(self, self.terms[k], "torque", tau, shape, states)
             else:
                 total += _times(self._block(k, states), theta[part])
         return total

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,7 @@ class RigidBodies:
     {'leaf.mass': 20.0, 'leaf.mx': 8.0}
     """
 
+    loads: ClassVar[bool] = True
     xml: str
     joints_used: tuple[str, ...] | None = None
     locked: Mapping[str, float] | tuple[tuple[str, float], ...] = ()

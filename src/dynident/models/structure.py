@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, brief
-from dynident.models.term import HasSupport, Joint, Parameter, Selective, Term, declares
+from dynident.models.term import HasMemory, HasSupport, Joint, Parameter, Selective, Term, declares
 
 if TYPE_CHECKING:
     from dynident.models.model import Model
@@ -94,7 +94,10 @@ def structure_of(models: Sequence[Model]) -> Structure:
 def _reduce(terms: Sequence[Term], support: NDArray[np.bool_], kept: NDArray[np.bool_], maps: list[Array]) -> None:
     """Leave out of ``kept`` (n, p) the columns that others determine, and write into ``maps`` (p, p) how."""
     parameters = terms[0].parameters
-    states = random_states(terms[0].joints, np.random.default_rng(2), 2 * int(support.sum(axis=1).max()) + SPARE)
+    rng, samples = np.random.default_rng(2), 2 * int(support.sum(axis=1).max()) + SPARE
+    states: tuple[Array, ...] = random_states(terms[0].joints, rng, samples)
+    if isinstance(terms[0], HasMemory):
+        states = (*states, rng.uniform(-1.0, 1.0, (samples, terms[0].memory)))
     joint, parameter = np.nonzero(support)
     found = [_entries(term, states, joint, parameter) for term in terms]
     scale = _scale(np.sqrt(np.mean([np.square(one).mean(axis=1) for one in found], axis=0)), parameter, parameters)
@@ -109,8 +112,11 @@ def _reduce(terms: Sequence[Term], support: NDArray[np.bool_], kept: NDArray[np.
         maps[j][np.ix_(which[some], which)] = K * scale[which] / scale[which[some], None]
 
 
-def _entries(term: Term, states: tuple[Array, Array, Array], joint: Indices, parameter: Indices) -> Array:
-    rows = np.asarray(term.entries(*states, joint, parameter)) if isinstance(term, Selective) else np.zeros(0)
+def _entries(term: Term, states: tuple[Array, ...], joint: Indices, parameter: Indices) -> Array:
+    q, dq, ddq, *memory = states
+    rows = (
+        np.asarray(term.entries(q, dq, ddq, joint, parameter, *memory)) if isinstance(term, Selective) else np.zeros(0)
+    )
     if rows.shape != (len(joint), len(states[0])) or not np.isfinite(rows).all():
         raise ModelError(f"{type(term).__name__}: its entries have shape {rows.shape}, or are not finite.")
     return rows

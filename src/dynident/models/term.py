@@ -15,19 +15,24 @@ if TYPE_CHECKING:
 from dynident.errors import brief
 
 __all__ = [
+    "EMPTY",
     "INERTIAL",
     "HasGeometry",
     "HasGravity",
     "HasLimits",
     "HasMassMatrix",
+    "HasMemory",
     "HasNotes",
     "HasNumpySource",
     "HasRobotFile",
     "HasSign",
     "HasSupport",
     "Joint",
+    "Loads",
+    "NeedsLoad",
     "Parameter",
     "Partials",
+    "Past",
     "Recursive",
     "Selective",
     "Term",
@@ -92,6 +97,28 @@ class Partials:
     __repr__ = brief
 
 
+EMPTY: Array = np.zeros((0, 0))
+"""The memory of a term that is not given any."""
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """An uninterrupted motion as a term sees it that remembers: ``t`` (N) s; ``q``, ``dq``, ``ddq`` (N, n).
+
+    ``load`` (N, n), N m or N, is the torque of the bodies by a first fit, zero where there is none; ``start`` (m) the
+    memory at the first sample, None where the recording begins.
+    """
+
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    load: Array
+    start: Array | None = None
+
+    __repr__ = brief
+
+
 class Term(Protocol):
     """One effect of the model: tau_term = Y(q, dq, ddq) theta_term.
 
@@ -130,6 +157,46 @@ class HasMassMatrix(Protocol):
 
 
 @runtime_checkable
+class HasMemory(Protocol):
+    """A term whose torque depends on the motion before a sample, as that of hysteresis does.
+
+    What it remembers is a number of states, m. They are found once for a whole recording and given to ``regressor``,
+    ``partials``, ``torque`` and ``entries`` as a further, last argument ``memory`` (N, m), so that these are functions
+    of single samples as those of any term; ``partials`` are at constant memory. At constant memory, the torque does not
+    depend on ddq.
+    """
+
+    @property
+    def memory(self) -> int:
+        """The number m of states."""
+
+    def remember(self, past: Past, /) -> Array:
+        """Return the states at the samples of a motion, shape (N, m).
+
+        Where a motion is cut in two that share a sample, and the second starts with the memory of the first there,
+        the states are those of the whole.
+        """
+
+
+@runtime_checkable
+class NeedsLoad(HasMemory, Protocol):
+    """A term that remembers the load."""
+
+    @property
+    def needs_load(self) -> bool:
+        """Whether it does: then a first fit without the term finds the load."""
+
+
+@runtime_checkable
+class Loads(Protocol):
+    """A term of moving bodies, whose torque is the load of the drives."""
+
+    @property
+    def loads(self) -> bool:
+        """Whether it is."""
+
+
+@runtime_checkable
 class HasSupport(Protocol):
     """A term that knows which joints each of its parameters acts on."""
 
@@ -147,7 +214,7 @@ class Selective(HasSupport, Protocol):
     """
 
     def entries(
-        self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp], /
+        self, q: Array, dq: Array, ddq: Array, joint: NDArray[np.intp], parameter: NDArray[np.intp], /, *memory: Array
     ) -> Array:
         """Return Y[:, joint[m], parameter[m]] as rows m, shape (M, N)."""
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError, Note, listed
 from dynident.log import Motion
-from dynident.models import INERTIAL, Model, Parameter, random_states
+from dynident.models import INERTIAL, Model, Parameter, random_states, remembered
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise
 
@@ -179,7 +179,7 @@ def structural_base_parameters(
     ('J + Ia_pivot', 'h')
     """
     rng = rng or np.random.default_rng(0)
-    return base_parameters(_factor(model, *random_states(model.joints, rng, samples)), model.parameters, tolerance)
+    return base_parameters(_factor(model, model.random_states(rng, samples)), model.parameters, tolerance)
 
 
 @dataclass(frozen=True)
@@ -230,13 +230,19 @@ def _shows(model: Model, joint: int, directions: Array) -> bool:
     rng = np.random.default_rng(1)
     q, dq, ddq = random_states(model.joints, rng, 60)
     others = [j for j in range(len(model.joints)) if j != joint]
-    whole = np.linalg.norm(model.regressor(q, dq, ddq) @ directions)
+    whole = np.linalg.norm(_effect(model, q, dq, ddq, directions))
     q[:, others] = np.repeat(q[::20][:, others], 20, axis=0)
     dq[:, others] = ddq[:, others] = 0.0
-    effect = model.regressor(q, dq, ddq) @ directions
+    effect = _effect(model, q, dq, ddq, directions)
     # the torque at rest is not excited by the joint's motion
     moved = effect.reshape(3, 20, *effect.shape[1:])
     return bool(np.linalg.norm(moved - moved.mean(axis=1, keepdims=True)) > 1e-3 * whole)
+
+
+def _effect(model: Model, q: Array, dq: Array, ddq: Array, directions: Array) -> Array:
+    """Return the torques (N, n, k) of directions (p, k) at states that follow each other."""
+    memory = remembered(model, np.arange(len(q), dtype=float), q, dq, ddq) if model.memory else None
+    return model.regressor(q, dq, ddq, memory) @ directions
 
 
 def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
@@ -248,10 +254,10 @@ def _still(motions: Iterable[Motion]) -> tuple[str, ...]:
     return tuple(name for name, peak in fastest.items() if peak < 1e-3)
 
 
-def _factor(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+def _factor(model: Model, states: dict[str, Array]) -> Array:
     structure = model.structure
-    entries = model.entries(q, dq, ddq, structure.joint, structure.parameter)
-    return factorise([EntryBlock(structure, entries, np.zeros_like(q).T)], structure).stacked()
+    entries = model.entries(**states, joint=structure.joint, parameter=structure.parameter)
+    return factorise([EntryBlock(structure, entries, np.zeros_like(states["q"]).T)], structure).stacked()
 
 
 def _preference(parameters: Sequence[Parameter]) -> list[int]:

@@ -15,6 +15,7 @@ from dynident.errors import ConfigError, InputError, brief
 from dynident.filters import butterworth, slowest_pole, zero_phase
 from dynident.log import Motion
 from dynident.models import Model, Structure
+from dynident.models.memory import memory_of
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 from dynident.smoothers import cutoff_complaint
 from dynident.splines import stretches
@@ -143,6 +144,7 @@ class Regression:
         for motion in self.motions:
             if motion.joints != names:
                 raise InputError(f"{motion.source}: has the joints {motion.joints}, the model {names}.")
+            memory_of(self.model, motion.memory, len(motion))
         self._check_min_speed(names)
         shapes = [motion.q.shape for motion in self.motions]
         if self.weights and [weight.shape for weight in self.weights] != shapes:
@@ -236,9 +238,9 @@ class Regression:
         return found if same and how[0] is self.model and how[1:] == [self.filter, self.min_speed] else None
 
     def _rows(self, motion: Motion, rows: slice, structure: Structure, theta: Array | None) -> EntryBlock:
-        states = motion.q[rows], motion.dq[rows], motion.ddq[rows]
-        entries = self.model.entries(*states, structure.joint, structure.parameter)
-        tau = motion.tau[rows] if theta is None else motion.tau[rows] - self.model.torque(*states, theta)
+        states = motion.states(rows)
+        entries = self.model.entries(**states, joint=structure.joint, parameter=structure.parameter)
+        tau = motion.tau[rows] if theta is None else motion.tau[rows] - self.model.torque(**states, theta=theta)
         keep = fitted_rows(motion, self.min_speed, rows)
         return EntryBlock(structure, entries, np.ascontiguousarray(tau.T), None if keep is None else keep.T)
 

@@ -166,7 +166,7 @@ def merged(one: Any, other: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def measure(robot: Robot, path: Path) -> Row:
+def measure(path: Path) -> Row:
     """Identify as configured, and return the errors by log, what was chosen, and what it took."""
     project = read_project(path)
     logs, remarks = project.logs()
@@ -203,7 +203,7 @@ def errors(log: LogValidation) -> Row:
     }
 
 
-def digits(value: float) -> float:
+def digits(value: Any) -> float:
     return float(f"{value:.4g}")
 
 
@@ -211,8 +211,8 @@ def chosen(found: Identification) -> Row:
     """What was chosen on the training logs: the terms and their joints, and how the motion was made of the logs."""
     groups: dict[str, list[str]] = {}
     for term in found.model.terms:
-        acts = np.asarray(getattr(term, "support", np.ones((len(found.model.joints), 1)))).any(axis=1)
-        on = [joint.name for joint, does in zip(found.model.joints, acts, strict=True) if does]
+        support = getattr(term, "support", np.ones((len(found.model.joints), 1)))
+        on = [found.model.joints[j].name for j in np.flatnonzero(np.asarray(support).any(axis=1))]
         groups.setdefault(type(term).__name__, []).extend(on)
     recipe = found.recipe
     names = ("smoother", "filter", "min_speed", "time_offset", "base_tilt", "estimator")
@@ -251,7 +251,7 @@ def run(names: list[str], label: str, file: Path | None, folder: Path | None) ->
             continue
         with TemporaryDirectory() as own, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            row = measure(robot, configured(robot, data, (folder or Path(own)) / f"{name}.yaml"))
+            row = measure(configured(robot, data, (folder or Path(own)) / f"{name}.yaml"))
         for one in row.get("logs", []):
             print(f"{name} {one['role']} {one['name']}: {one['error']} % {one['joints']}", flush=True)
         print(f"{name}: {row.get('refused') or told(row)}", flush=True)

@@ -23,7 +23,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from friction_laws import ARMS, COLUMNS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
+from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
 
 from dynident.errors import DynidentError
@@ -31,13 +31,14 @@ from dynident.estimators import PhysicallyConsistent
 from dynident.identification import Identification, Recipe, identify
 from dynident.io.families import TERMS
 from dynident.log import Log
-from dynident.models import Joint, Model, Offset, Parameter, Partials, Past, RigidBodies, RotorInertia
+from dynident.models import HasSupport, Joint, Model, Offset, Parameter, Partials, Past, RigidBodies, RotorInertia
 
 Array = NDArray[np.float64]
 SHOWN = 0.05  # share of a joint's squared error from which on an effect must be found
 NOISE = 0.02  # of the torque, over its rms
 ALWAYS = {"rotor", "offset", *PLAIN}  # neither right nor wrong, whether they act or not
 FAST = 2.0
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,12 @@ def groups(found: Identification) -> set[tuple[int, str]]:
     known = TERMS.kinds()
     out: set[tuple[int, str]] = set()
     for term in found.model.terms:
-        if (kind := TERMS.kind_of(term)) in known:
-            out |= {(int(joint), kind) for joint in np.flatnonzero(np.asarray(term.support).any(axis=1))}
+        if (kind := TERMS.kind_of(term)) in known and isinstance(term, HasSupport):
+            out |= {(int(joint), kind) for joint in np.flatnonzero(term.support.any(axis=1))}
     return out
 
 
-def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float = 20.0) -> dict[str, Any]:
+def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float = 20.0) -> Row:
     """Simulate, identify by defaults and by the oracle, and compare."""
     rng = np.random.default_rng([3, seed])
     n = len(ARMS[name])
@@ -116,7 +117,7 @@ def study(name: str, law: str, seed: int, noise: float = NOISE, duration: float 
     true = {role: one.torque(motion) for role, motion in motions.items()}
     effects = needed(one, motions["train"], noise)
     recipe = Recipe(estimator=PhysicallyConsistent())
-    row: dict[str, Any] = {"arm": name, "law": law, "seed": seed}
+    row: Row = {"arm": name, "law": law, "seed": seed}
     for way, how in (("auto", by_defaults), ("oracle", by_oracle)):
         began = time.process_time()
         found = how(one, [logs["train"]], [logs["same"], logs["fast"]], recipe)
@@ -134,7 +135,7 @@ def share(error: Array, whole: Array) -> float:
     return round(100 * float(np.linalg.norm(error) / np.linalg.norm(whole)), 4)
 
 
-def compared(found: set[tuple[int, str]], effects: dict[tuple[int, str], float]) -> dict[str, Any]:
+def compared(found: set[tuple[int, str]], effects: dict[tuple[int, str], float]) -> Row:
     """Which groups were to be found, which were, and which were entered that do not act."""
     special = {key for key, gain in effects.items() if gain >= SHOWN and key[1] not in ALWAYS}
     wrong = {key for key in found if key not in effects and key[1] not in ALWAYS}
@@ -146,25 +147,27 @@ def compared(found: set[tuple[int, str]], effects: dict[tuple[int, str], float])
     }
 
 
-def told(rows: Iterable[dict[str, Any]]) -> str:
+HEAD = f"{'law':12s} {'found':>9s} {'joints wrong':>13s} {'same/oracle':>12s} {'twice as fast':>14s}  missed; wrong"
+
+
+def told(rows: Iterable[Row]) -> str:
     """The score by law, and of all."""
-    by: dict[str, list[dict[str, Any]]] = {}
+    by: dict[str, list[Row]] = {}
     for row in rows:
         by.setdefault(row["law"], []).append(row)
-    lines = [f"{'law':12s} {'found':>9s} {'joints wrong':>13s} {'same/oracle':>12s} {'twice as fast':>14s}  missed; wrong"]
-    every = [*by.items(), ("all laws", [row for own in by.values() for row in own])]
-    for law, own in every:
-        need, missed = (sum(len(row[key]) for row in own) for key in ("needed", "missed"))
-        joints = sum(len(ARMS[row["arm"]]) for row in own)
-        wrong = sum(len({joint for joint, _ in row["wrong"]}) for row in own)
-        ratios = [np.mean([row[f"auto_{role}"] / row[f"oracle_{role}"] for row in own]) for role in ("same", "fast")]
-        names = [Counter(kind for row in own for _, kind in row[key]) for key in ("missed", "wrong")]
-        said = "; ".join(", ".join(f"{kind} {count}" for kind, count in one.items()) for one in names)
-        lines.append(
-            f"{law:12s} {need - missed:4d}/{need:<4d} {wrong:6d}/{joints:<4d}   {ratios[0]:9.3f}    {ratios[1]:9.3f}    "
-            f"{said if law != 'all laws' else ''}"
-        )
-    return "\n".join(lines)
+    every = [row for own in by.values() for row in own]
+    return "\n".join([HEAD, *(scored(law, own) for law, own in by.items()), scored("all laws", every)])
+
+
+def scored(law: str, rows: list[Row]) -> str:
+    """A line: groups found of those needed, joints with a wrong group, errors over the oracle's, and which groups."""
+    need, missed = (sum(len(row[key]) for row in rows) for key in ("needed", "missed"))
+    joints = sum(len(ARMS[row["arm"]]) for row in rows)
+    wrong = sum(len({joint for joint, _ in row["wrong"]}) for row in rows)
+    same, fast = (np.mean([row[f"auto_{role}"] / row[f"oracle_{role}"] for row in rows]) for role in ("same", "fast"))
+    names = [Counter(kind for row in rows for _, kind in row[key]) for key in ("missed", "wrong")]
+    said = "; ".join(", ".join(f"{kind} {count}" for kind, count in one.items()) for one in names)
+    return f"{law:12s} {need - missed:4d}/{need:<4d} {wrong:6d}/{joints:<6d} {same:12.3f} {fast:14.3f}  {said}"
 
 
 def main() -> None:

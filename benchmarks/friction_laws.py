@@ -82,7 +82,7 @@ def load_dahl(moved: Moved, shape: Shape) -> Array:
 
 
 def ripple(moved: Moved, shape: Shape) -> Array:
-    return np.sin(2 * np.pi * shape.cycles * moved.q + 0.7)
+    return np.asarray(np.sin(2 * np.pi * shape.cycles * moved.q + 0.7))
 
 
 def asymmetric_coulomb(moved: Moved, shape: Shape) -> Array:
@@ -94,7 +94,7 @@ def asymmetric_viscous(moved: Moved, _: Shape) -> Array:
 
 
 def drift(moved: Moved, shape: Shape) -> Array:
-    return 1.0 - np.exp(-(moved.t - moved.t[0]) / shape.slow)
+    return np.asarray(1.0 - np.exp(-(moved.t - moved.t[0]) / shape.slow))
 
 
 COLUMNS: Mapping[str, Callable[[Moved, Shape], Array]] = {
@@ -187,7 +187,7 @@ class Arm:
         tau = self.model.torque(course.q[at], course.dq[at], course.ddq[at], self.theta)
         for one in self.effects:
             tau[:, one.joint] += one.coefficient * one.column(_of(course, load, one.joint))[at]
-        return tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0))  # with an offset
+        return np.asarray(tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)))  # with an offset
 
     def record(self, course: Course, noise: float, rng: np.random.Generator, source: str) -> Log:
         """The log of a motion: ``noise`` of the torque over its rms by joint, encoders with noise and steps."""

@@ -17,7 +17,20 @@ from dynident.estimators import LeastSquares, MaximumLikelihood, PhysicallyConsi
 from dynident.io.families import ESTIMATORS, EXPORTERS, READERS, SMOOTHERS, TERMS
 from dynident.io.parts import build, schemas, unusable
 from dynident.io.settings import Config
-from dynident.models import Coulomb, Joint, Offset, RotorInertia, Viscous
+from dynident.models import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Counterbalance,
+    Joint,
+    Offset,
+    Power,
+    Ripple,
+    RotorInertia,
+    Spring,
+    Stribeck,
+    Viscous,
+)
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
 from tests.io.parts import SAVITZKY
@@ -58,6 +71,17 @@ ON_JOINTS = [
     Viscous(JOINTS, on=("b",), names=("Fv",), values=(2.0,)),
     Coulomb(JOINTS, width=0.1),
     Coulomb(JOINTS, dead_band=0.02),
+    Coulomb(JOINTS, width={"a": 0.1, "b": 0}),
+    AsymmetricCoulomb(JOINTS, width=0.1),
+    AsymmetricViscous(JOINTS),
+    Stribeck(JOINTS, velocity={"b": 0.1, "a": 0.2}, width=0.01),
+    Power(JOINTS, exponent=0.5),
+    Power(JOINTS, on=("b",), exponent={"b": 3}),
+    Ripple(JOINTS, cycles=80),
+    Ripple(JOINTS, cycles=(80, 101.5), delay={"a": 0.001, "b": 0.002}),
+    Ripple(JOINTS, cycles={"a": (80, 160), "b": 5.0}),
+    Spring(JOINTS, order={"a": 1, "b": 3}),
+    Counterbalance(JOINTS, ("a",), base_arm=0.5, link_arm={"a": 0.1}, angle=-1, free_length=0),
     Offset(JOINTS, expressions=("one", "two")),
 ]
 

@@ -33,6 +33,14 @@ OTHERS: tuple[Any, ...] = (
     [], [None], [[]], {}, {"slider": None}, {"": 1}, {1: 2}, [1, 2], [0, 0, 0], ["slider"], "2024-01-01", [1] * 1000,
 )  # fmt: skip
 
+NEEDED: Mapping[str, Mapping[str, Any]] = {
+    "asymmetric_coulomb": {"width": 0.1},
+    "stribeck": {"velocity": 0.1},
+    "power": {"exponent": 2},
+    "ripple": {"cycles": 10},
+    "counterbalance": {"base_arm": 0.5, "link_arm": 0.2, "angle": 3, "free_length": 0.4},
+}
+
 
 def wrapped(value: Any) -> Iterator[Any]:
     """A number alone, by joint, and in lists of two and three."""
@@ -110,7 +118,7 @@ def sections() -> dict[str, tuple[type[Section], tuple[Any, ...], dict[str, Any]
             found[kind] = (section(family, family.get(kind)), (key,), plain | {key: given})
     for kind in TERMS.table:
         where = ("model", "terms", 0)
-        config = robot | {"model": {"file": "arm.urdf", "terms": [{"kind": kind}]}}
+        config = robot | {"model": {"file": "arm.urdf", "terms": [{"kind": kind} | NEEDED.get(kind, {})]}}
         found[f"term {kind}"] = (section(TERMS, TERMS.get(kind)), where, config)
     return found
 

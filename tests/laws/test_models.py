@@ -11,14 +11,26 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import cumulative_simpson
 
 from dynident.models import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
     Coulomb,
+    Counterbalance,
     CoupledMotor,
+    Dahl,
+    Drift,
     Joint,
     Lagrangian,
+    LoadCoulomb,
+    LoadDahl,
+    LoadViscous,
     Model,
     Offset,
+    Power,
     RigidBodies,
+    Ripple,
     RotorInertia,
+    Spring,
+    Stribeck,
     Unknown,
     Viscous,
     simulate,
@@ -30,6 +42,8 @@ from tests.robots import ARM, ARM_MJCF
 
 GRAVITY = sp.Symbol("g")
 JOINTS = (Joint("base"), Joint("rail", "prismatic"), Joint("wrist"))
+BANDS = {"base": 0.3, "rail": 0.0, "wrist": 0.0}
+BALANCE = {"base_arm": {"base": 0.5, "wrist": 0.3}, "link_arm": 0.3, "angle": 2.0, "free_length": 0.2}
 UNITS = {"m": "kg", "l": "m", "c": "m", "I": "kg m^2"}
 
 
@@ -90,8 +104,25 @@ TERMS = {
     "coulomb": lambda: Coulomb(JOINTS),
     "coulomb smooth": lambda: Coulomb(JOINTS, on=("wrist", "base"), width=0.2),
     "coulomb dead band": lambda: Coulomb(JOINTS, dead_band=0.3),
+    "coulomb by joint": lambda: Coulomb(JOINTS, width={"base": 0.0, "rail": 0.3, "wrist": 0.0}, dead_band=BANDS),
+    "asymmetric coulomb": lambda: AsymmetricCoulomb(JOINTS, width={"base": 0.7, "rail": 0.3, "wrist": 2.0}),
+    "asymmetric viscous": lambda: AsymmetricViscous(JOINTS, on=("wrist", "rail")),
+    "stribeck": lambda: Stribeck(JOINTS, velocity=0.8),
+    "stribeck smooth": lambda: Stribeck(JOINTS, velocity={"base": 0.8, "rail": 1.2, "wrist": 3.0}, width=0.5),
+    "power": lambda: Power(JOINTS, exponent={"base": 0.4, "rail": 1.7, "wrist": 3.0}),
+    "power smooth": lambda: Power(JOINTS, on=("wrist",), exponent=0.3, width=0.5),
+    "ripple": lambda: Ripple(JOINTS, cycles={"base": (3, 4.5), "rail": 6, "wrist": 1.0}, delay=0.02),
+    "ripple by joint": lambda: Ripple(JOINTS, ("wrist", "rail"), cycles=5, delay={"rail": -0.1, "wrist": 0.0}),
+    "spring": lambda: Spring(JOINTS, order={"base": 2, "rail": 3, "wrist": 1}),
+    "counterbalance": lambda: Counterbalance(JOINTS, ("wrist", "base"), **BALANCE),
     "offset": lambda: Offset(JOINTS, on=("rail",)),
     "rotor inertia": lambda: RotorInertia(JOINTS, on=("wrist", "base")),
+    "dahl": lambda: Dahl(JOINTS, length={"base": 0.05, "rail": 0.02, "wrist": 0.3}),
+    "load coulomb": lambda: LoadCoulomb(JOINTS, on=("wrist", "base")),
+    "load coulomb smooth": lambda: LoadCoulomb(JOINTS, width=0.2),
+    "load viscous": lambda: LoadViscous(JOINTS),
+    "load dahl": lambda: LoadDahl(JOINTS, on=("rail", "wrist"), length=0.1),
+    "drift": lambda: Drift(JOINTS, time=0.5),
     "coupling": lambda: CoupledMotor(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", offset=True, width=0.4),
     "coupling of slides": lambda: CoupledMotor(JOINTS, {"rail": 2.0}, "motor", coulomb=False),
     "bodies of a urdf": lambda: RigidBodies(ARM, joints_used=("twist", "shoulder", "rail")),

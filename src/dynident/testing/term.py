@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError
-from dynident.models import HasGravity, HasMassMatrix, HasNumpySource, HasSign, Model, Term
+from dynident.models import HasGravity, HasMassMatrix, HasMemory, HasNumpySource, HasSign, Model, Past, Term
 
 __all__ = ["TERM_CHECKS", "check_term", "states"]
 
@@ -33,6 +34,12 @@ def states(n: int, seed: int = 0, samples: int = 6) -> tuple[Array, Array, Array
     return q, rng.choice([-1, 1], (samples, n)) * rng.uniform(0.4, 2.0, (samples, n)), rng.normal(size=(samples, n))
 
 
+def memory_of(term: Term, samples: int = 6) -> tuple[Array, ...]:
+    """Return a memory (samples, m) of a term that has one, as the last of its arguments."""
+    rng = np.random.default_rng(3)
+    return (rng.uniform(-1.0, 1.0, (samples, term.memory)),) if isinstance(term, HasMemory) else ()
+
+
 def describes_its_parameters(term: Term) -> None:
     """Parameters have distinct names, units and meanings."""
     names = [parameter.name for parameter in term.parameters]
@@ -44,8 +51,8 @@ def returns_finite_arrays(term: Term) -> None:
     """Regressor and derivatives have the right shapes for any number of samples."""
     n, p = len(term.joints), len(term.parameters)
     for samples in (0, 1, 5):
-        state = states(n, samples=samples)
-        Y, slopes = term.regressor(*state), term.partials(*state, np.ones(p))
+        state, own = states(n, samples=samples), memory_of(term, samples)
+        Y, slopes = term.regressor(*state, *own), term.partials(*state, np.ones(p), *own)
         assert Y.shape == (samples, n, p), f"the regressor has shape {Y.shape}, expected {(samples, n, p)}"
         for array in (slopes.q, slopes.dq, slopes.ddq):
             assert array.shape == (samples, n, n), f"a derivative has shape {array.shape}"
@@ -57,11 +64,12 @@ def returns_finite_arrays(term: Term) -> None:
 def has_the_torque_of_its_regressor(term: Term) -> None:
     """A ``torque`` of its own is that of the regressor."""
     state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
-    whole, model = term.regressor(*state) @ theta, Model((term,))
+    own, model = memory_of(term), Model((term,))
+    whole = term.regressor(*state, *own) @ theta
     allowed = 1e-11 * np.abs(whole).max()
-    np.testing.assert_allclose(model.torque(*state, theta), whole, rtol=1e-11, atol=allowed)
+    np.testing.assert_allclose(model.torque(*state, theta, *own), whole, rtol=1e-11, atol=allowed)
     many = np.tile(theta, (len(whole), 1))
-    np.testing.assert_allclose(model.torque(*state, many), whole, rtol=1e-11, atol=allowed)
+    np.testing.assert_allclose(model.torque(*state, many, *own), whole, rtol=1e-11, atol=allowed)
 
 
 def has_the_mass_matrix_of_its_regressor(term: Term) -> None:
@@ -80,14 +88,14 @@ def has_the_mass_matrix_of_its_regressor(term: Term) -> None:
 
 def has_the_entries_of_its_regressor(term: Term) -> None:
     """``support`` and ``entries`` are those of the regressor, where they are said; its structure holds all of it."""
-    state, model = states(len(term.joints)), Model((term,))
-    whole, structure = term.regressor(*state), model.structure
+    state, model, own = states(len(term.joints)), Model((term,)), memory_of(term)
+    whole, structure = term.regressor(*state, *own), model.structure
     assert not whole[:, ~model.support].any(), "the regressor is zero where there is no support"
     allowed = 1e-12 * np.abs(whole).max()
     joint, parameter = np.nonzero(np.ones_like(model.support))
-    every = model.entries(*state, joint, parameter)
+    every = model.entries(*state, joint, parameter, *own)
     np.testing.assert_allclose(every, whole[:, joint, parameter].T, rtol=1e-12, atol=allowed)
-    entries = model.entries(*state, structure.joint, structure.parameter)
+    entries = model.entries(*state, structure.joint, structure.parameter, *own)
     for j, (part, columns) in enumerate(zip(structure.parts, structure.maps, strict=True)):
         np.testing.assert_allclose(entries[part].T @ columns, whole[:, j], rtol=1e-11, atol=10 * allowed)
 
@@ -95,58 +103,94 @@ def has_the_entries_of_its_regressor(term: Term) -> None:
 def works_row_by_row(term: Term) -> None:
     """Samples do not depend on each other."""
     state, theta = states(len(term.joints)), np.linspace(0.5, 1.5, len(term.parameters))
+    own = memory_of(term)
     q, dq, ddq = state
-    rows = [(q[k : k + 1], dq[k : k + 1], ddq[k : k + 1]) for k in range(len(q))]
-    single = np.concatenate([term.regressor(*row) for row in rows])
-    np.testing.assert_allclose(term.regressor(*state), single, rtol=1e-13)
+    rows = [((q[k : k + 1], dq[k : k + 1], ddq[k : k + 1]), [one[k : k + 1] for one in own]) for k in range(len(q))]
+    single = np.concatenate([term.regressor(*row, *mine) for row, mine in rows])
+    np.testing.assert_allclose(term.regressor(*state, *own), single, rtol=1e-13)
     for name in ("q", "dq", "ddq"):
-        whole = getattr(term.partials(*state, theta), name)
-        slopes = [getattr(term.partials(*row, theta), name) for row in rows]
+        whole = getattr(term.partials(*state, theta, *own), name)
+        slopes = [getattr(term.partials(*row, theta, *mine), name) for row, mine in rows]
         np.testing.assert_allclose(whole, np.concatenate(slopes), rtol=1e-12, atol=1e-14)
 
 
 def does_not_change_its_arguments(term: Term) -> None:
     """Read-only arrays will do, and the same arrays give the same regressor."""
-    state = states(len(term.joints))
-    for x in state:
+    state, own = states(len(term.joints)), memory_of(term)
+    for x in (*state, *own):
         x.flags.writeable = False
-    term.partials(*state, np.ones(len(term.parameters)))
-    np.testing.assert_array_equal(term.regressor(*state), term.regressor(*state))
+    term.partials(*state, np.ones(len(term.parameters)), *own)
+    np.testing.assert_array_equal(term.regressor(*state, *own), term.regressor(*state, *own))
 
 
 def survives_pickling(term: Term) -> None:
     """A copy in another process is the same term."""
     state, theta = states(len(term.joints)), np.ones(len(term.parameters))
-    Y, slope = term.regressor(*state), term.partials(*state, theta).dq
+    own = memory_of(term)
+    Y, slope = term.regressor(*state, *own), term.partials(*state, theta, *own).dq
     copy = pickle.loads(pickle.dumps(term))
     assert (copy.joints, copy.parameters) == (term.joints, term.parameters)
-    np.testing.assert_array_equal(copy.regressor(*state), Y)
-    np.testing.assert_array_equal(copy.partials(*state, theta).dq, slope)
+    np.testing.assert_array_equal(copy.regressor(*state, *own), Y)
+    np.testing.assert_array_equal(copy.partials(*state, theta, *own).dq, slope)
 
 
 def has_partials_linear_in_theta(term: Term) -> None:
     """The torque is linear in the parameters, and so are its derivatives."""
     state, (a, b) = states(len(term.joints)), np.random.default_rng(1).normal(size=(2, len(term.parameters)))
     for name in ("q", "dq", "ddq"):
-        one, two, both = (getattr(term.partials(*state, x), name) for x in (a, b, 2 * a - b))
+        one, two, both = (getattr(term.partials(*state, x, *memory_of(term)), name) for x in (a, b, 2 * a - b))
         np.testing.assert_allclose(both, 2 * one - two, rtol=1e-10, atol=1e-12)
 
 
 def has_partials_that_are_slopes(term: Term) -> None:
-    """Central differences of fourth order."""
-    state, h = states(len(term.joints)), 1e-3
+    """Central differences of fourth order, at constant memory."""
+    state, own, h = states(len(term.joints)), memory_of(term), 1e-3
     theta = np.random.default_rng(2).uniform(0.5, 1.5, len(term.parameters))
-    slopes = term.partials(*state, theta)
+    slopes = term.partials(*state, theta, *own)
     for which, name in enumerate(("q", "dq", "ddq")):
         for k in range(len(term.joints)):
 
             def torque(step: float, which: int = which, k: int = k) -> Array:
                 moved = [x.copy() for x in state]
                 moved[which][:, k] += step
-                return np.asarray(term.regressor(moved[0], moved[1], moved[2]) @ theta)
+                return np.asarray(term.regressor(moved[0], moved[1], moved[2], *own) @ theta)
 
             slope = (8 * (torque(h) - torque(-h)) - torque(2 * h) + torque(-2 * h)) / (12 * h)
             np.testing.assert_allclose(getattr(slopes, name)[:, :, k], slope, rtol=1e-7, atol=1e-8)
+
+
+def remembers_in_pieces(term: Term) -> None:
+    """What it remembers does not depend on where a motion is cut, nor on what comes later."""
+    if not isinstance(term, HasMemory):
+        return
+    past = motion_before(len(term.joints))
+    whole = term.remember(past)
+    assert whole.shape == (len(past.t), term.memory), f"the memory has shape {whole.shape}"
+    assert np.isfinite(whole).all()
+    for cut in (1, 7, len(past.t) - 1):
+        first = term.remember(_part(past, slice(0, cut + 1)))
+        second = term.remember(replace(_part(past, slice(cut, None)), start=whole[cut]))
+        np.testing.assert_allclose(np.concatenate([first, second[1:]]), whole, rtol=1e-9, atol=1e-12)
+
+
+def remembers_no_mass(term: Term) -> None:
+    """At constant memory, the torque of a term that remembers does not depend on the acceleration."""
+    if isinstance(term, HasMemory):
+        q, dq, ddq = states(len(term.joints))
+        own = memory_of(term)
+        np.testing.assert_array_equal(term.regressor(q, dq, ddq, *own), term.regressor(q, dq, 0 * ddq, *own))
+
+
+def motion_before(n: int, samples: int = 60) -> Past:
+    """Return a motion of n joints that reverse at different times, with a load."""
+    t, phase = np.linspace(0.0, 1.2, samples), np.arange(1.0, n + 1)
+    w = 5.0 + phase
+    angle = np.outer(t, w) + phase
+    return Past(t, np.sin(angle) / w, np.cos(angle), -np.sin(angle) * w, np.cos(2.0 * angle) * phase)
+
+
+def _part(past: Past, rows: slice) -> Past:
+    return Past(past.t[rows], past.q[rows], past.dq[rows], past.ddq[rows], past.load[rows])
 
 
 def softens_its_sign(term: Term) -> None:
@@ -156,7 +200,8 @@ def softens_its_sign(term: Term) -> None:
     n, theta = len(term.joints), np.linspace(0.5, 1.5, len(term.parameters))
     soft = Model(term.with_smooth_sign(np.full(n, 1e-3)))
     assert soft.names == tuple(parameter.name for parameter in term.parameters), "the parameters stay the same"
-    np.testing.assert_allclose(soft.torque(*states(n), theta), Model((term,)).torque(*states(n), theta), rtol=1e-6)
+    tau = Model((term,)).torque(*states(n), theta, *memory_of(term))
+    np.testing.assert_allclose(soft.torque(*states(n), theta, *memory_of(term)), tau, rtol=1e-6)
     assert not any(isinstance(one, HasSign) and one.discontinuous for one in soft.terms), "no jump is left"
 
 
@@ -198,6 +243,8 @@ TERM_CHECKS: tuple[Callable[[Term], None], ...] = (
     survives_pickling,
     has_partials_linear_in_theta,
     has_partials_that_are_slopes,
+    remembers_in_pieces,
+    remembers_no_mass,
     softens_its_sign,
     turns_its_gravity,
     is_the_same_in_numpy,

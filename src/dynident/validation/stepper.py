@@ -42,7 +42,7 @@ class Machine:
         left = np.array(theta, dtype=float)
         n = len(model.joints)
         q = np.random.default_rng(0).uniform(0.5, 1.5, (n + 2, n))
-        alternating = [(-1.0) ** k * (1 + 0.1 * k) for k in range(n)]
+        alternating = [(-1.0) ** k * (1.5 + 0.1 * k) for k in range(n)]
         dq = 1e3 * np.vstack((np.eye(n), np.arange(1.0, n + 1), alternating))
         Y = model.regressor(q, dq, np.zeros_like(q))
         rows, levels = list[Array](), list[float]()

@@ -6,17 +6,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
 from dynident.models.term import Joint, Parameter, Partials
+from dynident.smoothers import BY_JOINT
 
-__all__ = ["SLOWEST", "Constant", "JointTerm"]
+__all__ = ["FASTEST", "SLOWEST", "Constant", "JointTerm", "Number", "Slopes", "Speed"]
 
 SLOWEST, FASTEST = 1e-9, 1e9  # rad/s, m/s: of shape constants
+Number = Annotated[float | Mapping[str, float], BY_JOINT]
+Speed = Annotated[Annotated[float, Gt(0)] | Mapping[str, Annotated[float, Gt(0)]], BY_JOINT]
 
 Array = NDArray[np.float64]
 Slopes = tuple[Array | None, Array | None, Array | None]  # by q, dq, ddq; None: zero
@@ -24,26 +28,28 @@ Slopes = tuple[Array | None, Array | None, Array | None]  # by q, dq, ddq; None:
 
 @dataclass(frozen=True)
 class Constant:
-    """The limits of a shape constant: from ``low`` to ``high``, or also 0 with ``zero``; ``words`` name them."""
+    """The limits of a shape constant: from ``low`` to ``high``, or also 0 with ``zero``; ``words`` say it in errors."""
 
-    words: str
+    words: str = "a velocity above 0, in rad/s or m/s"
     low: float = SLOWEST
     high: float = FASTEST
     zero: bool = False
+    whole: bool = False
 
     def holds(self, number: float) -> bool:
         """Return whether a number is within the limits."""
-        return self.low <= number <= self.high or (self.zero and number == 0)
+        within = self.low <= number <= self.high or (self.zero and number == 0)
+        return within and not (self.whole and number % 1)
 
 
 @dataclass(frozen=True)
 class JointTerm(ABC):
     """Base of terms with one or several parameters for each joint in ``on``: tau_j = sum of theta_jk f_jk.
 
-    f_jk is a function of q_j, dq_j and ddq_j. A subclass defines ``described``, its parameters, and ``shapes`` and ``slopes``, its columns; ``count`` where a
-    joint has several, ``formula`` for exports. ``constants`` names those of its fields that are constants of the shape:
-    one for all joints, or a mapping by joint. ``role`` is that of ``Parameter``. Methods pass on the memory of a term
-    that has one.
+    f_jk is a function of q_j, dq_j and ddq_j. A subclass defines ``described``, its parameters, and ``shapes`` and
+    ``slopes``, its columns; ``count`` where a joint has several, ``formula`` for exports. ``constants`` names those of
+    its fields that are constants of the shape: one for all joints, or a mapping by joint. ``role`` is that of
+    ``Parameter``. Methods pass on the memory of a term that has one.
     """
 
     role: ClassVar[str] = ""
@@ -218,6 +224,8 @@ def _is_by_joint(value: object) -> bool:
 def _several(given: Any, where: str, allowed: Constant) -> Any:
     """Return a number, or several as a tuple, once they are within the limits."""
     numbers = tuple(given) if isinstance(given, list | tuple) else (given,)
+    if not numbers:
+        raise ModelError(f"{where} is empty; give {allowed.words}.")
     for number in numbers:
         if not allowed.holds(number):
             raise ModelError(f"{where} is {number}; give {allowed.words}.")

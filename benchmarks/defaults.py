@@ -14,9 +14,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import re
 import time
 import warnings
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -181,7 +181,7 @@ def measure(path: Path) -> Row:
         "seconds": round(seconds, 2),
         "chosen": chosen(found),
         "verdict": judge(found).use.value,
-        "warnings": [*remarks, *(str(getattr(one, "message", one)) for one in found.warnings)],
+        "warnings": dict(Counter([*("of reading" for _ in remarks), *(type(one).__name__ for one in found.warnings)])),
     }
 
 
@@ -238,8 +238,7 @@ def main() -> None:
     if not given.draw:
         run(given.robots or list(ROBOTS), given.label, FIGURES if given.page else given.out, given.keep)
     if given.page or given.draw:
-        kept = json.loads(FIGURES.read_text(encoding="utf-8"))
-        PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept), encoding="utf-8")
+        draw()
 
 
 def run(names: list[str], label: str, file: Path | None, folder: Path | None) -> None:
@@ -256,25 +255,52 @@ def run(names: list[str], label: str, file: Path | None, folder: Path | None) ->
             print(f"{name} {one['role']} {one['name']}: {one['error']} % {one['joints']}", flush=True)
         print(f"{name}: {row.get('refused') or told(row)}", flush=True)
         if file:
-            kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-            kept.setdefault(label, {})[name] = row
-            file.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+            kept = read(file)
+            kept.setdefault("robots", {}).setdefault(label, {})[name] = row
+            write(kept, file)
 
 
-def page(text: str, kept: Mapping[str, Any]) -> str:
-    """Return the page with its table anew."""
-    body = f"<!-- table -->\n\n{table(kept)}\n\n<!-- /table -->"
-    return re.sub(r"<!-- table -->.*<!-- /table -->", lambda _: body, text, flags=re.DOTALL)
+def read(file: Path) -> Row:
+    """The figures that a file has."""
+    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
-def table(kept: Mapping[str, Any]) -> str:
+def write(kept: Row, file: Path) -> None:
+    file.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+
+
+def draw() -> None:
+    """Write the tables of the page from the figures that are kept."""
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), read(FIGURES)), encoding="utf-8")
+
+
+def page(text: str, kept: Row) -> str:
+    """Return the page with its tables anew."""
+    for name, body in (("robots", table(kept.get("robots", {}))), ("laws", laws(kept.get("laws", {})))):
+        before, _, rest = text.partition(f"<!-- {name} -->")
+        text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
+    return text
+
+
+def table(rows: Mapping[str, Mapping[str, Row]]) -> str:
     """Return the rows, those of a robot together, as Markdown."""
     head = "| | held out, % | by joint, % | train, % | terms | s of CPU | mark | noise | oracle |"
     lines = [head, "|" + "---|" * 9]
     for name, robot in ROBOTS.items():
-        for label, rows in kept.items():
-            if (row := rows.get(name)) is not None:
+        for label, own in rows.items():
+            if (row := own.get(name)) is not None:
                 lines.append("| " + " | ".join([f"{robot.title}, {label}", *cells(robot, row)]) + " |")
+    return "\n".join(lines)
+
+
+def laws(rows: Mapping[str, Row]) -> str:
+    """Return the scores of the laws of friction as Markdown."""
+    lines = ["| | found | wrong | same speed | twice as fast | missed | entered |", "|" + "---|" * 7]
+    for law, one in rows.items():
+        found = f"{one['found']} of {one['needed']}" if one["needed"] else ""
+        figures = [law, found, f"{one['wrong']} of {one['joints']}", f"{one['same']:.3f}", f"{one['fast']:.3f}"]
+        named = [", ".join(f"{kind} {count}" for kind, count in one[key].items()) for key in ("missed", "entered")]
+        lines.append("| " + " | ".join([*figures, *named]) + " |")
     return "\n".join(lines)
 
 
@@ -285,7 +311,7 @@ def cells(robot: Robot, row: Row) -> list[str]:
     train = next(log for log in row["logs"] if log["role"] == "train")
     mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if one['error'] <= robot.mark else '**not met**'}"
     joints = ", ".join(f"{value:.3g}" for value in one["joints"].values())
-    terms = "; ".join(worded(kind, on, len(one["joints"])) for kind, on in row["chosen"]["terms"].items())
+    terms = worded(row["chosen"]["terms"], len(one["joints"]))
     return [f"{one['error']:.3g}", joints, f"{train['error']:.3g}", terms, f"{row['seconds']:.3g}", mark, robot.floor,
             robot.oracle]  # fmt: skip
 
@@ -293,13 +319,14 @@ def cells(robot: Robot, row: Row) -> list[str]:
 def told(row: Row) -> str:
     """What was chosen, in words."""
     joints = len(row["logs"][0]["joints"])
-    terms = "; ".join(worded(kind, on, joints) for kind, on in row["chosen"]["terms"].items())
+    terms = worded(row["chosen"]["terms"], joints)
     return f"{row['seconds']} s; {row['verdict']}; {terms}; time offset {row['chosen']['time_offset']}"
 
 
-def worded(kind: str, on: list[str], joints: int) -> str:
-    """A group of terms, and the joints that it acts on where these are not all."""
-    return kind if len(set(on)) == joints else f"{kind} ({', '.join(dict.fromkeys(on))})"
+def worded(groups: Mapping[str, list[str]], joints: int) -> str:
+    """The terms beside the bodies, with the number of joints where these are not all."""
+    counts = {kind: len(set(on)) for kind, on in groups.items() if kind != "RigidBodies"}
+    return ", ".join(kind if count == joints else f"{kind} {count}" for kind, count in counts.items())
 
 
 if __name__ == "__main__":

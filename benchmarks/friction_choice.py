@@ -23,6 +23,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+from defaults import FIGURES, draw, laws, read, write
 from friction_laws import ARMS, LAWS, PLAIN, Arm, Effect, Moved, arm, course, needed
 from numpy.typing import NDArray
 
@@ -147,35 +148,37 @@ def compared(found: set[tuple[int, str]], effects: dict[tuple[int, str], float])
     }
 
 
-HEAD = f"{'law':12s} {'found':>9s} {'joints wrong':>13s} {'same/oracle':>12s} {'twice as fast':>14s}  missed; wrong"
-
-
-def told(rows: Iterable[Row]) -> str:
-    """The score by law, and of all."""
+def scores(rows: Iterable[Row]) -> dict[str, Row]:
+    """The score by law, and of all: groups found of those needed, joints with a wrong group, errors over the
+    oracle's, and which groups were missed and entered wrongly."""
     by: dict[str, list[Row]] = {}
     for row in rows:
         by.setdefault(row["law"], []).append(row)
     every = [row for own in by.values() for row in own]
-    return "\n".join([HEAD, *(scored(law, own) for law, own in by.items()), scored("all laws", every)])
+    return {law: score(own) for law, own in (*by.items(), ("all laws", every))}
 
 
-def scored(law: str, rows: list[Row]) -> str:
-    """A line: groups found of those needed, joints with a wrong group, errors over the oracle's, and which groups."""
-    need, missed = (sum(len(row[key]) for row in rows) for key in ("needed", "missed"))
-    joints = sum(len(ARMS[row["arm"]]) for row in rows)
-    wrong = sum(len({joint for joint, _ in row["wrong"]}) for row in rows)
-    same, fast = (np.mean([row[f"auto_{role}"] / row[f"oracle_{role}"] for row in rows]) for role in ("same", "fast"))
-    names = [Counter(kind for row in rows for _, kind in row[key]) for key in ("missed", "wrong")]
-    said = "; ".join(", ".join(f"{kind} {count}" for kind, count in one.items()) for one in names)
-    return f"{law:12s} {need - missed:4d}/{need:<4d} {wrong:6d}/{joints:<6d} {same:12.3f} {fast:14.3f}  {said}"
+def score(rows: list[Row]) -> Row:
+    needed, missed = (sum(len(row[key]) for row in rows) for key in ("needed", "missed"))
+    ratios = {role: np.mean([row[f"auto_{role}"] / row[f"oracle_{role}"] for row in rows]) for role in ("same", "fast")}
+    return {
+        "needed": needed,
+        "found": needed - missed,
+        "joints": sum(len(ARMS[row["arm"]]) for row in rows),
+        "wrong": sum(len({joint for joint, _ in row["wrong"]}) for row in rows),
+        **{role: round(float(ratio), 4) for role, ratio in ratios.items()},
+        "missed": dict(Counter(kind for row in rows for _, kind in row["missed"])),
+        "entered": dict(Counter(kind for row in rows for _, kind in row["wrong"])),
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("laws", nargs="*", metavar="LAW", help=", ".join(LAWS))
-    parser.add_argument("--arms", nargs="*", default=list(ARMS), choices=list(ARMS))
+    parser.add_argument("--arms", nargs="*", default=["six", "seven"], choices=list(ARMS))
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--page", action="store_true", help="keep the scores for docs/defaults.md, and write it")
     given = parser.parse_args()
     rows = []
     for law in given.laws or LAWS:
@@ -193,7 +196,10 @@ def main() -> None:
                 if given.out:
                     with given.out.open("a", encoding="utf-8") as file:
                         file.write(json.dumps(row) + "\n")
-    print(told(rows))
+    print(laws(scores(rows)))
+    if given.page:
+        write(read(FIGURES) | {"laws": scores(rows)}, FIGURES)
+        draw()
 
 
 if __name__ == "__main__":

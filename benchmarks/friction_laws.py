@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from situation_arm import FRICTION, NOMINAL, SIX, Link, urdf
+from situation_arm import FRICTION, NOMINAL, SIX, THREE, Link, urdf
 
 from dynident.log import Log
 from dynident.models import Model, RigidBodies, RotorInertia
@@ -23,7 +23,7 @@ BEFORE, DENSE = 2.0, 10  # s that the arm has moved before the log begins; steps
 NOISE_Q, ENCODER = 1e-5, 2 * np.pi / 2**18  # rad
 REACH = 0.9  # rad
 SEVEN = (*SIX, Link(0.4, (0.01, 0.02, 0.03), (0.0008, 0.0009, 0.0006), (0.0, 0.0, 0.08)))
-ARMS: Mapping[str, tuple[Link, ...]] = {"six": SIX, "seven": SEVEN}
+ARMS: Mapping[str, tuple[Link, ...]] = {"three": THREE, "six": SIX, "seven": SEVEN}
 PLAIN = ("viscous", "coulomb")
 
 
@@ -86,7 +86,7 @@ def ripple(moved: Moved, shape: Shape) -> Array:
 
 
 def asymmetric_coulomb(moved: Moved, shape: Shape) -> Array:
-    return np.abs(np.tanh(moved.dq / shape.width))
+    return np.asarray(np.tanh(moved.dq / shape.width) ** 2)
 
 
 def asymmetric_viscous(moved: Moved, _: Shape) -> Array:

@@ -19,7 +19,7 @@ from dynident.errors import InputError, listed
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["Controller", "Log", "Motion", "pieces", "subsample", "thinned"]
+__all__ = ["Controller", "Log", "Motion", "pieces", "subsample", "thinned", "together"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -323,6 +323,13 @@ def thinned(motions: Sequence[Motion], most: int) -> tuple[Motion, ...]:
     """Return the motions with only the samples of ``subsample``, without those that have fewer than two of them."""
     rows = subsample(motions, most)
     return tuple(one.shifted(0.0, kept) for one, kept in zip(motions, rows, strict=True) if len(kept) > 1)
+
+
+def together(motions: Sequence[Motion], rows: Sequence[NDArray[np.intp]] | None = None) -> dict[str, Array]:
+    """Return the states at these rows of motions, by default all, one motion after the other, by name."""
+    pairs = ((one, slice(None)) for one in motions) if rows is None else zip(motions, rows, strict=True)
+    found = [one.states(kept) for one, kept in pairs]
+    return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
 
 
 def pieces(part: slice, count: int, share: float) -> list[slice]:

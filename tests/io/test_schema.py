@@ -62,6 +62,7 @@ def test_configurations_of_the_documentation_keep_to_the_schema(text: str) -> No
         {"filter": {"decimate": 0}},
         {"position": {"slider": {"column": "pos"}}},
         {"model": {"file": "arm.urdf", "terms": ["stiction"]}},
+        {"model": {"file": "arm.urdf", "terms": "viscous"}},
     ],
     ids=str,
 )
@@ -69,6 +70,12 @@ def test_mistakes_break_the_schema(changes: dict[str, Any]) -> None:
     schema = config_schema()
     assert list(wrong(schema, settings(), schema)) == []
     assert list(wrong(schema, settings(**changes), schema)) != []
+
+
+@pytest.mark.parametrize("terms", ["auto", ["auto", {"kind": "stribeck", "velocity": {"a": 0.1}}]], ids=str)
+def test_terms_may_be_left_to_the_data(terms: Any) -> None:
+    schema = config_schema()
+    assert list(wrong(schema, settings(model={"file": "arm.urdf", "terms": terms}), schema)) == []
 
 
 def test_the_configuration_knows_all_parts_and_their_settings() -> None:

@@ -6,8 +6,10 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.io.config import parse_config
-from dynident.io.settings import check_joints
+from dynident.io.robot import load_robot
+from dynident.io.settings import RobotSettings, check_joints
 from tests.io.configurations import SLIDER, changed, with_channel
+from tests.robots import ARM
 
 CHANNELS = {
     "unknown joint": (
@@ -35,3 +37,31 @@ def test_channels_that_do_not_fit_the_joints(text, fragments):
     with pytest.raises(ConfigError) as caught:
         check_joints(parse_config(text), SLIDER)
     assert all(fragment in str(caught.value) for fragment in fragments), caught.value
+
+
+@pytest.mark.parametrize(
+    ("terms", "kinds", "chosen"),
+    [
+        ("auto", [], True),
+        (["auto"], [], True),
+        (["viscous", "auto", {"kind": "dahl", "length": 0.01}], ["Viscous", "Dahl"], True),
+        (["viscous"], ["Viscous"], False),
+    ],
+    ids=str,
+)
+def test_terms_that_the_data_choose_are_not_in_the_model(terms, kinds, chosen):
+    settings = parse_config(changed(model={"file": "arm.urdf", "terms": terms})).model
+    assert isinstance(settings, RobotSettings)
+    model = load_robot(settings, ARM)
+    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", *kinds]
+    assert settings.chooses_terms is chosen
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [(["auto", "auto"], "`terms` lists 'auto' twice"), ("viscous", r"model.terms: a list"), ("autos", "model.terms")],
+    ids=str,
+)
+def test_terms_that_are_no_list(terms, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_config(changed(model={"file": "arm.urdf", "terms": terms}))

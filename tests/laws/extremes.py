@@ -38,6 +38,7 @@ NEEDED: Mapping[str, Mapping[str, Any]] = {
     "stribeck": {"velocity": 0.1},
     "power": {"exponent": 2},
     "ripple": {"cycles": 10},
+    "load_ripple": {"cycles": 10},
     "counterbalance": {"base_arm": 0.5, "link_arm": 0.2, "angle": 3, "free_length": 0.4},
 }
 

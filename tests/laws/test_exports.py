@@ -25,12 +25,19 @@ from dynident.export import (
 from dynident.export.identified import link_inertias
 from dynident.export.placement import placed
 from dynident.models import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
     Coulomb,
+    Counterbalance,
     CoupledMotor,
     Model,
     Offset,
+    Power,
     RigidBodies,
+    Ripple,
     RotorInertia,
+    Spring,
+    Stribeck,
     Viscous,
     consistency_violations,
     from_physical,
@@ -131,6 +138,34 @@ def test_mimic_joints_several_joints_of_a_body_and_shapes_are_written(text, opti
     for exporter in (Urdf() if bodies.format == "urdf" else Mjcf(), Numpy(), Yaml()):
         made = export(one, exporter, states(rng, len(joints), 20))
         assert made.ready, made.refusal
+
+
+@pytest.mark.parametrize(("text", "exporter"), [(ARM, Urdf()), (ARM_MJCF, Mjcf())], ids=["urdf", "mjcf"])
+def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, exporter):
+    rng = np.random.default_rng(3)
+    bodies = RigidBodies(text)
+    joints, n = bodies.joints, len(bodies.joints)
+    turning = [joint.name for joint in joints if joint.kind == "revolute"]
+    widths = {joint.name: 0.1 * k for k, joint in enumerate(joints)}
+    beyond = (
+        AsymmetricCoulomb(joints, width=0.2),
+        AsymmetricViscous(joints),
+        Stribeck(joints, velocity=0.5, width=widths),
+        Power(joints, exponent=0.6),
+        Ripple(joints, cycles=(3, 20), delay=0.01),
+        Spring(joints, order=2),
+        Counterbalance(joints, turning[:1], base_arm=0.5, link_arm=0.2, angle=3.0, free_length=0.3),
+    )
+    model = Model((bodies, Viscous(joints), Coulomb(joints, width=widths), *beyond), name="arm")
+    rest = len(model.names) - 10 * n
+    one = Identified(model, np.concatenate([physical(rng, n).ravel(), rng.uniform(0.1, 2, rest)]))
+    state = states(rng, n, 50)
+    assert export(one, Numpy(), state).ready
+    made = export(one, exporter, state)
+    assert made.ready, made.refusal
+    left = " ".join(made.written.left_out)
+    assert [p.name for term in beyond for p in term.parameters if f"{p.name} = " not in left] == []
+    assert all(f"tanh(dq/{0.1 * k:g})" in left for k in range(1, n))
 
 
 def random_mjcf(rng, count):

@@ -24,7 +24,7 @@ from dynident import __version__
 from dynident.cli import main
 from dynident.io import settings
 from dynident.io.config import parse_config
-from dynident.io.families import ESTIMATORS, SMOOTHERS
+from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
 from dynident.io.fields import UNITS, Section
 from dynident.io.parts import built, section
 
@@ -265,6 +265,17 @@ def test_configuration_keys_and_defaults(heading: str) -> None:
     section = SECTIONS[heading]
     told = {key.strip("`"): yaml.safe_load(shown.strip("`")) for key, shown, *_ in rows(heading)}
     assert told == {key: default(section, key) for key in section.model_fields}
+
+
+def test_configuration_lists_every_term_with_its_settings() -> None:
+    told = {}
+    for kind, given, *_ in rows("Terms"):
+        pairs = re.findall(r"`(\w+)` (required|`[^`]*`)", given)
+        told[kind.strip("`")] = {key: yaml.safe_load(shown.strip("`")) for key, shown in pairs}
+    common = {"kind", "on", "names", "expressions", "values"}
+    parts = {kind: section(TERMS, TERMS.get(kind)) for kind in TERMS.table}
+    own = {kind: [key for key in part.model_fields if key not in common] for kind, part in parts.items()}
+    assert told == {kind: {key: default(parts[kind], key) for key in keys} for kind, keys in own.items()}
 
 
 def test_configuration_has_every_section_and_unit() -> None:

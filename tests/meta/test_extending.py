@@ -30,7 +30,7 @@ from tests.robots import ARM
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 PARTS = dict(
     zip(
-        ("sg", "stribeck", "huber", "raw", "csv"),
+        ("sg", "buffer", "huber", "raw", "csv"),
         re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S),
         strict=True,
     )
@@ -105,16 +105,16 @@ def test_an_estimator_of_a_file_identifies(folder: Path) -> None:
 
 
 def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> None:
-    terms = ["viscous", "coulomb", {"kind": "stribeck.py:Stribeck", "v": 0.05, "on": ["shoulder"]}]
+    terms = ["viscous", "coulomb", {"kind": "buffer.py:Buffer", "begin": {"shoulder": 0.5}, "on": ["shoulder"]}]
     text = yaml.safe_dump(yaml.safe_load(slide(folder).read_text()) | {"model": {"file": "arm.urdf", "terms": terms}})
     model = load_model(parse_config(text, folder).model, folder)
-    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Viscous", "Coulomb", "Stribeck"]
-    assert model.names[-1] == "Fs_shoulder"
-    assert model.terms[-1].v == 0.05
+    assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Viscous", "Coulomb", "Buffer"]
+    assert model.names[-1] == "k_shoulder"
+    assert model.terms[-1].constant("begin", "shoulder") == 0.5
     one = Identified(model, np.linspace(0.5, 1.5, len(model.names)))
     assert export(one, Numpy(), random_states(len(model.joints), np.random.default_rng(0))).ready
-    text = text.replace("v: 0.05", "speed: 1")
-    with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'speed'"):
+    text = text.replace("begin:", "start:")
+    with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'start'"):
         parse_config(text, folder)
 
 

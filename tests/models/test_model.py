@@ -178,3 +178,14 @@ def test_gravity_is_changed_in_the_terms_that_have_one():
     turned, same = Model((Pulled(), offset)).with_gravity(lambda g: 0.5 * g[[2, 0, 1]]).terms
     assert turned.gravity == (-4.905, 0.0, 0.0)
     assert same is offset
+
+
+def test_further_terms_join_a_model():
+    """The model keeps its name and parameters; a term that does not fit is refused as in a new model."""
+    model = two_link_arm()
+    rich = model.with_terms(RotorInertia(model.joints), Offset(model.joints))
+    assert (rich.name, rich.terms[:-2]) == (model.name, model.terms)
+    assert rich.names == (*model.names, *(f"{kind}_{one.name}" for kind in ("Ia", "offset") for one in model.joints))
+    assert len(model.with_terms().terms) == len(model.terms)
+    with pytest.raises(ModelError, match="give all terms the same joints"):
+        model.with_terms(Offset((Joint("other"),)))

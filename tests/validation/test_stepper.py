@@ -9,7 +9,7 @@ import pytest
 
 from dynident.errors import ModelError
 from dynident.log import Controller, Motion
-from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, Viscous
+from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, Power, Stribeck, Viscous
 from dynident.models.gallery import pendulum, slider
 from dynident.validation import CascadePD
 from dynident.validation.stepper import AHEAD, FAR, Machine, _arrays, integrate
@@ -135,3 +135,13 @@ def test_the_model_is_not_asked_after_the_end() -> None:
     run = motion(model, np.arange(11) * 0.2, np.zeros(11), dq=1.0)
     q, *_ = both(model, (5.0, 0.0, 0.0, 0.0, 1e-12), run, None)
     assert q[0, -1, 0] == pytest.approx(2.1)
+
+
+def test_only_friction_of_a_constant_size_or_slope_is_separated() -> None:
+    """A power of the speed, viscous by its role, and the Stribeck effect stay in the model."""
+    terms = Viscous(JOINTS), Coulomb(JOINTS), Power(JOINTS, exponent=0.5), Stribeck(JOINTS, velocity=0.1)
+    machine = Machine(pendulum().with_terms(*terms), (0.1, 0.2, 1.0, 2.0, 4.0, 8.0))
+    assert machine.V.tolist() == [[1.0]]
+    assert machine.F.tolist() == [2.0]
+    slow, fast = (machine.mass_and_bias(np.zeros((1, 1)), np.full((1, 1), v))[1].item() for v in (0.1, 4.0))
+    assert (slow, fast) == pytest.approx((4.0 * 0.1**0.5 + 8.0 * np.exp(-1), 8.0))

@@ -74,7 +74,7 @@ def information(
     ``motion`` is exact, as ``simulate`` returns it; all its samples count. ``sigma_q`` (rad, m) and ``sigma_tau``
     (N m, N) are one number or one per joint. ``rest``: the velocity at the first sample is known to be zero.
     ``substeps`` of a fourth-order Runge-Kutta rule are taken from sample to sample. Raises ConfigError for a deviation
-    that is not positive, and ModelError where the model fails.
+    that is not positive, and ModelError where the model fails. What a model remembers counts as known.
     """
     n, p = len(model.joints), len(model.parameters)
     R, U = (np.diag(variance(*pair, n)) for pair in (("sigma_q", sigma_q), ("sigma_tau", sigma_tau)))
@@ -130,6 +130,7 @@ def _transitions(model: Model, theta: Array, motion: Motion, substeps: int) -> A
     span = np.diff(motion.t)[:, None]
     h = span / substeps
     before, after = motion.tau[:-1], motion.tau[1:]
+    memory = model.remembering(motion).memory
     slopes = np.zeros((len(x), 2 * n, 4 * n + p))
     slopes[:, range(2 * n), range(2 * n)] = 1.0
 
@@ -137,12 +138,13 @@ def _transitions(model: Model, theta: Array, motion: Motion, substeps: int) -> A
         """Return the rates of the state and of its derivatives, ``part`` of the way between two samples."""
         u = (1 - part) * before + part * after
         q, dq = x[:, :n], x[:, n:]
-        ddq = model.forward_dynamics(q, dq, u, theta)
-        partials = model.partials(q, dq, ddq, theta)
+        known = None if memory is None else (1 - part) * memory[:-1] + part * memory[1:]
+        ddq = model.forward_dynamics(q, dq, u, theta, known)
+        partials = model.partials(q, dq, ddq, theta, known)
         push = -(partials.q @ slopes[:, :n] + partials.dq @ slopes[:, n:])
         push[:, range(n), range(2 * n, 3 * n)] += 1 - part
         push[:, range(n), range(3 * n, 4 * n)] += part
-        push[:, :, 4 * n :] -= model.regressor(q, dq, ddq)
+        push[:, :, 4 * n :] -= model.regressor(q, dq, ddq, known)
         turned = np.linalg.solve(partials.ddq, push)
         return np.concatenate([dq, ddq], axis=1), np.concatenate([slopes[:, n:], turned], axis=1)
 

@@ -93,9 +93,9 @@ class _Linearised:
 
         ``local`` (3, k, 3) are the splines and their derivatives at the samples.
         """
-        states = self.motion.q[at], self.motion.dq[at], self.motion.ddq[at]
-        Y, slopes = self.model.regressor(*states)[:, :, self.columns], self.model.partials(*states, self.theta)
-        k, n = states[0].shape
+        states = self.motion.states(at)
+        Y, slopes = self.model.regressor(**states)[:, :, self.columns], self.model.partials(**states, theta=self.theta)
+        k, n = states["q"].shape
         J = sum(
             np.einsum("ka,kij->kiaj", V, by).reshape(k, n, 3 * n)
             for V, by in zip(local, (slopes.q, slopes.dq, slopes.ddq), strict=True)

@@ -115,7 +115,7 @@ class _NormalEquations:
     def _rows(self) -> Array:
         """The regressor (n, M, p) of each joint in the samples that count."""
         case = self.case
-        Y = case.model.regressor(case.q, case.dq, case.ddq) * case.keep[:, :, None]
+        Y = case.model.regressor(**case.states) * case.keep[:, :, None]
         return np.ascontiguousarray(Y.swapaxes(0, 1))
 
     @cached_property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.filters import response
-from dynident.log import Motion, subsample
+from dynident.log import Motion, subsample, together
 from dynident.models import Model
 from dynident.regression import ParallelFilter, fast_enough, fitted_rows
 
@@ -29,7 +29,7 @@ class Case:
 
     ``noise`` (n) is the variance of the white noise in each torque; ``extra`` are columns (M, n) beside those of the
     model, and ``beyond`` the same at twice the speed; ``gain`` (n) are what the torques of the model are multiplied
-    with.
+    with; ``memory`` (M, m) is what the model remembers.
     """
 
     model: Model
@@ -44,12 +44,19 @@ class Case:
     extra: tuple[Array, ...] = ()
     beyond: tuple[Array, ...] = ()
     gain: Array | float = 1.0
+    memory: Array | None = None
 
     __repr__ = brief
 
+    @property
+    def states(self) -> dict[str, Array]:
+        """The states of the samples by name, as ``Motion.states``."""
+        found = {"q": self.q, "dq": self.dq, "ddq": self.ddq}
+        return found if self.memory is None else found | {"memory": self.memory}
+
     def torque(self, theta: Array) -> Array:
         """Return the torque (M, n) of the model with parameters theta (p)."""
-        return self.model.torque(self.q, self.dq, self.ddq, theta) * self.gain
+        return self.model.torque(**self.states, theta=theta) * self.gain
 
 
 def case_of(
@@ -90,22 +97,24 @@ def _thinned(
     """Return the case of about so many samples of low-passed motions, with the variance (n) of the noise in them."""
     rows = subsample(slow, samples)
     pairs = list(zip(slow, rows, strict=True))
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(one, name)[kept] for one, kept in pairs]) for name in ("q", "dq", "ddq", "tau")
-    )
+    states, tau = together(slow, rows), np.concatenate([one.tau[kept] for one, kept in pairs])
     jerks = [np.gradient(one.ddq, one.t, axis=0)[kept] for one, kept in pairs]
     keep = [away[kept] & _fitted(one, min_speed, kept) for away, (one, kept) in zip(calm, pairs, strict=True)]
-    return Case(model, q, dq, ddq, np.concatenate(jerks), tau, np.concatenate(keep), tuple(map(len, rows)), noise)
+    q, dq, ddq = (states[name] for name in ("q", "dq", "ddq"))
+    dddq, lengths, memory = np.concatenate(jerks), tuple(map(len, rows)), states.get("memory")
+    return Case(model, q, dq, ddq, dddq, tau, np.concatenate(keep), lengths, noise, memory=memory)
 
 
 def as_measured(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...] | None = None) -> Case:
     """Return the case of a model and motions, all samples as they are: neither low-passed nor without reversals."""
-    q, dq, ddq, tau = (np.concatenate([getattr(one, name) for one in motions]) for name in ("q", "dq", "ddq", "tau"))
+    states, tau = together(motions), np.concatenate([one.tau for one in motions])
     used = [one.mask[:, None] & (np.ones(one.q.shape, bool) if one.keep is None else one.keep) for one in motions]
-    keep, fast = np.concatenate(used), fast_enough(dq, min_speed)
+    keep, fast = np.concatenate(used), fast_enough(states["dq"], min_speed)
     lengths = tuple(len(one) for one in motions)
     keep = keep if fast is None else keep & fast
-    return Case(model, q, dq, ddq, np.zeros_like(q), tau, keep, lengths, np.zeros(q.shape[1]))
+    q, dq, ddq = (states[name] for name in ("q", "dq", "ddq"))
+    none, noise = np.zeros_like(q), np.zeros(q.shape[1])
+    return Case(model, q, dq, ddq, none, tau, keep, lengths, noise, memory=states.get("memory"))
 
 
 def _fitted(motion: Motion, min_speed: tuple[float, ...] | None, rows: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -26,7 +26,7 @@ from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
 from dynident.log import Log, Motion, thinned
-from dynident.models import HasGravity, HasRobotFile, Model
+from dynident.models import HasGravity, HasRobotFile, Model, unloaded
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
 from dynident.smoothers.outliers import suspects
@@ -109,7 +109,7 @@ def run_checks(
     """
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
-    recipe = recipe or Recipe()
+    model, recipe = unloaded(model), recipe or Recipe()
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
@@ -138,6 +138,7 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     recipe = replace(recipe, base_tilt=identification.recipe.base_tilt)  # as it was found
+    model = replace(model, load=identification.model.load)
     found = run_checks(
         model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress
     ).findings
@@ -210,7 +211,9 @@ def _moving(
     if smoothed is None:
         smoothed = _smoothed(model, sound, recipe, findings, progress)
     progress("checking the motion")
-    recorded = [smoothed[role][log.source] for role in ("train", "validation") for log in sound[role]]
+    recorded = [
+        model.remembering(smoothed[role][log.source]) for role in ("train", "validation") for log in sound[role]
+    ]
     outliers = torque_outliers(model, recorded, every, min_speed, len(logs))
     findings += torque_findings(every, outliers, len(logs), masked=masked)
     if masked:

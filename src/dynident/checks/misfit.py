@@ -186,7 +186,7 @@ def misfit(case: Case, weight: Array | None = None) -> Misfit:
 def _block(case: Case) -> EntryBlock:
     """Return the rows of a case, with the columns beside those of the model."""
     own, n = case.model.structure, case.q.shape[1]
-    entries = case.model.entries(case.q, case.dq, case.ddq, own.joint, own.parameter)
+    entries = case.model.entries(**case.states, joint=own.joint, parameter=own.parameter)
     entries *= np.broadcast_to(case.gain, n)[own.joint, None]
     rows = [
         row for j, part in enumerate(own.parts) for row in (entries[part], *(one[None, :, j] for one in case.extra))

@@ -62,7 +62,7 @@ def _factors(case: Case) -> list[Array]:
     """Return for each log the triangular factor (k, p + 1) of regressor and torque, relative to that of all logs."""
     size = np.sqrt((case.tau**2 * case.keep).sum(axis=0) / np.maximum(case.keep.sum(axis=0), 1))
     weight = case.keep / np.where(size > 0, size, np.inf)
-    Y = case.model.regressor(case.q, case.dq, case.ddq)
+    Y = case.model.regressor(**case.states)
     X = np.concatenate([Y, case.tau[:, :, None]], axis=2) * weight[:, :, None]
     parts = np.split(X, np.cumsum(case.lengths)[:-1])
     return [np.asarray(np.linalg.qr(one.reshape(-1, one.shape[2]), mode="r")) for one in parts]

@@ -71,4 +71,4 @@ def _cost(case: Case, last: Sequence[int], other: NDArray[np.bool_]) -> float:
 
 def _of_last(case: Case, last: Sequence[int]) -> Array:
     """Return the regressor (M, n, 10) of the last body."""
-    return case.model.regressor(case.q, case.dq, case.ddq)[:, :, list(last)]
+    return case.model.regressor(**case.states)[:, :, list(last)]

@@ -90,7 +90,7 @@ def nominal(model: Model, q: Array, dq: Array, ddq: Array) -> Array | None:
     values = [parameter.value if parameter.role in INERTIAL else 0.0 for parameter in model.parameters]
     if any(value is None for value in values):
         return None
-    return model.torque(q, dq, ddq, np.array(values, dtype=float))
+    return model.torque(q, dq, ddq, np.array(values, dtype=float), np.zeros((len(q), model.memory)))
 
 
 def _partial(x: Array, y: Array, others: Array) -> tuple[float, float, float]:

@@ -81,8 +81,9 @@ class Numpy:
         return identified_module(identified)
 
     def torque(self, identified: Identified, states: States) -> Array:
-        """Return the torque of all terms."""
-        return identified.model.torque(*states, identified.value)
+        """Return the torque of all terms but those that remember."""
+        held = identified.memoryless
+        return held.model.torque(*states, held.value)
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,8 @@ class Yaml:
         return identified_yaml(identified)
 
     def torque(self, identified: Identified, states: States) -> Array:
-        """Return the torque of all terms."""
-        return identified.model.torque(*states, identified.value)
+        """Return the torque of all terms, of which those that remember have forgotten everything."""
+        return identified.model.torque(*states, identified.value, np.zeros((len(states[0]), identified.model.memory)))
 
 
 def _stem(identified: Identified) -> str:

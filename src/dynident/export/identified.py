@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError, brief
 from dynident.models import (
     Coulomb,
+    HasMemory,
     Model,
     PerJoint,
     RigidBodies,
@@ -51,6 +52,13 @@ class Identified:
             stop = start + len(term.parameters)
             yield term, self.value[start:stop]
             start = stop
+
+    @property
+    def memoryless(self) -> Identified:
+        """The model without the terms that remember: its torque depends on q, dq and ddq of one sample alone."""
+        kept = [(term, values) for term, values in self.parts if not isinstance(term, HasMemory)]
+        model = replace(self.model, terms=tuple(term for term, _ in kept), load=None)
+        return Identified(model, np.concatenate([values for _, values in kept]))
 
     @property
     def robot(self) -> RigidBodies | None:
@@ -101,7 +109,7 @@ def drives(identified: Identified, *, armature: bool) -> Drives:
         if term is bodies:
             continue
         if not isinstance(term, PerJoint) or type(term) not in kinds:
-            left_out += _worded(term, values)
+            left_out += worded(term, values)
             continue
         _add(found[kinds[type(term)]], term, values)
         left_out += _rules(term)
@@ -174,7 +182,8 @@ def _names(term: Term) -> tuple[str, ...]:
     return tuple(joint.name for joint in term.joints)
 
 
-def _worded(term: Term, values: Array) -> Iterator[str]:
+def worded(term: Term, values: Array) -> Iterator[str]:
+    """Yield what is left out with a term."""
     for parameter, value in zip(term.parameters, values, strict=True):
         if value:
             yield f"{parameter.name} = {value:.6g} {parameter.unit} ({parameter.expression})"

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError
-from dynident.export.identified import Identified
+from dynident.export.identified import Identified, worded
 from dynident.export.written import Written
 from dynident.models import (
     Coulomb,
     CoupledMotor,
+    HasMemory,
     HasNumpySource,
     Lagrangian,
     Offset,
@@ -36,13 +37,15 @@ def identified_module(identified: Identified) -> Written:
 
     Rigid bodies are computed by the recursive Newton-Euler algorithm (Featherstone 2008, "Rigid Body Dynamics
     Algorithms", ch. 5) from the ten identified parameters, physical or not; symbolic energies by their printed torques;
-    friction, offset, rotor inertia and coupled motors as rows of motors; any other term by its ``numpy_source``. Raises
-    ModelError for a term without one: its formula is not known.
+    friction, offset, rotor inertia and coupled motors as rows of motors; any other term by its ``numpy_source``. Terms
+    that remember are left out. Raises ModelError for another term without a ``numpy_source``: its formula is not known.
     """
     names = [joint.name for joint in identified.model.joints]
     motors, rigid, others = _Motors(names), ["0.0 * q"], ["0.0 * q"]
     blocks: list[str] = []
-    for k, (term, values) in enumerate(identified.parts):
+    remember = [(term, values) for term, values in identified.parts if isinstance(term, HasMemory)]
+    left_out = [line for term, values in remember for line in worded(term, values)]
+    for k, (term, values) in enumerate(identified.memoryless.parts):
         if isinstance(term, RigidBodies):
             blocks.append(_bodies(term, values, k))
             rigid.append(f"_bodies_{k}(q, dq, ddq)")
@@ -54,7 +57,7 @@ def identified_module(identified: Identified) -> Written:
             others.append(f"_term_{k}(q, dq, ddq)")
     head = _filled(HEAD, MODEL=repr(identified.model.name), JOINTS=_tuple(map(repr, names)))
     functions = _filled(FUNCTIONS, RIGID=" + ".join(rigid), OTHERS=" + ".join(others))
-    return Written("\n\n".join([head + motors.text(), *blocks, functions]))
+    return Written("\n\n".join([head + motors.text(), *blocks, functions]), tuple(left_out))
 
 
 class _Motors:

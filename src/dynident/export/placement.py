@@ -56,15 +56,16 @@ def placed(identified: Identified, *, armature: bool) -> Identified:
 def _null(model: Model, base: BaseParameters) -> Array:
     """Return the directions (p, p - r) that change no torque, without the rounding of the formulas of ``base``."""
     states = _states(model)
-    rows = model.regressor(*states).reshape(-1, len(base.names)) / base.scale
+    rows = model.regressor(**states).reshape(-1, len(base.names)) / base.scale
     found = np.linalg.svd(rows, full_matrices=False)[2][base.rank :].T / base.scale[:, None]
     found[(base.null == 0).all(axis=1)] = 0.0  # they have no part in any
     return np.asarray(found)
 
 
-def _states(model: Model) -> tuple[Array, Array, Array]:
-    q, dq, ddq = np.random.default_rng(0).uniform(-3, 3, (3, 200, len(model.joints)))
-    return q, dq, ddq
+def _states(model: Model) -> dict[str, Array]:
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.uniform(-3, 3, (3, 200, len(model.joints)))
+    return {"q": q, "dq": dq, "ddq": ddq, "memory": rng.uniform(-1, 1, (200, model.memory))}
 
 
 def moves(identified: Identified, best: Identified) -> tuple[str, ...]:
@@ -130,8 +131,8 @@ def _limits(identified: Identified) -> Constraints:
 def _sound(identified: Identified, value: Array) -> bool:
     """Whether values have the torque of the identified ones, and bodies that are physically consistent."""
     model = identified.model
-    q, dq, ddq = _states(model)
-    torque, again = model.torque(q, dq, ddq, identified.value), model.torque(q, dq, ddq, value)
+    states = _states(model)
+    torque, again = model.torque(**states, theta=identified.value), model.torque(**states, theta=value)
     same = float(np.linalg.norm(again - torque)) <= SAME * float(np.linalg.norm(torque))
     _, bodies = replace(identified, value=value).bodies
     signed = bool((value[_signed(identified)] >= 0).all())

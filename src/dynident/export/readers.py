@@ -38,7 +38,7 @@ def by_yaml(text: str, identified: Identified, states: States) -> Array:
     given = np.array([values[name] for name in identified.model.names])
     if (given != identified.value).any():  # of some, the torque says nothing
         raise DynidentError("a value differs")
-    return identified.model.torque(*states, given)
+    return identified.model.torque(*states, given, np.zeros((len(states[0]), identified.model.memory)))
 
 
 def by_dynident(text: str, identified: Identified, states: States) -> Array:

@@ -14,6 +14,7 @@ from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt, find_base_tilt, mounted
+from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
 from dynident.identification.outliers import held_out_outliers, torque_outliers, without
 from dynident.identification.recipe import Recipe
@@ -27,7 +28,7 @@ from dynident.identification.result import (
 )
 from dynident.identification.time_offset import Pairing, TimeOffset, pair
 from dynident.log import Log, Motion
-from dynident.models import Model
+from dynident.models import Model, unloaded
 from dynident.regression import (
     BaseParameters,
     Regression,
@@ -88,9 +89,10 @@ def _identify(
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
+    whole, model = model, unloaded(model)
     pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, recipe.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
-    motions = _smoothed(logs, smoother, progress)
+    motions = _smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
         motions["train"] = _masked(model, motions["train"], roles["train"], min_speed)
         trained = tuple(
@@ -99,6 +101,8 @@ def _identify(
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
+    model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
+    fitted = tuple(map(model.remembering, fitted))
     used = replace(recipe, smoother=smoother, time_offset=late, base_tilt=angles)
     progress("reducing the regression to triangular factors")
     regression = Regression(model, fitted, recipe.filter, min_speed)
@@ -167,13 +171,13 @@ def _roles(
 
 
 def _smoothed(
-    roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
+    model: Model, roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
 ) -> dict[str, dict[str, Motion]]:
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     every = [(role, *one) for role, logs in roles.items() for one in logs.items()]
     for k, (role, name, log) in enumerate(every):
         progress(Step("smoothing the logs", k, len(every)))
-        motions[role][name] = motion_of(smoother, log)
+        motions[role][name] = model.remembering(motion_of(smoother, log))
     return motions
 
 
@@ -210,7 +214,7 @@ def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeO
     torques = []
     for motion in regression.motions:
         ends = [motion.shifted(side * SHORT) for side in (1.0, -1.0)]
-        late, early = (model.torque(one.q, one.dq, one.ddq, estimate.value) for one in ends)
+        late, early = (model.torque(**one.states(), theta=estimate.value) for one in ends)
         torques.append((late - early)[:, :, None] / (2 * SHORT))
     weights = estimate.residual.weights
     ones = np.ones(len(model.joints)) if weights is None else weights
@@ -243,7 +247,7 @@ def _judged(
                 model, estimate.value, motion, name=name, role=role, parallel_filter=recipe.filter, min_speed=min_speed
             )
             log = roles[role][name]
-            signals = Signals(motion, one.predicted, log)
+            signals = Signals(one.motion, one.predicted, log)
             run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)
             found.append(replace(one, signals=signals, free_run=run))
     return tuple(found)

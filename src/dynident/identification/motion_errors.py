@@ -102,7 +102,7 @@ class _Piece:
         if corrected:
             q, dq, ddq = (2 * a - b for a, b in zip(once, self.passed(q), strict=True))
         at = self.motion
-        ends = [model.torque(at.q + s * q, at.dq + s * dq, at.ddq + s * ddq, theta) for s in (0.5, -0.5)]
+        ends = [model.torque(at.q + s * q, at.dq + s * dq, at.ddq + s * ddq, theta, at.memory) for s in (0.5, -0.5)]
         return ends[0] - ends[1]
 
 
@@ -197,8 +197,8 @@ def _repetition(model: Model, parts: Sequence[_Piece], errors: Sequence[Array], 
     was recorded: a sample on the other side of a reversal of speed, which did not happen, is no bias."""
     worst, found = _worst(parts), []
     for one, e in zip(parts, errors, strict=True):
-        motion = one.again(e)
-        likely = np.abs(motion.tau - model.torque(motion.q, motion.dq, motion.ddq, theta)) <= worst
+        motion = model.remembering(one.again(e), None if one.motion.memory is None else one.motion.memory[0])
+        likely = np.abs(motion.tau - model.torque(**motion.states(), theta=theta)) <= worst
         found.append(replace(motion, keep=likely if motion.keep is None else likely & motion.keep))
     return tuple(found)
 
@@ -239,7 +239,7 @@ def _pieces(model: Model, log: Log, motion: Motion, smoother: Smoother, theta: A
         part = motion.shifted(0.0, np.arange(one.start, one.stop))
         if not part.mask.any():
             continue
-        tau = model.torque(part.q, part.dq, part.ddq, theta)
+        tau = model.torque(**part.states(), theta=theta)
         yield _Piece(part, Log(log.t[one], bare.q[one], tau, log.joints, log.source), used, sigma, rho)
 
 

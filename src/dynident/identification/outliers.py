@@ -147,7 +147,7 @@ def _fitted(model: Model, motions: Sequence[Motion], min_speed: tuple[float, ...
 
 def _torque(model: Model, motion: Motion, theta: Array) -> Array:
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-    return np.concatenate([model.torque(motion.q[s], motion.dq[s], motion.ddq[s], theta) for s in parts])
+    return np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
 
 
 def _usual(left: Array) -> float:

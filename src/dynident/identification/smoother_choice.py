@@ -66,7 +66,7 @@ def choose_smoother(
         if isinstance(motions, InputError):
             errors.append(np.inf)
             continue
-        common = _thinned(motions, masks)
+        common = _thinned([model.remembering(one) for one in motions], masks)
         errors.append(cross_validated_error(model, common, folds))
     good = np.flatnonzero(np.array(errors) <= min(errors) * (1 + TIE))
     if not len(good):

@@ -93,7 +93,7 @@ def pair(
     best = chosen(smoothers)
     progress(Step("estimating the time offset"))
     some = excerpts(logs)
-    motions = known.get(id(best)) or [motion_of(best, log) for log in some]
+    motions = [model.remembering(one) for one in known.get(id(best)) or [motion_of(best, log) for log in some]]
 
     def again(theta: Array) -> Sequence[Sequence[Motion]]:
         return repeated(model, some, motions, best, theta)
@@ -240,7 +240,7 @@ def _squares(
     value = called(estimator, Problem(model, motions, regression), Estimate).value
     found = []
     for motion in motions:
-        left = motion.tau - model.torque(motion.q, motion.dq, motion.ddq, value)
+        left = motion.tau - model.torque(**motion.states(), theta=value)
         keep = fitted_rows(motion, min_speed)
         used = motion.mask[:, None] & (True if keep is None else keep)
         found.append(np.square(left * used).sum(axis=1))

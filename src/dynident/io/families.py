@@ -225,6 +225,7 @@ TERMS = Family(
         "load_viscous": "dynident.models.friction.load:LoadViscous",
         "dahl": "dynident.models.friction.dahl:Dahl",
         "load_dahl": "dynident.models.friction.load:LoadDahl",
+        "load_ripple": "dynident.models.friction.load:LoadRipple",
         "drift": "dynident.models.friction.drift:Drift",
         "offset": "dynident.models.friction.offset:Offset",
     },

@@ -7,12 +7,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, WithJsonSchema, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from dynident.errors import ConfigError, choices
 from dynident.regression import HIGHEST_ORDER
@@ -32,6 +42,7 @@ __all__ = [
     "Name",
     "NonNegative",
     "Number",
+    "OneWord",
     "Order",
     "Positive",
     "PositiveOrEach",
@@ -241,6 +252,21 @@ def _files(value: object, info: ValidationInfo) -> dict[str, Path]:
     if not named or not all(isinstance(v, str | Path) and str(v).strip() for v in named.values()):
         raise ValueError("a file name, or a mapping of short names to file names, is expected")
     return {key: folder / str(path) for key, path in named.items()}
+
+
+@dataclass(frozen=True)
+class OneWord:
+    """Marks a list that a ``word`` alone may stand for: the list of it."""
+
+    word: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_before_validator_function(
+            lambda value: [value] if isinstance(value, str) and value == self.word else value, handler(source)
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"const": self.word}, handler(schema)]}
 
 
 def _schema(**words: Any) -> WithJsonSchema:

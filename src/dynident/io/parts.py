@@ -43,15 +43,19 @@ FILE = r"\.py:\w+$"  # a class of a file
 class PartReader:
     """Marks a setting, as ``Annotated[Any, PartReader(family)]``, that holds the settings of one part of the family.
 
-    With ``plain`` a kind may stand alone where the part needs no settings; it is then kept as it is.
+    With ``plain`` a kind may stand alone where the part needs no settings; it is then kept as it is, and so are
+    ``words``, which stand for what is no part.
     """
 
     family: Family
     plain: bool = False
     nested: bool = False
+    words: tuple[str, ...] = ()
 
     def read(self, value: object, info: ValidationInfo) -> Any:
         """Return the settings of a part, or for a family with given fields the part without them."""
+        if isinstance(value, str) and value in self.words:
+            return value
         if not self.plain or isinstance(value, Mapping):
             return _read(self.family, value, info)
         _read(self.family, {"kind": value}, info)
@@ -63,7 +67,7 @@ class PartReader:
     def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         if self.nested:  # a part in a part, which may hold the next
             return {"type": "object", "required": ["kind"]}
-        kinds = [{"enum": list(self.family.kinds())}] if self.plain else []
+        kinds = [{"enum": [*self.words, *self.family.kinds()]}] if self.plain else []
         yours = {"type": "object", "properties": {"kind": {"type": "string", "pattern": FILE}}, "required": ["kind"]}
         return {"oneOf": [*kinds, *schemas(self.family).values(), yours]}
 

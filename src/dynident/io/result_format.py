@@ -35,10 +35,12 @@ class Kind(BaseModel):
 
 
 class ModelPart(Part):
-    """The model as it was used, which is built from ``provenance``: its name and joints."""
+    """The model as it was used, which is built from ``provenance``: its name and joints, and the parameters of its
+    bodies by a first fit, where friction depends on their load."""
 
     name: str
     joints: tuple[Joint, ...]
+    load: list[float] | None = None
 
 
 class FilterPart(Part):

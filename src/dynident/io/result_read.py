@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,6 +68,8 @@ def identification_of(
     if isinstance(recipe.base_tilt, tuple):
         model = mounted(model, *recipe.base_tilt)
     check_parameters(model, [row.name for row in file.parameters], source)
+    if file.model.load is not None:
+        model = replace(model, load=tuple(file.model.load))
     estimate, base, mass = _estimate(file, model, source), file.base_parameters, file.mass_matrix
     return Identification(
         model,

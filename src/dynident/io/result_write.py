@@ -44,7 +44,11 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
         "mass_matrix": mass and {"smallest": mass.smallest, "q": mass.q, "positive": bool(mass.positive)},
         "warnings": [_kind(note) for note in notes],
         "findings": [_finding(one) for one in found.findings],
-        "model": {"name": found.model.name, "joints": [asdict(joint) for joint in found.model.joints]},
+        "model": {
+            "name": found.model.name,
+            "joints": [asdict(joint) for joint in found.model.joints],
+            "load": found.model.load,
+        },
         "provenance": asdict(found.provenance),
     }
     plain: dict[str, Any] = _plain(data)

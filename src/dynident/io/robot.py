@@ -12,7 +12,7 @@ from dynident.io.families import TERMS
 from dynident.io.folder import settle
 from dynident.io.opener import XML_WEIGHT, opened, real, text
 from dynident.io.parts import build
-from dynident.io.settings import RobotSettings
+from dynident.io.settings import AUTO, RobotSettings
 from dynident.io.xacro import XACRO, expand
 from dynident.models import CoupledMotor, Joint, Model, RigidBodies, Term
 
@@ -70,8 +70,8 @@ def fingerprint(path: Path) -> str:
 def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     """Build the model of a robot file: rigid bodies, rotor inertias, friction, offsets, couplings as configured.
 
-    ``text`` stands for the content of the file where that is known. Raises ModelError where the file cannot be read or
-    used, or a joint is unknown.
+    ``text`` stands for the content of the file where that is known; terms that are to be chosen are not in the model.
+    Raises ModelError where the file cannot be read or used, or a joint is unknown.
     """
     if len(settings.file) != 1:
         raise ModelError(f"model.file: names {len(settings.file)} files; a robot is one file.")
@@ -79,7 +79,7 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     xml = robot_text(path) if text is None else text
     bodies = RigidBodies(xml, settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
-    terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms)]
+    terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms if one != AUTO)]
     for name, coupling in settings.couplings.items():
         terms.append(
             CoupledMotor(

@@ -22,6 +22,7 @@ from dynident.io.fields import (
     Name,
     NonNegative,
     Number,
+    OneWord,
     Order,
     Positive,
     PositiveOrEach,
@@ -34,6 +35,7 @@ from dynident.io.parts import PartReader, by_joint
 from dynident.models import Joint
 
 __all__ = [
+    "AUTO",
     "CascadeJoint",
     "CascadeSettings",
     "Channel",
@@ -48,6 +50,7 @@ __all__ = [
     "check_joints",
 ]
 
+AUTO = "auto"  # among the terms: those that the training logs choose
 POSITIONS = {"revolute": "angle", "prismatic": "length"}
 TORQUES = {"revolute": "torque", "prismatic": "force"}
 
@@ -130,8 +133,9 @@ class RobotSettings(Section):
     """A model built from a robot file (URDF or MJCF): its rigid bodies, and further terms per joint.
 
     ``joints`` chooses and orders the moving joints (null: all, in the order of the file); ``lock`` holds positions
-    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``coulomb_width`` (rad/s,
-    m/s) smooths the sign in the Coulomb friction.
+    (rad, m) of the others; ``base_tilt`` is that of the base away from ``gravity`` (m/s^2); ``terms`` "auto", alone or
+    in the list, are those that the training logs choose; ``coulomb_width`` (rad/s, m/s) smooths the sign in the Coulomb
+    friction.
     """
 
     _former: ClassVar[Mapping[str, str]] = {"lean": "base_tilt"}
@@ -141,11 +145,22 @@ class RobotSettings(Section):
     lock: Mapping[Name, Number] = {}
     gravity: tuple[Gravity, Gravity, Gravity] = (0.0, 0.0, -9.81)
     base_tilt: Literal["none", "estimate"] = "none"
-    terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True)], ...], FEW] = (
+    terms: Annotated[tuple[Annotated[Any, PartReader(TERMS, plain=True, words=(AUTO,))], ...], FEW, OneWord(AUTO)] = (
         "rotor", "viscous", "coulomb", "offset",
     )  # fmt: skip
     coulomb_width: NonNegative = 0.0
     couplings: Mapping[Name, CouplingSettings] = {}
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if self.terms.count(AUTO) > 1:
+            raise ValueError(f"`terms` lists {AUTO!r} twice; leave one out")
+        return self
+
+    @property
+    def chooses_terms(self) -> bool:
+        """Whether the training logs choose terms."""
+        return AUTO in self.terms
 
 
 class FilterSettings(Section):

@@ -16,10 +16,11 @@ __all__ = ["load_yaml"]
 
 MOST_CHARACTERS, MOST_NODES = 1_000_000, 50_000
 DIGITS, _WHOLE = 300, "tag:yaml.org,2002:int"  # a float has no more digits before its point
+_TRUTH, _TEXT = "tag:yaml.org,2002:bool", "tag:yaml.org,2002:str"
 
 
 class _Loader(yaml.SafeLoader):
-    """Stops where there are too many nodes."""
+    """Stops where there are too many nodes; keys such as ``on`` are texts, not the truth values of YAML 1.1."""
 
     count = 0
 
@@ -28,6 +29,12 @@ class _Loader(yaml.SafeLoader):
         if self.count > MOST_NODES:
             raise _TooManyError
         return super().compose_node(parent, index)
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        for key, _ in node.value:
+            key.tag = _TEXT if key.tag == _TRUTH else key.tag
+        return node
 
 
 class _TooManyError(Exception):

@@ -3,6 +3,7 @@
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
+    Constant,
     Coulomb,
     Counterbalance,
     Dahl,
@@ -11,6 +12,7 @@ from dynident.models.friction import (
     JointTerm,
     LoadCoulomb,
     LoadDahl,
+    LoadRipple,
     LoadViscous,
     Offset,
     PerJoint,
@@ -31,7 +33,7 @@ from dynident.models.inertia import (
 )
 from dynident.models.lagrangian import Lagrangian, Unknown
 from dynident.models.mass_matrix import MassMatrixCheck
-from dynident.models.memory import remembered
+from dynident.models.memory import needs_load, remembered, unloaded
 from dynident.models.model import Model
 from dynident.models.motor import CoupledMotor, RotorInertia
 from dynident.models.rigid_bodies import RigidBodies
@@ -65,6 +67,7 @@ __all__ = [
     "INERTIAL",
     "AsymmetricCoulomb",
     "AsymmetricViscous",
+    "Constant",
     "Coulomb",
     "Counterbalance",
     "CoupledMotor",
@@ -86,6 +89,7 @@ __all__ = [
     "Lagrangian",
     "LoadCoulomb",
     "LoadDahl",
+    "LoadRipple",
     "LoadViscous",
     "Loads",
     "MassMatrixCheck",
@@ -114,6 +118,7 @@ __all__ = [
     "from_physical",
     "from_pseudo",
     "moved",
+    "needs_load",
     "random_states",
     "record",
     "remembered",
@@ -123,4 +128,5 @@ __all__ = [
     "structure_of",
     "to_physical",
     "to_pseudo",
+    "unloaded",
 ]

@@ -16,7 +16,7 @@ from dynident.models.term import HasMemory, Loads, NeedsLoad, Past, Term
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
-__all__ = ["kinds_that_remember", "loading", "memory_of", "needs_load", "parts_of", "remembered"]
+__all__ = ["kinds_that_remember", "loading", "memory_of", "needs_load", "parts_of", "remembered", "unloaded"]
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,15 @@ def loading(terms: Sequence[Term]) -> NDArray[np.bool_]:
     """Return which parameters (p) are of the terms whose torque is the load."""
     own = [isinstance(term, Loads) and term.loads for term in terms]
     return np.repeat(np.array(own, dtype=bool), [len(term.parameters) for term in terms])
+
+
+def unloaded(model: Model) -> Model:
+    """Return the model without the terms that remember the load, which is to be found first; itself if it is known."""
+    if model.load is not None or not model.needs_load:
+        return model
+    if not loading(model.terms).any():
+        raise ModelError(f"{model.name}: no term is of bodies, so there is no load; leave out what depends on it.")
+    return replace(model, terms=tuple(term for term in model.terms if not needs_load(term)))
 
 
 def memory_of(model: Model, memory: ArrayLike | None, rows: int) -> tuple[Array, ...]:

@@ -101,6 +101,16 @@ class Model:
         """Notes of the terms on the files they were made from."""
         return tuple(note for term in self.terms if isinstance(term, HasNotes) for note in term.notes)
 
+    def with_terms(self, *terms: Term) -> Model:
+        """Return the model with further terms, whose parameters follow its own.
+
+        >>> import dynident as dy
+        >>> from dynident.models.gallery import pendulum
+        >>> pendulum().with_terms(dy.Viscous(pendulum().joints)).names[-1]
+        'Fv_pivot'
+        """
+        return replace(self, terms=(*self.terms, *terms))
+
     def with_gravity(self, change: Callable[[Array], ArrayLike]) -> Model:
         """Return the model in which ``change`` is applied to the gravity (3), m/s^2, of each term that has one."""
 
@@ -127,11 +137,14 @@ class Model:
             raise ModelError(f"{self.name}: no term is of bodies, so there is no load; leave out what depends on it.")
         return replace(self, load=tuple(theta_of(self, theta, None)[self._loading].tolist()))
 
-    def remembering(self, motion: Motion) -> Motion:
-        """Return a motion with what the terms remember of it; give a whole one, not thinned."""
+    def remembering(self, motion: Motion, start: Array | None = None) -> Motion:
+        """Return a motion, whole and not thinned, with what the terms remember of it.
+
+        ``start`` (m) is the memory at its first sample, where that is not the first of a recording.
+        """
         if not self.memory:
             return motion
-        return replace(motion, memory=remembered(self, motion.t, motion.q, motion.dq, motion.ddq))
+        return replace(motion, memory=remembered(self, motion.t, motion.q, motion.dq, motion.ddq, start))
 
     def random_states(self, rng: np.random.Generator, samples: int) -> dict[str, Array]:
         """Draw states at random by name: q, dq, ddq (samples, n) and, where the model has one, memory (samples, m)."""

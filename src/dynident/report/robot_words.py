@@ -10,7 +10,6 @@ from dynident.report.words import percent
 
 __all__: list[str] = []
 
-OWN = "The library has no such term; docs/extending.md shows how to write one."
 EFFECTS = {
     TermKind.VISCOUS: ("viscous friction", "Add `viscous` to `terms` of the model."),
     TermKind.COULOMB: ("Coulomb friction", "Add `coulomb` to `terms` of the model."),
@@ -20,11 +19,20 @@ EFFECTS = {
     ),
     TermKind.OFFSET: ("a constant torque", "Add `offset` to `terms` of the model."),
     TermKind.ROTOR: ("rotor inertia", "Add `rotor` to `terms` of the model."),
-    TermKind.SPRING: ("a spring, or a cable that pulls back,", OWN),
-    TermKind.ASYMMETRIC: ("friction that differs between the two directions", OWN),
-    TermKind.QUADRATIC: ("friction that is not proportional to the velocity", OWN),
-    TermKind.STRIBECK: ("friction that is different at low speed", OWN),
-    TermKind.LOAD: ("friction that grows with the load", OWN),
+    TermKind.SPRING: ("a spring, or a cable that pulls back,", "Add `spring` to `terms` of the model."),
+    TermKind.ASYMMETRIC: (
+        "friction that differs between the two directions",
+        "Add `asymmetric_viscous` to `terms` of the model.",
+    ),
+    TermKind.QUADRATIC: (
+        "friction that is not proportional to the velocity",
+        "Add `{ kind: power, exponent: 2 }` to `terms` of the model.",
+    ),
+    TermKind.STRIBECK: (
+        "friction that is different at low speed",
+        "Add `stribeck` to `terms` of the model, with the `velocity` at which it has fallen.",
+    ),
+    TermKind.LOAD: ("friction that grows with the load", "Add `load_coulomb` to `terms` of the model."),
     TermKind.DRIFT: (
         "friction that changes over the recording",
         "Let the robot warm up, and record training and validation in the same state.",
@@ -42,7 +50,10 @@ EFFECTS = {
         "so many times the torque of a neighbour",
         "Are these torques of motors that drive both joints, as in a differential? Convert them to joint torques.",
     ),
-    TermKind.RIPPLE: ("a ripple, of cogging or of the gear, with this amplitude", OWN),
+    TermKind.RIPPLE: (
+        "a ripple, of cogging or of the gear, with this amplitude",
+        "Add `ripple` to `terms` of the model, with its `cycles`, 2 pi by the period.",
+    ),
 }
 
 

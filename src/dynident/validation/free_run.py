@@ -186,6 +186,7 @@ def free_run(
     its controller an arm drifts for any model. Raises ConfigError where neither is given, InputError where the
     controller has other joints, or where too few samples are usable.
     """
+    motion = model.remembering(motion)
     rows = _pieces(motion, controller, restart)
     q, tau, failure = _simulated(model, theta, motion, rows, controller)
     measured, torques, shown = motion.q[rows], motion.tau[rows], rows[:, :-1].ravel()

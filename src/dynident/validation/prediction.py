@@ -161,9 +161,9 @@ def validate(
     """
     if not motion.mask.any():
         raise InputError(f"{motion.source}: no usable sample is left for validation; widen the window, or smooth less.")
+    motion, theta = model.remembering(motion), np.asarray(theta, dtype=float)
     parts = [slice(start, start + BLOCK) for start in range(0, len(motion), BLOCK)]
-    torques = [model.torque(motion.q[s], motion.dq[s], motion.ddq[s], np.asarray(theta, dtype=float)) for s in parts]
-    predicted = np.concatenate(torques)
+    predicted = np.concatenate([model.torque(**motion.states(s), theta=theta) for s in parts])
     measured, guess = motion.tau[motion.mask], predicted[motion.mask]
     error = np.sqrt(np.mean((measured - guess) ** 2, axis=0))
     filtered = None if parallel_filter is None else _filtered(motion, predicted, parallel_filter, min_speed)

@@ -55,3 +55,13 @@ def test_dry_friction_is_continuous_with_a_width_or_a_dead_band() -> None:
     assert Coulomb(JOINTS).discontinuous
     assert not Coulomb(JOINTS, width=0.1).discontinuous
     assert not Coulomb(JOINTS, dead_band=0.1).discontinuous
+
+
+def test_width_and_dead_band_by_joint() -> None:
+    term = Coulomb(JOINTS, width={"base": 0.5, "rail": 0, "wrist": 0}, dead_band={"base": 0, "rail": 3, "wrist": 0})
+    expected = [[np.tanh(2.0), 0.0, 1.0], [0.0, 0.0, -1.0]]
+    np.testing.assert_array_equal(regressor(term), np.array(expected)[:, :, None] * np.eye(3))
+    assert [one.expression.partition("per ")[2] for one in term.parameters] == [
+        "tanh(dq/0.5)", "sign(dq), 0 within abs(dq) <= 3", "sign(dq)",
+    ]  # fmt: skip
+    assert [term.rule(name) for name in ("base", "rail", "wrist")] == [(0.5, 0.0), (0.0, 3.0), (0.0, 0.0)]

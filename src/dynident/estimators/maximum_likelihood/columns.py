@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.models import Model
-from dynident.models.structure import independent, random_states
+from dynident.models.structure import independent
 
 __all__ = ["Columns"]
 
@@ -43,7 +43,7 @@ class Columns:
         bodies = np.flatnonzero([bool(one.body) for one in model.parameters])
         if not len(bodies):
             return cls.all(p)
-        Y = model.regressor(*random_states(model.joints, np.random.default_rng(0), STATES))[:, :, bodies]
+        Y = model.regressor(**model.random_states(np.random.default_rng(0), STATES))[:, :, bodies]
         scale = np.sqrt((Y**2).mean(axis=(0, 1)))
         scale[scale == 0] = 1.0
         lead, shares = independent(Y.swapaxes(0, 1).reshape(-1, len(bodies)) / scale)

@@ -58,7 +58,7 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class _Part:
     """A block of intervals about a state: ``rows`` (B, n, w + b + 1) are the derivatives of the weighted model by C, W
-    and the parameters of ``Z`` (B, n, r), and the weighted residuals.
+    and the parameters of ``Z`` (B, n, r), and the weighted residuals; ``memory`` (B, m) is what the model remembers.
     """
 
     block: TrajectoryBlock
@@ -66,6 +66,7 @@ class _Part:
     states: tuple[Array, Array, Array]
     Z: Array
     weight: Array
+    memory: Array | None
 
 
 def _parts(
@@ -78,16 +79,17 @@ def _parts(
     work = np.zeros((most, n, 5 * n + segment.hats.shape[1] * n + len(columns.kept) + 1))
     for block in segment.blocks:
         states = (motion[0][block.points], motion[1][block.points], motion[2][block.points])
+        memory = None if segment.memory is None else segment.memory[block.points]
         if columns.kept.size:
-            Z = columns.of(model.regressor(*states))
+            Z = columns.of(model.regressor(*states, memory))
             torque = Z @ (columns.combination @ theta)
         else:
-            torque = model.torque(*states, theta)
+            torque = model.torque(*states, theta, memory)
             Z = np.zeros((*torque.shape, 0))
         own, rows = weight[block.points], work[: len(torque)]
-        _write_rows(rows, segment, block.points, Z, model.partials(*states, theta), own)
+        _write_rows(rows, segment, block.points, Z, model.partials(*states, theta, memory), own)
         np.multiply(wanted[block.points] - torque, own, out=rows[:, :, -1])
-        yield _Part(block, rows, states, Z, own)
+        yield _Part(block, rows, states, Z, own, memory)
 
 
 def _write_rows(rows: Array, segment: Segment, points: slice, Z: Array, slopes: Partials, weight: Array) -> None:
@@ -148,7 +150,9 @@ def _mixed_hessian(segment: Segment, model: Model, part: _Part, columns: Columns
     size = [NUDGE * (1.0 + float(np.abs(one[:, j]).max(initial=0.0))) for one in states for j in range(n)]
     for at, step in enumerate(size):
         nudged[at // n][at, :, at % n] += step
-    there = columns.of(model.regressor(*(one.reshape(-1, n) for one in nudged))).reshape(3 * n, P, n, p)
+    q, dq, ddq = (one.reshape(-1, n) for one in nudged)
+    memory = None if part.memory is None else np.tile(part.memory, (3 * n, 1))
+    there = columns.of(model.regressor(q, dq, ddq, memory)).reshape(3 * n, P, n, p)
     there -= part.Z
     pull, change = part.rows[:, :, -1:] * part.weight[:, :, None], np.zeros((3 * n, P, p))
     for j in range(n):  # quicker than a product of many small matrices

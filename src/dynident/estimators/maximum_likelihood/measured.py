@@ -14,7 +14,7 @@ from dynident.estimators.estimator import Problem
 from dynident.estimators.maximum_likelihood.plan import steps_of
 from dynident.estimators.maximum_likelihood.search import Recordings
 from dynident.estimators.notes import Averaged
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.regression import fitted_rows, stretches
 from dynident.splines import median_sigma, steady_noise
 
@@ -33,7 +33,11 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     Where the problem has no logs, the runs of usable samples of the motions are used.
     """
     notes: list[Note] = []
-    logs = problem.logs or _runs(problem)
+    remembered = problem.motions
+    if problem.logs:
+        logs = problem.logs
+    else:
+        logs, remembered = zip(*_runs(problem), strict=True)
     used = _used(problem, len(logs))
     group = _grouping(logs, rate)
     if group > 1:
@@ -43,7 +47,7 @@ def recordings(problem: Problem, rate: float | None, *, steps: bool) -> tuple[Re
     sigma_tau = usual_noise(logs)[1]
     found = tuple(steps_of(log, sigma_tau) if steps else () for log in logs)
     acceleration = np.stack([10 * motion.ddq.std(axis=0) + 1e-9 for motion in problem.motions]).max(axis=0)
-    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, acceleration), notes
+    return Recordings(tuple(logs), found, tuple(used), problem.time_offset, acceleration, remembered), notes
 
 
 def _used(problem: Problem, logs: int) -> list[NDArray[np.bool_] | None]:
@@ -71,7 +75,7 @@ def usual_noise(logs: Sequence[Log]) -> tuple[Array, Array]:
 
 def misfit(problem: Problem, theta: Array) -> Array:
     """Return the usual size (n) of the torque residuals of theta on the smoothed motions, without transients."""
-    left = [(one.tau - problem.model.torque(one.q, one.dq, one.ddq, theta))[one.mask] for one in problem.motions]
+    left = [(one.tau - problem.model.torque(**one.states(), theta=theta))[one.mask] for one in problem.motions]
     return median_sigma(np.concatenate(left))
 
 
@@ -103,15 +107,16 @@ def _has_slack(theta: Array, matrices: Sequence[Array], slack: Sequence[float]) 
     return all(np.linalg.eigvalsh(M @ theta)[..., 0].min() >= least for M, least in zip(matrices, slack, strict=True))
 
 
-def _runs(problem: Problem) -> tuple[Log, ...]:
+def _runs(problem: Problem) -> list[tuple[Log, Motion]]:
     out = []
     for motion in problem.motions:
         for part in stretches(motion.mask):
             if part.stop - part.start >= SHORTEST:
-                out.append(Log(motion.t[part], motion.q[part], motion.tau[part], motion.joints, motion.source))
+                log = Log(motion.t[part], motion.q[part], motion.tau[part], motion.joints, motion.source)
+                out.append((log, motion))
     if not out:
         raise InputError(f"maximum likelihood needs a run of at least {SHORTEST} usable samples.")
-    return tuple(out)
+    return out
 
 
 def _thinned(log: Log, group: int) -> Log:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.estimators.maximum_likelihood.segment import Segment
 from dynident.estimators.maximum_likelihood.torques import Torques
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, graded
-from dynident.log import Log
+from dynident.log import Log, Motion
 
 __all__ = ["plan", "steps_of", "whiteness"]
 
@@ -59,12 +59,13 @@ def plan(
     rest: bool,
     time_offset: float = 0.0,
     used: NDArray[np.bool_] | None = None,
+    remembered: Motion | None = None,
 ) -> Segment:
     """Return the segment of a log whose knots are ``spacing`` samples apart, and dense after the steps.
 
     The start is a step where the motion begins from ``rest``. After each step the torque is linear between torque
     knots, 15 samples apart or so near that the measured torque agrees. ``time_offset`` (s) of the positions; torques
-    that are not ``used`` (N, n) count for nothing.
+    that are not ``used`` (N, n) count for nothing; ``remembered`` has the memory of the model.
     """
     h = float(np.median(np.diff(log.t)))
     begin, end = float(log.t[0]) - time_offset, float(log.t[-1]) - time_offset
@@ -77,7 +78,8 @@ def plan(
     )
     found = [_corners(log, left, right, h, sigma_tau) for left, right in itertools.pairwise([*marks, end])]
     raw = Torques.of(log, time_offset, used)
-    return Segment(log, trajectory, raw, raw, tuple(knots for knots in found if len(knots)), rest, time_offset)
+    torque_knots = tuple(knots for knots in found if len(knots))
+    return Segment(log, trajectory, raw, raw, torque_knots, rest, time_offset, remembered)
 
 
 def _corners(log: Log, left: float, right: float, h: float, sigma_tau: Array) -> Array:

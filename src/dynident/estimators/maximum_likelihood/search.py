@@ -19,7 +19,7 @@ from dynident.estimators.maximum_likelihood.newton import LikelihoodFit, NewtonS
 from dynident.estimators.maximum_likelihood.plan import plan, whiteness
 from dynident.estimators.maximum_likelihood.profile import crossing, swept
 from dynident.estimators.maximum_likelihood.segment import Segment, Sigma, State
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.splines import median_sigma
 
@@ -44,7 +44,8 @@ CLUSTERS = 200  # parts of the recordings whose scores count as independent
 @dataclass(frozen=True, eq=False)
 class Recordings:
     """The measurements: logs, the steps of the torque (s) in each, which torques are ``used`` (N, n), the
-    ``time_offset`` (s) of the positions, and the ``usual_acceleration`` (n) of the joints.
+    ``time_offset`` (s) of the positions, the ``usual_acceleration`` (n) of the joints, and the smoothed motions with
+    what the model remembers of them.
     """
 
     logs: tuple[Log, ...]
@@ -52,6 +53,7 @@ class Recordings:
     used: tuple[NDArray[np.bool_] | None, ...]
     time_offset: float
     usual_acceleration: Array
+    remembered: tuple[Motion, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +110,12 @@ class Search:
             self.segments = tuple(one.condensed(self.model, state, self.theta, self.sigma.tau) for one, state in pairs)
 
     def _planned(self, spacing: float, *, rest: bool) -> tuple[Segment, ...]:
-        given = zip(self.given.logs, self.given.steps, self.given.used, strict=True)
+        late = self.given.time_offset
+        remembered = self.given.remembered or (None,) * len(self.given.logs)
+        given = zip(self.given.logs, self.given.steps, self.given.used, remembered, strict=True)
         return tuple(
-            plan(log, times, spacing, self.sigma.tau, rest=rest, time_offset=self.given.time_offset, used=used)
-            for log, times, used in given
+            plan(log, times, spacing, self.sigma.tau, rest=rest, time_offset=late, used=used, remembered=one)
+            for log, times, used, one in given
         )
 
     def _spaced(self, *, rest: bool) -> _Knots:

@@ -13,7 +13,7 @@ from dynident.estimators.maximum_likelihood.arrow import Arrow
 from dynident.estimators.maximum_likelihood.basis import Basis, basis
 from dynident.estimators.maximum_likelihood.torques import Torques, condensed
 from dynident.estimators.maximum_likelihood.trajectory import Trajectory, TrajectoryBlock
-from dynident.log import Log
+from dynident.log import Log, Motion
 from dynident.models import Model
 
 __all__ = ["Segment", "Sigma", "State"]
@@ -46,7 +46,7 @@ class Segment:
     After each step the torque is piecewise linear on ``torque_knots`` (k per step, s): there the trajectory satisfies
     the equations of motion also between the samples. ``rest``: the motion starts with velocity zero. ``raw`` are the
     torques as measured, ``torques`` the same, or fewer points that replace them. The positions are ``time_offset`` (s)
-    late.
+    late. What a model remembers is taken from the motion ``remembered`` and does not follow the trajectory.
     """
 
     log: Log
@@ -56,6 +56,7 @@ class Segment:
     torque_knots: tuple[Array, ...] = ()
     rest: bool = False
     time_offset: float = 0.0
+    remembered: Motion | None = None
 
     __repr__ = brief
 
@@ -75,6 +76,17 @@ class Segment:
         t = np.concatenate([self.torques.t, *extra])
         order = np.argsort(t, kind="stable")
         return t[order], order < len(self.torques.t)
+
+    @cached_property
+    def memory(self) -> Array | None:
+        """What the model remembers (P, m) at the points, None where it does not."""
+        return self._memory(self.points)
+
+    def _memory(self, t: Array) -> Array | None:
+        known = self.remembered
+        if known is None or known.memory is None:
+            return None
+        return np.stack([np.interp(t, known.t, one) for one in known.memory.T], axis=1)
 
     def _collocation(self, knots: Array) -> Array:
         """Gauss's points of the trajectory's intervals, and the torque knots, which make W determined."""
@@ -158,7 +170,8 @@ class Segment:
         return self.offset(state), self.raw.tau - self._modelled(model, state, theta)
 
     def _modelled(self, model: Model, state: State, theta: Array) -> Array:
-        return model.torque(*basis(self.trajectory, self.raw.t, rest=self.rest).motion(state.C), theta)
+        motion = basis(self.trajectory, self.raw.t, rest=self.rest).motion(state.C)
+        return model.torque(*motion, theta, self._memory(self.raw.t))
 
     def offset(self, state: State) -> Array:
         """Return what is left of the positions (N, n)."""
@@ -176,7 +189,7 @@ class Segment:
 
     def cost(self, model: Model, state: State, theta: Array, sigma: Sigma) -> float:
         """Return half the sum of the weighted squares."""
-        left = (self.wanted(state) - model.torque(*self.motion(state), theta)) * self.weights(sigma.tau)
+        left = (self.wanted(state) - model.torque(*self.motion(state), theta, self.memory)) * self.weights(sigma.tau)
         return self.given(self.shares(state)[1], sigma) + 0.5 * float((left**2).sum())
 
     def moved(self, state: State, dC: Array, dW: Array) -> State:

@@ -260,7 +260,7 @@ def _effects(found: Identification) -> Array:
     for log in _logs(found, "train"):
         motion = log.motion
         (rows,) = subsample([motion], 500)
-        columns.append(found.model.regressor(motion.q[rows], motion.dq[rows], motion.ddq[rows]))
+        columns.append(found.model.regressor(**motion.states(rows)))
         torque.append(motion.tau[rows])
     size = float(np.linalg.norm(np.concatenate(torque)))
     return np.asarray(np.linalg.norm(np.concatenate(columns), axis=(0, 1)) / (size or 1.0), dtype=np.float64)
@@ -271,9 +271,10 @@ def _motion_for(found: Identification, column: int) -> tuple[ExcitingMotion, str
     model, n = found.model, len(found.model.joints)
     rng = np.random.default_rng(0)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 20, n))
-    still = np.zeros_like(q)
+    still, memory = np.zeros_like(q), rng.uniform(-1.0, 1.0, (20, model.memory))
     whole, standing, starting = (
-        np.abs(model.regressor(q, *rates)[:, :, column]) for rates in ((dq, ddq), (still, still), (still, ddq))
+        np.abs(model.regressor(q, *rates)[:, :, column])
+        for rates in ((dq, ddq, memory), (still, still, 0 * memory), (still, ddq, 0 * memory))
     )
     least = 1e-9 * whole.max()  # a share, so that the unit does not count
     acting = [joint.name for joint, size in zip(model.joints, whole.max(axis=0), strict=True) if size > least]

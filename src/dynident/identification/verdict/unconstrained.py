@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
-from dynident.log import subsample
+from dynident.log import subsample, together
 
 __all__ = ["FASTER", "Held", "held_back"]
 
@@ -40,12 +40,10 @@ def held_back(found: Identification) -> Held:
 
 def _held_back(found: Identification) -> Held:
     motions = [log.motion for log in found.validations if log.role == "train"]
-    pairs = list(zip(motions, subsample(motions, SAMPLES), strict=True))
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(one, name)[rows] for one, rows in pairs]) for name in ("q", "dq", "ddq", "tau")
-    )
+    rows = subsample(motions, SAMPLES)
+    states, tau = together(motions, rows), np.concatenate([one.tau[k] for one, k in zip(motions, rows, strict=True)])
     value, model = found.estimate.value, found.model
-    Y = model.regressor(q, dq, ddq)
+    Y = model.regressor(**states)
     left = tau - Y @ value
     noise = np.sqrt(np.mean(left**2, axis=0))
     noise[noise == 0] = 1.0
@@ -54,7 +52,7 @@ def _held_back(found: Identification) -> Held:
     size[size == 0] = 1.0
     change = np.linalg.lstsq(X / size, y, rcond=RANK)[0] / size
     rest = float(np.linalg.norm(y - X @ change))
-    faster = model.regressor(q, FASTER * dq, FASTER**2 * ddq)
+    faster = model.regressor(**states | {"dq": FASTER * states["dq"], "ddq": FASTER**2 * states["ddq"]})
     torque = float(np.linalg.norm(faster @ value))
     return Held(
         100.0 * (float(np.linalg.norm(y)) / rest - 1.0) if rest else 0.0,

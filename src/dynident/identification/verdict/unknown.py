@@ -51,13 +51,14 @@ def _zeros(found: Identification) -> tuple[str, ...]:
     n, p = len(model.joints), len(model.parameters)
     states = max(STATES, 2 * p // n)
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, states, n))
-    Y = model.regressor(q, dq, ddq).reshape(-1, p)
+    none = np.zeros((states, model.memory))
+    Y = model.regressor(q, dq, ddq, none).reshape(-1, p)
     scale = np.linalg.norm(Y, axis=0)
     basis, singular, _ = np.linalg.svd(Y / np.where(scale > 0, scale, 1.0), full_matrices=False)
     basis = basis[:, singular > SAME * singular[0]]
     moved = []
     for j, joint in enumerate(model.joints):
-        tau = model.torque(q + TURN * np.eye(n)[j], dq, ddq, found.estimate.value).ravel()
+        tau = model.torque(q + TURN * np.eye(n)[j], dq, ddq, found.estimate.value, none).ravel()
         if np.linalg.norm(tau - basis @ (basis.T @ tau)) < SAME * np.linalg.norm(tau):
             moved.append(joint.name)
     return tuple(moved)

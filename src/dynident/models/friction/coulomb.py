@@ -62,4 +62,5 @@ class Coulomb(DryFriction):
     def sign(self, dq: Array) -> Array:
         """Return the sign of the velocity (N, p), or its smooth form."""
         band = self.by_column("dead_band")
-        return np.where((band == 0) | (np.abs(dq) > band), super().sign(dq), 0.0)
+        sign = super().sign(dq)
+        return np.where((band == 0) | (np.abs(dq) > band), sign, 0.0) if band.any() else sign

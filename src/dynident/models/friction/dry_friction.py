@@ -34,12 +34,12 @@ class DryFriction(PerJoint):
     width: Width = 0.0
 
     def magnitude(self, speed: Array) -> Array:
-        """Return the torque per unit of the parameter and of the sign, for speeds (N, p), which are not negative."""
-        return np.ones_like(speed)
+        """Return the torque per unit of the parameter and of the sign, for speeds (N, p); (p) where constant."""
+        return np.ones(speed.shape[1])
 
     def steepness(self, speed: Array) -> Array:
         """Return the derivative of ``magnitude`` by the speed."""
-        return np.zeros_like(speed)
+        return np.zeros(speed.shape[1])
 
     @property
     def sharp(self) -> NDArray[np.bool_]:
@@ -59,8 +59,10 @@ class DryFriction(PerJoint):
     def sign(self, dq: Array) -> Array:
         """Return the sign of the velocity (N, p), or its smooth form."""
         width = self.by_column("width")
+        if not width.any():
+            return np.sign(dq)
         smooth = np.tanh(dq / np.where(width > 0, width, 1.0))
-        return np.where(width > 0, smooth, np.sign(dq))
+        return smooth if width.all() else np.where(width > 0, smooth, np.sign(dq))
 
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""

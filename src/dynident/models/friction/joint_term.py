@@ -164,11 +164,13 @@ class JointTerm(ABC):
     def partials(self, q: Array, dq: Array, ddq: Array, theta: Array, *memory: Array) -> Partials:
         """Return the derivatives of Y theta by q, dq and ddq, each (N, n, n)."""
         joints, every = self._columns, range(q.shape[1])
-        out = np.zeros((3, *q.shape, q.shape[1]))
-        for k, slope in enumerate(self.slopes(q[:, joints], dq[:, joints], ddq[:, joints], *memory)):
+        zero, found = np.zeros((*q.shape, q.shape[1])), []
+        for slope in self.slopes(q[:, joints], dq[:, joints], ddq[:, joints], *memory):
             if slope is not None:
-                out[k][:, every, every] = self._summed(slope * theta)
-        return Partials(*out)
+                whole = np.zeros(zero.shape)
+                whole[:, every, every] = self._summed(slope * theta)
+            found.append(zero if slope is None else whole)
+        return Partials(*found)
 
     def _own(self, q: Array, dq: Array, ddq: Array, *memory: Array) -> Array:
         joints = self._columns
@@ -176,7 +178,12 @@ class JointTerm(ABC):
 
     def _summed(self, x: Array) -> Array:
         """Return the sums (N, n) by joint of x (N, p)."""
-        return np.asarray(x @ self.support.T.astype(float))
+        return np.asarray(x @ self._places)
+
+    @cached_property
+    def _places(self) -> Array:
+        """One for each parameter (p) at its joint (n)."""
+        return np.eye(len(self.joints))[self._columns]
 
     def formula(self) -> str:
         """Return ``shapes`` as NumPy source, of q, dq and ddq; empty where it is not known."""

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from dynident.models.friction.dahl import LENGTH, Length, presliding
 from dynident.models.friction.dry_friction import DryFriction
 from dynident.models.friction.joint_term import Constant, JointTerm, Slopes
+from dynident.models.friction.ripple import Ripple
 from dynident.models.friction.viscous import Viscous
 from dynident.models.term import Joint, Past
 
-__all__ = ["LoadCoulomb", "LoadDahl", "LoadViscous"]
+__all__ = ["LoadCoulomb", "LoadDahl", "LoadRipple", "LoadViscous"]
 
 Array = NDArray[np.float64]
 
@@ -28,8 +29,8 @@ class RemembersLoad(JointTerm):
 
     @property
     def memory(self) -> int:
-        """The load of each joint in ``on``."""
-        return len(self.acts_on)
+        """The load at the joint of each parameter."""
+        return len(self._columns)
 
     def remember(self, past: Past) -> Array:
         """Return the load at the samples of a motion, shape (N, m)."""
@@ -141,3 +142,30 @@ class LoadDahl(JointTerm):
     def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Slopes:  # noqa: ARG002
         """Return the derivatives at constant memory, zero."""
         return None, None, None
+
+
+@dataclass(frozen=True)
+class LoadRipple(RemembersLoad, Ripple):
+    """Ripple by the load, tau_j = abs(load_j) times that of ``Ripple``, without unit; ``load`` as in ``LoadCoulomb``.
+
+    >>> import dynident as dy
+    >>> from dynident.models import LoadRipple
+    >>> LoadRipple((dy.Joint("elbow"),), cycles=100).parameters[0].expression
+    'ripple: torque per abs(load) sin(100 q)'
+    """
+
+    symbol: ClassVar[str] = "load_ripple"
+
+    def described(self, joint: Joint) -> Iterator[tuple[str, str, str]]:
+        """Yield default name, unit and meaning of the parameters of a joint."""
+        for name, _, meaning in super().described(joint):
+            yield name, "1", meaning.replace("torque per", "torque per abs(load)")
+
+    def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
+        """Return the torque per unit of each parameter (N, p)."""
+        return np.abs(memory[0]) * super().shapes(q, dq, ddq)
+
+    def slopes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> tuple[Array, Array, None]:
+        """Return the derivatives at constant load."""
+        by_q, by_dq, _ = super().slopes(q, dq, ddq)
+        return np.abs(memory[0]) * by_q, np.abs(memory[0]) * by_dq, None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Self
@@ -14,7 +15,7 @@ from dynident.models.friction.joint_term import Constant
 from dynident.models.friction.per_joint import PerJoint
 from dynident.smoothers import BY_JOINT
 
-__all__ = ["WIDTH", "DryFriction", "Width"]
+__all__ = ["WIDTH", "DryFriction", "FrictionBySpeed", "Width"]
 
 Array = NDArray[np.float64]
 Width = Annotated[Annotated[float, Ge(0)] | Mapping[str, Annotated[float, Ge(0)]], BY_JOINT]
@@ -23,23 +24,14 @@ WIDTH = Constant("a velocity of 0 or more, in rad/s or m/s", low=1e-300, high=1e
 
 @dataclass(frozen=True)
 class DryFriction(PerJoint):
-    """Base of friction against the motion: tau_j = theta_j m(abs(dq_j)) sign(dq_j).
+    """Base of friction against the motion: tau_j = theta_j sign(dq_j).
 
-    A subclass defines the ``magnitude`` m and its derivative ``steepness``. ``width`` > 0 (rad/s, m/s), of all joints
-    or by joint, makes the sign tanh(dq / width), which a simulation needs. With width 0 the sign is discontinuous,
-    sign(0) = 0, and its derivative is 0, also at the jump.
+    ``width`` > 0 (rad/s, m/s), of all joints or by joint, makes the sign tanh(dq / width), which a simulation needs.
+    With width 0 the sign is discontinuous, sign(0) = 0, and its derivative is 0, also at the jump.
     """
 
     constants: ClassVar[Mapping[str, Constant]] = {"width": WIDTH}
     width: Width = 0.0
-
-    def magnitude(self, speed: Array) -> Array:
-        """Return the torque per unit of the parameter and of the sign, for speeds (N, p); (p) where constant."""
-        return np.ones(speed.shape[1])
-
-    def steepness(self, speed: Array) -> Array:
-        """Return the derivative of ``magnitude`` by the speed."""
-        return np.zeros(speed.shape[1])
 
     @property
     def sharp(self) -> NDArray[np.bool_]:
@@ -64,17 +56,21 @@ class DryFriction(PerJoint):
         smooth = np.tanh(dq / np.where(width > 0, width, 1.0))
         return smooth if width.all() else np.where(width > 0, smooth, np.sign(dq))
 
+    def rise(self, dq: Array) -> Array:
+        """Return the derivative of ``sign``."""
+        width = self.by_column("width")
+        if not width.any():
+            return np.zeros_like(dq)
+        slope = (1 - np.tanh(dq / np.where(width > 0, width, 1.0)) ** 2) / np.where(width > 0, width, np.inf)
+        return np.asarray(slope)
+
     def shape(self, dq: Array) -> Array:
         """Return the torque per unit of the parameter."""
-        return self.magnitude(np.abs(dq)) * self.sign(dq)
+        return self.sign(dq)
 
     def slope(self, dq: Array) -> Array:
         """Return the derivative of ``shape``."""
-        width, sign = self.by_column("width"), self.sign(dq)
-        smooth = width > 0
-        rise = np.where(smooth, 1 - sign**2, 0.0) / np.where(smooth, width, 1.0)
-        speed = np.abs(dq)
-        return np.asarray(self.magnitude(speed) * rise + self.steepness(speed) * np.sign(dq) * sign)
+        return self.rise(dq)
 
     def sign_source(self) -> str:
         """Return ``sign`` as NumPy source."""
@@ -90,3 +86,25 @@ class DryFriction(PerJoint):
         """Return the sign as a part of ``meaning``, of a term on one joint."""
         width = self.constant("width", self.acts_on[0])
         return f"tanh(dq/{width:g})" if width else "sign(dq)"
+
+
+@dataclass(frozen=True)
+class FrictionBySpeed(DryFriction):
+    """Base of friction against the motion that depends on the speed: tau_j = theta_j m(abs(dq_j)) sign(dq_j)."""
+
+    @abstractmethod
+    def magnitude(self, speed: Array) -> Array:
+        """Return m for speeds (N, p), which are not negative."""
+
+    @abstractmethod
+    def steepness(self, speed: Array) -> Array:
+        """Return the derivative of ``magnitude``."""
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return self.magnitude(np.abs(dq)) * self.sign(dq)
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        speed = np.abs(dq)
+        return self.magnitude(speed) * self.rise(dq) + self.steepness(speed) * np.sign(dq) * self.sign(dq)

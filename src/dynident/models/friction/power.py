@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import NDArray
 
-from dynident.models.friction.dry_friction import WIDTH, DryFriction
+from dynident.models.friction.dry_friction import WIDTH, FrictionBySpeed
 from dynident.models.friction.joint_term import Constant
 from dynident.models.term import Joint
 from dynident.smoothers import BY_JOINT
@@ -24,7 +24,7 @@ STILL = 1e-50  # rad/s, m/s: below, the slope is that at this speed
 
 
 @dataclass(frozen=True)
-class Power(DryFriction):
+class Power(FrictionBySpeed):
     """Friction with a power of the speed, tau_j = Fp_j abs(dq_j)^exponent sign(dq_j), in N m (s/rad)^exponent.
 
     Below 1, it rises less and less with the speed, as that of lubricants does (Waiboer et al. 2005, "Velocity

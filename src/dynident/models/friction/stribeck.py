@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.models.friction.dry_friction import WIDTH, DryFriction
+from dynident.models.friction.dry_friction import WIDTH, FrictionBySpeed
 from dynident.models.friction.joint_term import Constant, Speed
 
 __all__ = ["Stribeck"]
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Stribeck(DryFriction):
+class Stribeck(FrictionBySpeed):
     """Stribeck friction, tau_j = Fs_j exp(-(dq_j / velocity)^2) sign(dq_j), in N m or N.
 
     It is what friction at low speed exceeds Coulomb friction by, with exponent 2 (Armstrong-Helouvry et al. 1994,

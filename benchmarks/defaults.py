@@ -290,6 +290,9 @@ def table(rows: Mapping[str, Mapping[str, Row]]) -> str:
         for label, own in rows.items():
             if (row := own.get(name)) is not None:
                 lines.append("| " + " | ".join([f"{robot.title}, {label}", *cells(robot, row)]) + " |")
+                others = [f"{one['error']:.3g}" for one in row.get("logs", []) if one["role"] == "validation"][1:]
+                if others:
+                    lines.append(f"| the same on {len(others)} other recordings | {', '.join(others)} |" + " |" * 7)
     return "\n".join(lines)
 
 

@@ -331,8 +331,9 @@ def cells(robot: Robot, row: Row) -> list[str]:
     mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if one['error'] <= robot.mark else '**not met**'}"
     joints = ", ".join(f"{value:.3g}" for value in one["joints"].values())
     terms = worded(row["chosen"]["terms"], len(one["joints"]))
-    return [f"{one['error']:.3g}", f"{one['as_validated']:.3g}", joints, f"{train['error']:.3g}", terms, f"{row['seconds']:.3g}", mark, robot.floor,
-            robot.oracle]  # fmt: skip
+    figures = [f"{value:.3g}" for value in (one["error"], one["as_validated"], train["error"], row["seconds"])]
+    held, reported, trained, seconds = figures
+    return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.oracle]
 
 
 def told(row: Row) -> str:

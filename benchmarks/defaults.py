@@ -143,7 +143,6 @@ ROBOTS: Mapping[str, Robot] = {
 
 
 def found_at(robot: Robot) -> Path | None:
-    """The folder that has the recordings of a robot, if one has."""
     every = [file for log in (*robot.logs, *robot.more) for file in log.split("+")]
     return next((place for place in PLACES if all((place / one).exists() for one in every)), None)
 
@@ -233,7 +232,6 @@ def chosen(found: Identification) -> Row:
 
 
 def held_out(row: Row) -> Row | None:
-    """The first held-out log of a row."""
     return next((one for one in row.get("logs", []) if one["role"] == "validation"), None)
 
 
@@ -277,7 +275,6 @@ def run(names: list[str], label: str, file: Path | None, folder: Path | None) ->
 
 
 def read(file: Path) -> Row:
-    """The figures that a file has."""
     return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
@@ -331,8 +328,8 @@ def cells(robot: Robot, row: Row) -> list[str]:
     mark = "" if robot.mark is None else f"{robot.mark:g}: {'met' if one['error'] <= robot.mark else '**not met**'}"
     joints = ", ".join(f"{value:.3g}" for value in one["joints"].values())
     terms = worded(row["chosen"]["terms"], len(one["joints"]))
-    figures = [f"{value:.3g}" for value in (one["error"], one["as_validated"], train["error"], row["seconds"])]
-    held, reported, trained, seconds = figures
+    figures = one["error"], one["as_validated"], train["error"], row["seconds"]
+    held, reported, trained, seconds = (f"{value:.3g}" for value in figures)
     return [held, reported, joints, trained, terms, seconds, mark, robot.floor, robot.oracle]
 
 

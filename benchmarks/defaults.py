@@ -283,7 +283,6 @@ def write(kept: Row, file: Path) -> None:
 
 
 def draw() -> None:
-    """Write the tables of the page from the figures that are kept."""
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), read(FIGURES)), encoding="utf-8")
 
 

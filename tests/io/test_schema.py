@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.schema import SCHEMAS, config_schema, result_schema
+from dynident.io.yaml_text import load_yaml
 from tests.cli.commands import settings
 from tests.io.keeps import wrong
 
@@ -28,7 +28,7 @@ def as_editors_read(text: str) -> Any:
             return list(map(numbers, value))
         return float(value) if isinstance(value, str) and re.fullmatch(r"-?[\d.]+e-?\d+", value) else value
 
-    return numbers(yaml.safe_load(text))
+    return numbers(load_yaml(text, "text"))
 
 
 CONFIGURATIONS = [

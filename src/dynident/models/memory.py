@@ -16,16 +16,18 @@ from dynident.models.term import HasMemory, Loads, NeedsLoad, Past, Term
 if TYPE_CHECKING:
     from dynident.models.model import Model
 
-__all__ = ["kinds_that_remember", "loading", "memory_of", "needs_load", "parts_of", "remembered", "unloaded"]
+__all__ = ["kinds_that_remember", "loading", "loads", "memory_of", "needs_load", "parts_of", "remembered", "unloaded"]
 
 Array = NDArray[np.float64]
 
 
-def parts_of(terms: Sequence[Term]) -> tuple[slice, ...]:
-    """Return where the states of each term are in the memory of all."""
-    widths = [term.memory if isinstance(term, HasMemory) else 0 for term in terms]
-    ends = np.cumsum(widths).tolist()
-    return tuple(slice(end - width, end) for end, width in zip(ends, widths, strict=True))
+def parts_of(terms: Sequence[Term]) -> dict[int, slice]:
+    """Return where the states of each term that remembers are in the memory of all, by the place of the term."""
+    found, end = {}, 0
+    for k, term in enumerate(terms):
+        if isinstance(term, HasMemory):
+            found[k], end = slice(end, end + term.memory), end + term.memory
+    return found
 
 
 def kinds_that_remember(terms: Sequence[Term]) -> tuple[str, ...]:
@@ -38,9 +40,14 @@ def needs_load(term: Term) -> bool:
     return isinstance(term, NeedsLoad) and term.needs_load
 
 
+def loads(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Return the terms whose torque is the load."""
+    return tuple(term for term in terms if isinstance(term, Loads) and term.loads)
+
+
 def loading(terms: Sequence[Term]) -> NDArray[np.bool_]:
-    """Return which parameters (p) are of the terms whose torque is the load."""
-    own = [isinstance(term, Loads) and term.loads for term in terms]
+    """Return which parameters (p) are of these."""
+    own = [any(term is one for one in loads(terms)) for term in terms]
     return np.repeat(np.array(own, dtype=bool), [len(term.parameters) for term in terms])
 
 
@@ -76,11 +83,10 @@ def remembered(model: Model, t: Array, q: Array, dq: Array, ddq: Array, start: A
     """Return the memory (N, m) of a motion at t (N), s; ``start`` (m) is that at the first sample, if not the first of
     a recording."""
     load, out = _load(model, (q, dq, ddq)), np.empty((len(t), model.memory))
-    for term, part in zip(model.terms, parts_of(model.terms), strict=True):
-        if isinstance(term, HasMemory):
-            past = Past(t, q, dq, ddq, load, None if start is None else start[part])
-            found = called(model, term, "remember", past)
-            out[:, part] = checked(model, term, "memory", found, (len(t), term.memory), (q, dq, ddq))
+    for k, part in model.remembered.items():
+        past = Past(t, q, dq, ddq, load, None if start is None else start[part])
+        found = called(model, model.terms[k], "remember", past)
+        out[:, part] = checked(model, model.terms[k], "memory", found, out[:, part].shape, (q, dq, ddq))
     return out
 
 
@@ -88,5 +94,4 @@ def _load(model: Model, states: tuple[Array, Array, Array]) -> Array:
     """Return the torque of the bodies (N, n) with the parameters of the load, zero where there are none."""
     if model.load is None or not model.needs_load:
         return np.zeros_like(states[0])
-    bodies = tuple(term for term in model.terms if isinstance(term, Loads) and term.loads)
-    return replace(model, terms=bodies, load=None).torque(*states, model.load)
+    return model.bodies.torque(*states, model.load)

@@ -13,14 +13,13 @@ from dynident.errors import ModelError, listed
 from dynident.log import Motion
 from dynident.models.checked import called, check_terms, checked, kind_of, states_of, theta_of
 from dynident.models.mass_matrix import MassMatrixCheck, accelerations, checked_mass
-from dynident.models.memory import loading, memory_of, needs_load, parts_of, remembered
+from dynident.models.memory import loading, loads, memory_of, needs_load, parts_of, remembered
 from dynident.models.robot_file import Limits
 from dynident.models.structure import Structure, is_selective, random_states, structure_of, support_of
 from dynident.models.term import (
     HasGravity,
     HasLimits,
     HasMassMatrix,
-    HasMemory,
     HasNotes,
     Joint,
     Parameter,
@@ -124,7 +123,17 @@ class Model:
     @cached_property
     def memory(self) -> int:
         """The number m of states that the terms remember."""
-        return int(self._memories[-1].stop)
+        return max((part.stop for part in self.remembered.values()), default=0)
+
+    @cached_property
+    def remembered(self) -> dict[int, slice]:
+        """Where the states of each term that remembers are in the memory, by the place of the term."""
+        return parts_of(self.terms)
+
+    @cached_property
+    def bodies(self) -> Model:
+        """The terms whose torque is the load, as a model."""
+        return replace(self, terms=loads(self.terms), load=None)
 
     @cached_property
     def needs_load(self) -> bool:
@@ -264,13 +273,9 @@ class Model:
         found = states_of(self, q=q, dq=dq, ddq=np.zeros(np.shape(q)) if ddq is None else ddq)
         return (*found, *memory_of(self, memory, len(found[0])))
 
-    @cached_property
-    def _memories(self) -> tuple[slice, ...]:
-        return parts_of(self.terms)
-
     def _own(self, k: int, states: tuple[Array, ...]) -> tuple[Array, ...]:
         """Return the memory of term k, where it has one."""
-        return (states[3][:, self._memories[k]],) if isinstance(self.terms[k], HasMemory) else ()
+        return (states[3][:, self.remembered[k]],) if k in self.remembered else ()
 
     @cached_property
     def _loading(self) -> NDArray[np.bool_]:

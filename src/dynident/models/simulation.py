@@ -10,12 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, brief
 from dynident.log import Log, Motion
+from dynident.models.memory import remembered
 from dynident.models.model import Model
 
 __all__ = ["Recording", "record", "simulate", "simulate_many"]
 
 Array = NDArray[np.float64]
 Torque = Callable[[float], ArrayLike]
+SOON = 1e-7  # s, over which a memory is differentiated by time
+ROUGH = 1e-9  # least tolerance with a memory, whose derivatives are rounded to this
+ROUNDS, CLOSE = 30, 1e-10  # of accelerations that friction by the load depends on, until they stay
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,8 @@ def simulate(
     ``theta`` (p); ``torque`` is a function of the time (s) that returns (n) N m or N; ``t`` (N) s, strictly
     increasing; ``q0``, ``dq0`` (n) at t[0] default to zero. ``tolerance`` is the relative and absolute error per step
     of the integrator (LSODA, for stiff friction), in rad or m: with the default, 10 s of each model of the gallery are
-    accurate to 1e-9. In the motion, ddq is the exact forward dynamics and tau the torque applied. Raises InputError for
+    accurate to 1e-9. In the motion, ddq is the exact forward dynamics and tau the torque applied. What the model
+    remembers is integrated too, from nothing before t[0], with a tolerance of at least 1e-9. Raises InputError for
     wrong times, initial values or torques, ConfigError for a wrong tolerance, and ModelError where the model or the
     integration fails, or needs more than ``max_evaluations`` of the model.
 
@@ -100,7 +105,10 @@ def simulate_many(
     runs = _runs(given, source)
     parameters, q, dq, _ = (np.broadcast_to(array, (runs, width)) for array, width in given.values())
     system = _System(model, parameters, torque, max_evaluations, source)
-    states = _integrate(system, np.hstack([q, dq]), times, tolerance)
+    none = np.zeros((1, n))
+    known = [remembered(model, times[:1], *one, none)[0] for one in zip(q[:, None], dq[:, None], strict=True)]
+    allowed = max(tolerance, ROUGH) if model.memory else tolerance
+    states = _integrate(system, np.hstack([q, dq, np.array(known)]), times, allowed)
     return tuple(_motions(system, states, times))
 
 
@@ -140,7 +148,7 @@ def _deviation(name: str, sigma: ArrayLike, truth: Motion) -> Array:
 
 @dataclass(eq=False)
 class _System:
-    """The runs as one system of first order, state (B, 2 n); counts its evaluations."""
+    """The runs as one system of first order, state (B, 2 n + m), of q, dq and memory; counts its evaluations."""
 
     model: Model
     theta: Array
@@ -168,8 +176,39 @@ class _System:
                 "friction needs a smooth sign (the field 'width' of Coulomb), stiff parameters a larger "
                 "max_evaluations."
             )
-        q, dq = _halves(flat.reshape(len(self.theta), -1))
-        return np.concatenate([dq, self.model.forward_dynamics(q, dq, self.applied(t), self.theta)], axis=1).ravel()
+        q, dq, known = _split(flat.reshape(len(self.theta), -1), len(self.model.joints))
+        times = np.full(len(q), t)
+        ddq, memory = self.accelerations(times, q, dq, self.applied(t), self.theta, known)
+        if memory is None:
+            return np.concatenate([dq, ddq], axis=1).ravel()
+        return np.concatenate([dq, ddq, self._rates(times, q, dq, ddq, known)], axis=1).ravel()
+
+    def accelerations(
+        self, t: Array, q: Array, dq: Array, tau: Array, theta: Array, known: Array
+    ) -> tuple[Array, Array | None]:
+        """Return ddq (K, n) and the memory (K, m) that goes with it, where ``known`` (K, m) is remembered."""
+        if not self.model.memory:
+            return self.model.forward_dynamics(q, dq, tau, theta), None
+        ddq = np.zeros_like(q)
+        for _ in range(ROUNDS if self.model.needs_load else 1):
+            before, memory = ddq, self._remembered(t, q, dq, ddq, known, np.zeros(1))[:, 0]
+            ddq = self.model.forward_dynamics(q, dq, tau, theta, memory)
+            if np.abs(ddq - before).max(initial=0.0) <= CLOSE * np.abs(ddq).max(initial=0.0):
+                break
+        return ddq, memory
+
+    def _rates(self, t: Array, q: Array, dq: Array, ddq: Array, known: Array) -> Array:
+        """Return the time derivative (K, m) of the memory, by differences of second order."""
+        now, soon, later = np.moveaxis(self._remembered(t, q, dq, ddq, known, SOON * np.arange(3.0)), 1, 0)
+        return np.asarray((4 * soon - later - 3 * now) / (2 * SOON))
+
+    def _remembered(self, t: Array, q: Array, dq: Array, ddq: Array, known: Array, s: Array) -> Array:
+        """Return the memory (K, k, m) after times s (k) of constant acceleration."""
+        found = []
+        for t0, x, v, a, start in zip(t, q, dq, ddq, known, strict=True):
+            ways = x + np.outer(s, v) + np.outer(0.5 * s**2, a)
+            found.append(remembered(self.model, t0 + s, ways, v + np.outer(s, a), np.tile(a, (len(s), 1)), start))
+        return np.array(found)
 
 
 def _integrate(system: _System, start: Array, t: Array, tolerance: float) -> Array:
@@ -207,27 +246,28 @@ def _motions(system: _System, states: Array, t: Array) -> list[Motion]:
     tau = np.array([system.applied(instant) for instant in t])
     motions = []
     for k, theta in enumerate(system.theta):
-        q, dq = _halves(states[:, k])
+        q, dq, known = _split(states[:, k], len(system.model.joints))
+        ddq, memory = system.accelerations(t, q, dq, tau[:, k], theta, known)
         motions.append(
             Motion(
                 t=t,
                 q=q,
                 dq=dq,
-                ddq=system.model.forward_dynamics(q, dq, tau[:, k], theta),
+                ddq=ddq,
                 tau=tau[:, k],
                 joints=tuple(joint.name for joint in system.model.joints),
                 mask=np.ones(len(t), dtype=bool),
                 source=system.source,
                 smoothing={"method": "exact", "integrator": "LSODA"},
+                memory=memory,
             )
         )
     return motions
 
 
-def _halves(states: Array) -> tuple[Array, Array]:
-    """Return positions and velocities of states (..., 2 n)."""
-    n = states.shape[-1] // 2
-    return states[..., :n], states[..., n:]
+def _split(states: Array, n: int) -> tuple[Array, Array, Array]:
+    """Return positions, velocities and memory of states (..., 2 n + m)."""
+    return states[..., :n], states[..., n : 2 * n], states[..., 2 * n :]
 
 
 def _times(t: ArrayLike, source: str) -> Array:

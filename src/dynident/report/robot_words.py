@@ -26,7 +26,7 @@ EFFECTS = {
     ),
     TermKind.QUADRATIC: (
         "friction that is not proportional to the velocity",
-        "Add `{ kind: power, exponent: 2 }` to `terms` of the model.",
+        "Add `power` to `terms` of the model, with its `exponent`.",
     ),
     TermKind.STRIBECK: (
         "friction that is different at low speed",

@@ -53,6 +53,8 @@ def test_parameters_follow_the_joints_and_their_numbers():
             "velocity of joint 'rail' is 0; give",
         ),
         (lambda: Stribeck(JOINTS, velocity=float("nan")), "Stribeck: velocity is nan; give a velocity above 0"),
+        (lambda: Stribeck(JOINTS, velocity="0.1"), "Stribeck: velocity is 0.1; give a velocity above 0"),
+        (lambda: Spring(JOINTS, on=()), "Spring: 'on' names no joint; name one of base, rail, wrist"),
         (lambda: Power(JOINTS, exponent=3.5), "Power: exponent is 3.5; give an exponent above 0, at most 3"),
         (lambda: Ripple(JOINTS, cycles=()), "Ripple: cycles is empty; give numbers"),
         (lambda: Ripple(JOINTS, cycles={"base": 1, "rail": (), "wrist": 1}), "cycles of joint 'rail' is empty"),

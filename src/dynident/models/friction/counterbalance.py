@@ -61,7 +61,7 @@ class Counterbalance(PerJoint):
         for joint in self.joints:
             if joint.name in self.acts_on and joint.kind == "prismatic":
                 raise ModelError(
-                    f"Counterbalance: joint {joint.name!r} slides; name those that turn by `on`, or use `Spring`."
+                    f"Counterbalance: joint {joint.name!r} slides; name those that turn by `on`, or use Spring."
                 )
 
     def meaning(self) -> str:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -36,8 +37,11 @@ class Constant:
     zero: bool = False
     whole: bool = False
 
-    def holds(self, number: float) -> bool:
-        """Return whether a number is within the limits."""
+    def holds(self, value: object) -> bool:
+        """Return whether a value is a number within the limits."""
+        if not isinstance(value, Real):
+            return False
+        number = float(value)
         within = self.low <= number <= self.high or (self.zero and number == 0)
         return within and not (self.whole and number % 1)
 
@@ -76,6 +80,8 @@ class JointTerm(ABC):
 
     def _check_on(self) -> None:
         known = [joint.name for joint in self.joints]
+        if not self.acts_on:
+            raise ModelError(f"{type(self).__name__}: 'on' names no joint; name one of {', '.join(known)}.")
         for k, name in enumerate(self.acts_on):
             if name not in known:
                 raise ModelError(f"{type(self).__name__}: no joint {name!r}; {choices(name, known)}")

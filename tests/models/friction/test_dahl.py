@@ -1,0 +1,51 @@
+"""Dahl's friction follows its differential equation."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from dynident.models import Dahl, Joint
+from dynident.models.term import Past
+
+JOINTS = (Joint("a"), Joint("b"))
+LENGTH = 0.05
+
+
+def sines(t):
+    w = np.array([3.0, 5.0])
+    angle = np.outer(t, w) + np.array([0.3, 1.1])
+    return np.sin(angle) / w, np.cos(angle), -np.sin(angle) * w
+
+
+def remembered(t, **given):
+    q, dq, ddq = sines(t)
+    return Dahl(JOINTS, **given).remember(Past(t, q, dq, ddq, np.zeros_like(q)))
+
+
+def test_the_state_solves_the_equation():
+    def rate(t, z):
+        dq = sines(np.array([t]))[1][0]
+        return dq - np.abs(dq) * z / LENGTH
+
+    t = np.linspace(0.0, 6.0, 3001)
+    exact = solve_ivp(rate, (0.0, 6.0), np.zeros(2), t_eval=t, rtol=1e-10, atol=1e-13, max_step=0.002).y.T / LENGTH
+    np.testing.assert_allclose(remembered(t, length=LENGTH), exact, atol=1e-5)
+    np.testing.assert_allclose(remembered(t[::10], length=LENGTH), exact[::10], atol=2e-3)
+
+
+def test_it_depends_on_the_path_alone_where_no_joint_reverses():
+    slow, fast = (np.linspace(0.0, 1.0, samples) for samples in (7, 700))
+    found = [
+        Dahl(JOINTS[:1], length=0.2).remember(Past(t, x, np.ones_like(x), 0 * x, 0 * x))[-1]
+        for t, x in ((t, t[:, None] ** 2) for t in (slow, fast))
+    ]
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
+    np.testing.assert_allclose(found[0], 1.0 - np.exp(-1.0 / 0.2), rtol=1e-12)
+
+
+def test_it_is_bounded_and_tends_to_the_sign_of_the_velocity():
+    t = np.linspace(0.0, 6.0, 6001)
+    found, dq = remembered(t, length={"a": 1e-5, "b": 0.5}), sines(t)[1]
+    assert np.abs(found).max() <= 1.0
+    fast = (np.abs(dq[:, 0]) > 0.1) & (t > 0.01)
+    np.testing.assert_allclose(found[fast, 0], np.sign(dq[fast, 0]), atol=1e-9)
+    assert np.abs(found[:, 1]).max() < 0.8, "a long one does not slide"

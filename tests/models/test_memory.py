@@ -1,0 +1,101 @@
+"""What terms remember is carried by motions, and is needed where they are evaluated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError, ModelError
+from dynident.log import Motion, thinned
+from dynident.models import Coulomb, Dahl, Drift, LoadCoulomb, Model, Viscous, unloaded
+from dynident.models.gallery import pendulum
+from dynident.regression import Regression
+
+JOINTS = pendulum().joints
+HYSTERETIC = pendulum().with_terms(Dahl(JOINTS, length=0.02), Viscous(JOINTS), Drift(JOINTS, time=2.0))
+LOADED = pendulum().with_terms(LoadCoulomb(JOINTS, width=0.1), Viscous(JOINTS))
+
+
+def swinging(samples=5000):
+    t = np.linspace(0.0, 10.0, samples)
+    q, dq, ddq = (np.sin(4 * t + k * np.pi / 2)[:, None] * 4**k for k in range(3))
+    return Motion(t, q, dq, ddq, 0 * q, ("pivot",), np.ones(samples, bool), "swing")
+
+
+def test_a_motion_carries_what_is_remembered_of_it():
+    motion = HYSTERETIC.remembering(swinging())
+    assert HYSTERETIC.memory == 2
+    assert motion.memory.shape == (5000, 2)
+    (few,) = thinned([motion], 100)
+    np.testing.assert_array_equal(few.memory, motion.memory[np.searchsorted(motion.t, few.t)])
+    np.testing.assert_array_equal(motion.between(1.0, 2.0).memory, motion.memory)
+    assert pendulum().remembering(motion.between(0.0)).memory is motion.memory, "a model without memory needs none"
+
+
+def test_a_shift_interpolates_what_is_remembered():
+    motion = HYSTERETIC.remembering(swinging())
+    step = motion.t[1]
+    late = motion.shifted(3 * step)
+    np.testing.assert_allclose(late.memory[:-4], motion.memory[3:-1], atol=1e-9)
+    half = motion.shifted(0.5 * step).memory
+    np.testing.assert_allclose(half[:-1], (motion.memory[1:] + motion.memory[:-1]) / 2, atol=1e-12)
+
+
+def test_a_part_goes_on_from_the_memory_of_its_first_sample():
+    motion = HYSTERETIC.remembering(swinging())
+    part = motion.shifted(0.0, np.arange(1700, 3100))
+    again = HYSTERETIC.remembering(replace(part, memory=None), part.memory[0])
+    np.testing.assert_allclose(again.memory, part.memory, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", [HYSTERETIC, LOADED.loaded([0.1, 0.2, 0.0, 0.0])])
+def test_blocks_have_the_columns_of_the_whole(model):
+    """A motion of several blocks, with a gap in the mask."""
+    motion = model.remembering(swinging())
+    motion = replace(motion, mask=(motion.t < 3.0) | (motion.t > 3.4))
+    blocks = list(Regression(model, (motion,)).blocks())
+    assert len(blocks) > 2
+    whole = model.regressor(**motion.states())[motion.mask]
+    np.testing.assert_allclose(np.concatenate([one.Y for one in blocks]), whole, rtol=1e-12, atol=1e-12)
+
+
+def test_a_motion_without_its_memory_is_refused():
+    with pytest.raises(ModelError, match=r"the motion before \(Dahl, Drift\).*`Model.remembering`"):
+        Regression(HYSTERETIC, (swinging(),))
+    with pytest.raises(ModelError, match="no memory of it is given"):
+        HYSTERETIC.torque(*np.zeros((3, 2, 1)), np.ones(5))
+    with pytest.raises(ModelError, match=r"memory has shape \(2, 1\), expected \(2, 2\)"):
+        HYSTERETIC.torque(*np.zeros((3, 2, 1)), np.ones(5), np.zeros((2, 1)))
+
+
+def test_a_memory_of_another_length_is_refused():
+    motion = swinging(50)
+    with pytest.raises(InputError, match="memory has shape"):
+        replace(motion, memory=np.zeros((49, 1)))
+
+
+def test_the_mass_needs_no_memory():
+    theta = [0.1, 0.2, 3.0, 0.1, 1.0]
+    np.testing.assert_allclose(HYSTERETIC.mass_matrix([[0.3]], theta), pendulum().mass_matrix([[0.3]], theta[:2]))
+    ddq = HYSTERETIC.forward_dynamics([[0.3]], [[1.0]], [[2.0]], theta, [[0.5, 0.25]])
+    tau = HYSTERETIC.torque([[0.3]], [[1.0]], ddq, theta, [[0.5, 0.25]])
+    np.testing.assert_allclose(tau, [[2.0]])
+
+
+def test_the_load_is_the_torque_of_the_bodies():
+    theta = np.array([0.1, 0.2, 5.0, 7.0])
+    model, motion = LOADED.loaded(theta), swinging()
+    assert model.load == (0.1, 0.2)
+    found = model.remembering(motion).memory
+    np.testing.assert_allclose(found, pendulum().torque(**motion.states(), theta=theta[:2]))
+    assert not LOADED.remembering(motion).memory.any(), "there is none without a first fit"
+
+
+def test_the_load_is_found_without_the_terms_that_need_it():
+    assert unloaded(LOADED).names == ("J", "h", "Fv_pivot")
+    assert unloaded(LOADED.loaded(np.ones(4))).needs_load
+    assert unloaded(HYSTERETIC) is HYSTERETIC
+    with pytest.raises(ModelError, match="no term is of bodies"):
+        unloaded(Model((Coulomb(JOINTS), LoadCoulomb(JOINTS))))
+    with pytest.raises(ModelError, match="load has 1 parameters, but its bodies have 2"):
+        replace(LOADED, load=(1.0,))

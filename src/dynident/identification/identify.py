@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError, Note, Step, called
+from dynident.errors import ConfigError, InputError, Note, Step, called
 from dynident.estimators import Estimate, Estimator, Problem
-from dynident.estimators.least_squares import weighted
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.load import with_load
@@ -25,22 +24,16 @@ from dynident.identification.result import (
     Identifiability,
     Identification,
     Sources,
-    StandardErrors,
     versions,
 )
+from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms.added import chosen, first, speeds
-from dynident.identification.time_offset import Pairing, TimeOffset, pair
+from dynident.identification.time_offset import Pairing, pair
 from dynident.log import Log, Motion
 from dynident.models import Model
 from dynident.regression import (
-    BaseParameters,
     Regression,
-    base_parameters,
-    base_std,
-    compare,
-    informed_std,
     one_thread,
-    structural_base_parameters,
 )
 from dynident.smoothers import Smoother, motion_of, unshifted
 from dynident.validation import (
@@ -48,9 +41,7 @@ from dynident.validation import (
     LogValidation,
     Signals,
     check_mass,
-    correlated_std,
     free_run,
-    plain_std,
     validate,
 )
 
@@ -58,7 +49,6 @@ __all__ = ["identify"]
 
 Array = NDArray[np.float64]
 FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
-SHORT = 1e-4  # s, to differentiate by the time offset
 ROLES: tuple[Literal["train", "validation"], ...] = ("train", "validation")
 
 
@@ -123,7 +113,7 @@ def _identify(
     problem = Problem(model, fitted, regression, trained, late, progress)
     estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
     judged = _judged(model, estimate, roles, motions, used, progress)
-    errors, base = _identifiability(model, regression, estimate, more, progress)
+    errors, base = identifiability_of(model, regression, estimate, more, progress)
     return Identification(
         model,
         used,
@@ -155,7 +145,7 @@ def _estimated(
     estimate = called(estimator, problem, Estimate)
     if estimate.residual.sample_weights:
         regression = replace(regression, weights=estimate.residual.sample_weights)
-    late = _late(model, regression, estimate, pairing.time_offset)
+    late = covariance_of_time_offset(model, regression, estimate, pairing.time_offset)
     if estimate.information is not None:
         return estimate, regression, late, ()
     progress("repeating the smoothing")
@@ -220,23 +210,6 @@ def _steep(tilt: BaseTilt | None) -> tuple[Note, ...]:
     return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
 
 
-def _late(model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None) -> Array:
-    """Return what the standard error of a time offset adds to the covariance (p, p) of the parameters."""
-    p = len(model.parameters)
-    if found is None or not found.seconds or found.std is None:
-        return np.zeros((p, p))
-    torques = []
-    for motion in regression.motions:
-        ends = [motion.shifted(side * SHORT) for side in (1.0, -1.0)]
-        late, early = (model.torque(**one.states(), theta=estimate.value) for one in ends)
-        torques.append((late - early)[:, :, None] / (2 * SHORT))
-    weights = estimate.residual.weights
-    ones = np.ones(len(model.joints)) if weights is None else weights
-    _, rank = weighted(regression.triangular_factors, ones, model.parameters)
-    moved = found.std * rank.inverse @ regression.pulls(torques, weights)
-    return np.asarray(moved @ moved.T)
-
-
 def _noted(found: MotionErrors) -> tuple[Note, ...]:
     """Return the note on errors of the motion that are significant."""
     return ((MotionCorrected if found.share < FAR else MotionTooNoisy)(found.parameter, found.size),)
@@ -267,28 +240,6 @@ def _judged(
     return tuple(found)
 
 
-def _identifiability(
-    model: Model, regression: Regression, estimate: Estimate, more: Array, progress: Callable[[str], None]
-) -> tuple[StandardErrors, Identifiability]:
-    """Return the standard errors, and base parameters where not all parameters are determined.
-
-    ``more`` (p, p) is the covariance by the errors of the motion and of its time offset.
-    """
-    if estimate.determined.rank == len(model.parameters):
-        return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std, more)), Identifiability()
-    progress("finding base parameters")
-    shown = estimate.determined.directions  # where the estimator says them, so that both have one rank
-    on_data = base_parameters(
-        regression.triangular_factors.stacked(estimate.residual.weights) if shown is None else shown, model.parameters
-    )
-    structural = structural_base_parameters(model)
-    missing = compare(structural, on_data, model, regression.motions)
-    own = _base_std(on_data, regression, estimate)
-    robust = _robust_std(regression, estimate, own, more, on_data)
-    std_hac = None if robust is None else _of_determined(on_data, robust)
-    return StandardErrors(estimate.std, std_hac, own, robust), Identifiability(on_data, structural, missing)
-
-
 def _warnings(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:
     """Return the warnings: the notes of the estimate, except those on what no motion of any robot can show."""
     if base.on_data is None or not any(parameter.body for parameter in model.parameters):
@@ -310,51 +261,6 @@ def _run(
     if log.controller is not None and motion.time_offset:  # a controller sees the positions when they were stamped
         motion = unshifted(recipe.smoothers[0])(log)
     return free_run(model, estimate.value, motion, log.controller, recipe.restart, name=name)
-
-
-def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
-    if estimate.information is None:
-        std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
-        return np.hypot(std, _moved(estimate, basis))
-    return informed_std(basis, estimate.information)
-
-
-def _robust_std(
-    regression: Regression, estimate: Estimate, own: Array, more: Array, basis: BaseParameters | None = None
-) -> Array | None:
-    """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
-
-    Where the estimator counts the errors of the motion, its ``own`` are made larger in the ratio of those of least
-    squares, to these at most.
-    """
-    columns = None if basis is None else basis.independent
-    value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
-    try:
-        robust = correlated_std(regression, value, weights, columns, slopes)
-    except ModelError:  # nearly dependent columns: then there is no such figure
-        return None
-    if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
-        alone = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
-        robust = np.minimum(own * np.maximum(robust / alone, 1.0), np.maximum(robust, own))
-    B = np.eye(len(more)) if basis is None else basis.combination
-    others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
-    return np.asarray(np.hypot(np.hypot(robust, others), _moved(estimate, basis)))
-
-
-def _moved(estimate: Estimate, basis: BaseParameters | None) -> Array:
-    """Return what constraints moved the parameters by, or the base parameters; it may be an error of theirs."""
-    free = estimate.consistency.unconstrained if estimate.consistency else None
-    moved = np.zeros_like(estimate.value) if free is None else estimate.value - free
-    return moved if basis is None else basis.to_base(moved)
-
-
-def _of_determined(basis: BaseParameters, std: Array) -> Array:
-    """Return standard errors (p) of the standard parameters that are base parameters by themselves, else infinite."""
-    found = np.full(len(basis.names), np.inf)
-    for k, row, value in zip(basis.independent, basis.combination, std, strict=True):
-        if np.count_nonzero(row) == 1:
-            found[k] = value
-    return found
 
 
 def _named(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:

@@ -1,0 +1,116 @@
+"""The standard errors of an estimate, and which of its parameters the data determine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.estimators import Estimate
+from dynident.estimators.least_squares import weighted
+from dynident.identification.result import Identifiability, StandardErrors
+from dynident.identification.time_offset import TimeOffset
+from dynident.models import Model
+from dynident.regression import (
+    BaseParameters,
+    Regression,
+    base_parameters,
+    base_std,
+    compare,
+    informed_std,
+    structural_base_parameters,
+)
+from dynident.validation import correlated_std, plain_std
+
+__all__ = ["covariance_of_time_offset", "identifiability_of"]
+
+Array = NDArray[np.float64]
+SHORT = 1e-4  # s, to differentiate by the time offset
+
+
+def covariance_of_time_offset(
+    model: Model, regression: Regression, estimate: Estimate, found: TimeOffset | None
+) -> Array:
+    """Return what the standard error of a time offset adds to the covariance (p, p) of the parameters."""
+    p = len(model.parameters)
+    if found is None or not found.seconds or found.std is None:
+        return np.zeros((p, p))
+    torques = []
+    for motion in regression.motions:
+        ends = [motion.shifted(side * SHORT) for side in (1.0, -1.0)]
+        late, early = (model.torque(**one.states(), theta=estimate.value) for one in ends)
+        torques.append((late - early)[:, :, None] / (2 * SHORT))
+    weights = estimate.residual.weights
+    ones = np.ones(len(model.joints)) if weights is None else weights
+    _, rank = weighted(regression.triangular_factors, ones, model.parameters)
+    moved = found.std * rank.inverse @ regression.pulls(torques, weights)
+    return np.asarray(moved @ moved.T)
+
+
+def identifiability_of(
+    model: Model, regression: Regression, estimate: Estimate, more: Array, progress: Callable[[str], None]
+) -> tuple[StandardErrors, Identifiability]:
+    """Return the standard errors, and base parameters where not all parameters are determined.
+
+    ``more`` (p, p) is the covariance by the errors of the motion and of its time offset.
+    """
+    if estimate.determined.rank == len(model.parameters):
+        return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std, more)), Identifiability()
+    progress("finding base parameters")
+    shown = estimate.determined.directions  # where the estimator says them, so that both have one rank
+    on_data = base_parameters(
+        regression.triangular_factors.stacked(estimate.residual.weights) if shown is None else shown, model.parameters
+    )
+    structural = structural_base_parameters(model)
+    missing = compare(structural, on_data, model, regression.motions)
+    own = _base_std(on_data, regression, estimate)
+    robust = _robust_std(regression, estimate, own, more, on_data)
+    std_hac = None if robust is None else _of_determined(on_data, robust)
+    return StandardErrors(estimate.std, std_hac, own, robust), Identifiability(on_data, structural, missing)
+
+
+def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
+    if estimate.information is None:
+        std = base_std(basis, regression.triangular_factors, estimate.residual.sigma, estimate.residual.weights)
+        return np.hypot(std, _moved(estimate, basis))
+    return informed_std(basis, estimate.information)
+
+
+def _robust_std(
+    regression: Regression, estimate: Estimate, own: Array, more: Array, basis: BaseParameters | None = None
+) -> Array | None:
+    """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
+
+    Where the estimator counts the errors of the motion, its ``own`` are made larger in the ratio of those of least
+    squares, to these at most.
+    """
+    columns = None if basis is None else basis.independent
+    value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
+    try:
+        robust = correlated_std(regression, value, weights, columns, slopes)
+    except ModelError:  # nearly dependent columns: then there is no such figure
+        return None
+    if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated
+        alone = plain_std(regression, value, weights, range(len(value)) if columns is None else columns)
+        robust = np.minimum(own * np.maximum(robust / alone, 1.0), np.maximum(robust, own))
+    B = np.eye(len(more)) if basis is None else basis.combination
+    others = np.sqrt(np.einsum("ij,jk,ik->i", B, more, B))
+    return np.asarray(np.hypot(np.hypot(robust, others), _moved(estimate, basis)))
+
+
+def _moved(estimate: Estimate, basis: BaseParameters | None) -> Array:
+    """Return what constraints moved the parameters by, or the base parameters; it may be an error of theirs."""
+    free = estimate.consistency.unconstrained if estimate.consistency else None
+    moved = np.zeros_like(estimate.value) if free is None else estimate.value - free
+    return moved if basis is None else basis.to_base(moved)
+
+
+def _of_determined(basis: BaseParameters, std: Array) -> Array:
+    """Return standard errors (p) of the standard parameters that are base parameters by themselves, else infinite."""
+    found = np.full(len(basis.names), np.inf)
+    for k, row, value in zip(basis.independent, basis.combination, std, strict=True):
+        if np.count_nonzero(row) == 1:
+            found[k] = value
+    return found

@@ -107,10 +107,12 @@ def _identify(
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
     if recipe.terms is not None:  # the rest is as with these terms named, and with what was found for them
         choice = chosen(whole, angles, fitted, min_speed, progress)
-        named = replace(recipe, smoother=unshifted(smoother), base_tilt=angles, terms=None)
+        named = replace(recipe, smoother=smoother, base_tilt=angles, terms=None)
         named = replace(named, min_speed=speeds(recipe, choice))
         found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
-        known = replace(found.calibration, smoother=pairing.choice, base_tilt=tilt, terms=choice)
+        again = found.calibration.time_offset
+        offset = pairing.time_offset if again is None or again.seconds == late else again
+        known = replace(found.calibration, smoother=pairing.choice, time_offset=offset, base_tilt=tilt, terms=choice)
         return replace(found, calibration=known, warnings=(*found.warnings, *_steep(tilt)))
     model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
     fitted = tuple(map(model.remembering, fitted))

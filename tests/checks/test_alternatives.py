@@ -80,7 +80,7 @@ def test_the_normal_equations_tell_the_error_of_every_alternative() -> None:
 
 def test_orders_and_signs_of_the_torques_share_a_regressor(monkeypatch: pytest.MonkeyPatch) -> None:
     given, calls = case(samples=100), []
-    monkeypatch.setattr(Model, "regressor", lambda *states: calls.append(1) or evaluated(*states))
+    monkeypatch.setattr(Model, "regressor", lambda self, **states: calls.append(1) or evaluated(self, **states))
     tried = list(_alternatives(given))
     assert list(_possible(given, tried, np.inf)) == tried
     moved = {(id(one.case.q), id(one.case.model)) for one in tried}

@@ -11,11 +11,25 @@ import pytest
 import sympy as sp
 
 from dynident.errors import ModelError
-from dynident.export import Identified, Numpy, export, identified_module, random_states
-from dynident.models import Coulomb, Joint, Lagrangian, Model, Parameter, PerJoint, Unknown, Viscous
-from dynident.models.gallery import MODELS
+from dynident.export import Identified, Numpy, Yaml, export, identified_module, random_states
+from dynident.models import (
+    Coulomb,
+    Dahl,
+    Joint,
+    Lagrangian,
+    LoadCoulomb,
+    LoadViscous,
+    Model,
+    Parameter,
+    PerJoint,
+    RigidBodies,
+    Unknown,
+    Viscous,
+)
+from dynident.models.gallery import MODELS, pendulum
 from dynident.testing.term import is_the_same_in_numpy
 from tests.export.arms import arm
+from tests.robots import ARM
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -136,3 +150,31 @@ def test_a_function_that_numpy_lacks_is_refused():
     term = Lagrangian((Joint("a"),), (q,), (dq,), m * dq**2 / 2, m * sp.besselj(0, q), (Unknown(m, "kg"),))
     with pytest.raises(ModelError, match="NumPy has no function"):
         identified_module(Identified(Model((term,)), np.ones(1)))
+
+
+def test_terms_that_remember_more_than_the_load_are_left_out():
+    arm = pendulum()
+    terms = Dahl(arm.joints, length=0.01), Viscous(arm.joints), LoadCoulomb(arm.joints, width=0.1)
+    value, states = np.array([0.1, 0.2, 0.3, 0.4, 0.5]), random_states(1, np.random.default_rng(0))
+    model = arm.with_terms(*terms).loaded(value)
+    made = export(Identified(model, value), Numpy(), states)
+    assert made.ready
+    assert made.written.left_out == ("Fd_pivot = 0.3 N m (Dahl friction over 0.01 rad)",)
+    assert export(Identified(model, value), Yaml(), states).ready
+    namespace = {"__name__": "model"}
+    exec(made.written.text, namespace)
+    load = arm.torque(*states, value[:2])
+    expected = load + 0.4 * states[1] + 0.5 * np.abs(load) * np.tanh(states[1] / 0.1)
+    np.testing.assert_allclose(namespace["inverse_dynamics"](*states), expected, rtol=1e-9)
+    np.testing.assert_allclose(namespace["mass_matrix"](states[0])[:, 0, 0], 0.1)
+
+
+def test_the_load_of_an_arm_is_in_the_module():
+    bodies = RigidBodies(ARM)
+    model = Model((bodies, LoadCoulomb(bodies.joints, on=(bodies.joints[1].name,)), LoadViscous(bodies.joints)))
+    value = np.random.default_rng(0).uniform(0.5, 1.5, len(model.names))
+    made = export(
+        Identified(model.loaded(value), value), Numpy(), random_states(len(model.joints), np.random.default_rng(0))
+    )
+    assert made.ready, made.refusal
+    assert not made.written.left_out

@@ -20,6 +20,7 @@ from dynident.io.recipe import build_recipe
 from dynident.io.saved import load
 from dynident.io.tables import DataTable, read_columns
 from dynident.log import Log
+from dynident.models import Joint
 from dynident.models.gallery import slider
 from dynident.regression import Regression
 from dynident.smoothers import Spline, TimeShifted, unshifted
@@ -30,7 +31,7 @@ from tests.robots import ARM
 PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 PARTS = dict(
     zip(
-        ("sg", "buffer", "huber", "raw", "csv"),
+        ("sg", "buffer", "creep", "huber", "raw", "csv"),
         re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.M | re.S),
         strict=True,
     )
@@ -116,6 +117,21 @@ def test_a_term_of_a_file_stands_beside_those_of_the_library(folder: Path) -> No
     text = text.replace("begin:", "start:")
     with pytest.raises(ConfigError, match=r"model.terms\[2\]: unknown key 'start'"):
         parse_config(text, folder)
+
+
+def test_a_term_of_a_file_remembers(folder: Path) -> None:
+    assert len(PARTS["creep"].splitlines()) < 40
+    path = slide(folder)
+    terms = ["viscous", {"kind": "creep.py:Creep", "time": 0.2}]
+    text = yaml.safe_dump(yaml.safe_load(path.read_text()) | {"model": {"file": "arm.urdf", "terms": terms}})
+    model = load_model(parse_config(text, folder).model, folder)
+    creep = type(model.terms[-1])((Joint("slider", "prismatic"),), time=0.2)
+    sliding = slider(values=(5.0, 8.0, 3.0, 0.5)).with_terms(creep)
+    motion = sliding.remembering(known_motion(slider(values=(5.0, 8.0, 3.0, 0.5))))
+    theta = np.array([5.0, 8.0, 3.0, 0.5, 40.0])
+    log = Log(motion.t, motion.q, sliding.torque(**motion.states(), theta=theta), motion.joints)
+    found = identify(sliding, [log], (), Recipe(Spline(sigma=1e-6)))
+    np.testing.assert_allclose(found.estimate.value, theta, rtol=0.02)
 
 
 def test_terms_of_the_library_take_settings(folder: Path) -> None:

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 from dynident.errors import ConfigError, InputError, ModelError
-from dynident.models import Coulomb, Model, record, simulate, simulate_many
+from dynident.models import Coulomb, Dahl, Drift, LoadCoulomb, Model, record, simulate, simulate_many
 from dynident.models.gallery import pendulum, slider, two_link_arm
 
 T = np.linspace(0.0, 0.4, 41)
@@ -214,3 +215,26 @@ def test_record_is_reproducible(truth):
 def test_wrong_noise(truth, sigmas, message):
     with pytest.raises(ConfigError, match=message):
         record(truth, *sigmas, np.random.default_rng(0))
+
+
+def test_what_terms_remember_is_integrated():
+    """Dahl's friction is a further state of the plain equations of motion, friction by the load is implicit."""
+    joints = pendulum().joints
+    length, theta = 0.05, np.array([0.0825, 0.25, 0.3, 0.1, 0.05])
+    terms = Dahl(joints, length=length), LoadCoulomb(joints, width=0.2), Drift(joints, time=0.5)
+    model, t = pendulum().with_terms(*terms).loaded(theta), np.linspace(0.0, 0.3, 151)
+    motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
+    np.testing.assert_allclose(model.torque(**motion.states(), theta=theta), motion.tau, atol=1e-9)
+    np.testing.assert_allclose(model.remembering(motion).memory, motion.memory, atol=2e-5)
+
+    def slope(s, x):
+        q, dq, z = x
+        rubs = lambda ddq: 0.1 * np.abs(0.0825 * ddq + 0.25 * 9.81 * np.sin(q)) * np.tanh(dq / 0.2)  # noqa: E731
+        ddq = 0.0
+        for _ in range(40):
+            others = 0.25 * 9.81 * np.sin(q) + 0.3 * z + rubs(ddq) + 0.05 * (1 - np.exp(-s / 0.5))
+            ddq = (np.sin(15 * s) - others) / 0.0825
+        return [dq, ddq, (dq - np.abs(dq) * z) / length]
+
+    exact = solve_ivp(slope, (0.0, 0.3), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(motion.q[:, 0], exact.y[0], atol=1e-6)

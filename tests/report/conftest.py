@@ -144,10 +144,10 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         consistency=None,
     )
     model = SimpleNamespace(
-        name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}
+        name="two-link arm", joints=tuple(map(Joint, joints)), parameters=PARAMETERS, terms=(), limits={}, memory=0
     )
     model.limits[joints[0]] = Limits(5.0, 2.0, -1.5, 1.5)
-    model.regressor = lambda q, dq, ddq: np.ones((*q.shape, len(model.parameters)))
+    model.regressor = lambda q, dq, ddq, memory=None: np.ones((*q.shape, len(model.parameters)))
     return Fake(
         model=model,
         estimate=estimate,

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from dynident.errors import ModelError
 from dynident.log import Controller, Motion
-from dynident.models import Coulomb, Joint, Model, Offset, Parameter, Partials, Power, Stribeck, Viscous
+from dynident.models import (
+    Coulomb,
+    Dahl,
+    Joint,
+    LoadCoulomb,
+    LoadViscous,
+    Model,
+    Offset,
+    Parameter,
+    Partials,
+    Power,
+    Stribeck,
+    Viscous,
+    simulate,
+)
 from dynident.models.gallery import pendulum, slider
 from dynident.validation import CascadePD
 from dynident.validation.stepper import AHEAD, FAR, Machine, _arrays, integrate
@@ -145,3 +159,35 @@ def test_only_friction_of_a_constant_size_or_slope_is_separated() -> None:
     assert machine.F.tolist() == [2.0]
     slow, fast = (machine.mass_and_bias(np.zeros((1, 1)), np.full((1, 1), v))[1].item() for v in (0.1, 4.0))
     assert (slow, fast) == pytest.approx((4.0 * 0.1**0.5 + 8.0 * np.exp(-1), 8.0))
+
+
+@pytest.mark.parametrize(("share", "holds"), [(0.8, False), (1.2, True)])
+def test_friction_by_the_load_holds_a_joint_up_to_its_level(share, holds):
+    """A pendulum at rest, held by a share of its own weight."""
+    theta = np.array([0.0825, 0.25, share])
+    model = pendulum().with_terms(LoadCoulomb(JOINTS)).loaded(theta)
+    machine = Machine(model, theta)
+    assert machine.F.tolist() == [share]
+    t = np.arange(101) * 0.005
+    still = np.zeros((101, 1))
+    motion = Motion(t, still + 0.7, still, still, still, ("pivot",), np.ones(101, bool))
+    path, _ = integrate(machine, model.remembering(motion), np.arange(101)[None], None)
+    assert (np.ptp(path) < 1e-9) == holds
+
+
+def test_hysteresis_and_what_grows_with_the_load_stay_in_the_model():
+    theta = np.array([0.0825, 0.25, 0.4, 0.1])
+    machine = Machine(pendulum().with_terms(Dahl(JOINTS), LoadViscous(JOINTS)), theta)
+    assert (len(machine.F), machine.V.any()) == (0, False)
+
+
+def test_steps_remember_the_way():
+    """A pendulum with Dahl's friction, as the integrator has it; its start is in the middle of the motion."""
+    theta = np.array([0.0825, 0.25, 0.3])
+    model, t = pendulum().with_terms(Dahl(JOINTS, length=0.05)), np.arange(301) * 0.002
+    motion = simulate(model, theta, lambda s: [np.sin(15 * s)], t, [0.3])
+    rows = np.arange(60, 301)[None]
+    path, _ = integrate(Machine(model, theta), motion, rows, None)
+    np.testing.assert_allclose(path[0], motion.q[rows[0]], atol=2e-4)
+    fresh, _ = integrate(Machine(model, theta), replace(motion, memory=0 * motion.memory), rows, None)
+    assert np.abs(fresh[0] - motion.q[rows[0]]).max() > 2e-3, "without the memory of its start it is another"

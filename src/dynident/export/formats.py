@@ -19,6 +19,7 @@ from dynident.export.placement import placed
 from dynident.export.readers import by_dynident, by_mujoco, by_numpy, by_pinocchio, by_yaml
 from dynident.export.urdf import identified_urdf
 from dynident.export.written import Written
+from dynident.models import remembered
 
 __all__ = ["Mjcf", "Numpy", "Urdf", "Yaml"]
 
@@ -81,9 +82,10 @@ class Numpy:
         return identified_module(identified)
 
     def torque(self, identified: Identified, states: States) -> Array:
-        """Return the torque of all terms but those that remember."""
+        """Return the torque of all terms but those that remember more than the load."""
         held = identified.memoryless
-        return held.model.torque(*states, held.value)
+        memory = remembered(held.model, np.zeros(len(states[0])), *states)
+        return held.model.torque(*states, held.value, memory)
 
 
 @dataclass(frozen=True)

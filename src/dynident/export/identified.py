@@ -24,6 +24,7 @@ from dynident.models import (
     smallest_eigenvalue,
     to_pseudo,
 )
+from dynident.models.friction import RemembersLoad
 from dynident.models.robot_file import ArmBody
 
 __all__ = ["Drives", "Identified", "Shares", "drives", "holdable", "link_inertias"]
@@ -55,9 +56,10 @@ class Identified:
 
     @property
     def memoryless(self) -> Identified:
-        """The model without the terms that remember: its torque depends on q, dq and ddq of one sample alone."""
-        kept = [(term, values) for term, values in self.parts if not isinstance(term, HasMemory)]
-        model = replace(self.model, terms=tuple(term for term, _ in kept), load=None)
+        """The model without the terms that remember more than the load: its torque depends on q, dq and ddq of one
+        sample alone."""
+        kept = [(term, values) for term, values in self.parts if not remembers(term)]
+        model = replace(self.model, terms=tuple(term for term, _ in kept))
         return Identified(model, np.concatenate([values for _, values in kept]))
 
     @property
@@ -71,6 +73,11 @@ class Identified:
         if (robot := self.robot) is not None:
             return robot, next(values for term, values in self.parts if term is robot).reshape(-1, 10)
         raise ModelError(f"{self.model.name}: this model does not come from a robot file, so there is none to write.")
+
+
+def remembers(term: Term) -> bool:
+    """Return whether the torque of a term depends on more than a sample, or has no formula in it and the load."""
+    return isinstance(term, HasMemory) and not (isinstance(term, RemembersLoad) and term.formula())
 
 
 @dataclass(frozen=True, eq=False)

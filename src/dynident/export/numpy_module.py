@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.errors import ModelError
-from dynident.export.identified import Identified, worded
+from dynident.export.identified import Identified, remembers, worded
 from dynident.export.written import Written
 from dynident.models import (
     Coulomb,
     CoupledMotor,
-    HasMemory,
     HasNumpySource,
     Lagrangian,
+    Model,
     Offset,
     PerJoint,
     RigidBodies,
@@ -37,24 +37,21 @@ def identified_module(identified: Identified) -> Written:
 
     Rigid bodies are computed by the recursive Newton-Euler algorithm (Featherstone 2008, "Rigid Body Dynamics
     Algorithms", ch. 5) from the ten identified parameters, physical or not; symbolic energies by their printed torques;
-    friction, offset, rotor inertia and coupled motors as rows of motors; any other term by its ``numpy_source``. Terms
-    that remember are left out. Raises ModelError for another term without a ``numpy_source``: its formula is not known.
+    friction, offset, rotor inertia and coupled motors as rows of motors; any other term by its ``numpy_source``, the
+    load by the bodies of a first fit. Terms that remember more than the load are left out. Raises ModelError for
+    another term without a ``numpy_source``: its formula is not known.
     """
     names = [joint.name for joint in identified.model.joints]
     motors, rigid, others = _Motors(names), ["0.0 * q"], ["0.0 * q"]
     blocks: list[str] = []
-    remember = [(term, values) for term, values in identified.parts if isinstance(term, HasMemory)]
-    left_out = [line for term, values in remember for line in worded(term, values)]
+    left_out = [line for term, values in identified.parts if remembers(term) for line in worded(term, values)]
     for k, (term, values) in enumerate(identified.memoryless.parts):
-        if isinstance(term, RigidBodies):
-            blocks.append(_bodies(term, values, k))
-            rigid.append(f"_bodies_{k}(q, dq, ddq)")
-        elif isinstance(term, Lagrangian):
-            blocks.append(_lagrangian(term, values, k))
-            rigid.append(f"_energies_{k}(q, dq, ddq)")
-        elif not motors.add(term, values):
-            blocks.append(_other(term, values, k))
-            others.append(f"_term_{k}(q, dq, ddq)")
+        if not motors.add(term, values):
+            block, call = _function(term, values, k)
+            blocks.append(block)
+            (rigid if isinstance(term, RigidBodies | Lagrangian) else others).append(call)
+    if identified.memoryless.model.memory:
+        blocks += _load(identified.model)
     head = _filled(HEAD, MODEL=repr(identified.model.name), JOINTS=_tuple(map(repr, names)))
     functions = _filled(FUNCTIONS, RIGID=" + ".join(rigid), OTHERS=" + ".join(others))
     return Written("\n\n".join([head + motors.text(), *blocks, functions]), tuple(left_out))
@@ -121,6 +118,26 @@ def _bodies(term: RigidBodies, values: Array, k: int) -> str:
             f"     {m!r}, {_array([x, y, z])}, {_array(tensor)}),"
         )
     return _filled(BODIES, K=str(k), GRAVITY=_array(term.gravity), ROWS="\n".join(rows))
+
+
+def _function(term: Term, values: Array, k: int) -> tuple[str, str]:
+    """Return a function of a term that rows of motors do not hold, and its call."""
+    if isinstance(term, RigidBodies):
+        return _bodies(term, values, k), f"_bodies_{k}(q, dq, ddq)"
+    if isinstance(term, Lagrangian):
+        return _lagrangian(term, values, k), f"_energies_{k}(q, dq, ddq)"
+    return _other(term, values, k), f"_term_{k}(q, dq, ddq)"
+
+
+def _load(model: Model) -> list[str]:
+    """Return the functions of the load, by the bodies as a first fit found them."""
+    bodies, values = model.bodies, np.array(model.load or ())
+    ends = np.cumsum([len(term.parameters) for term in bodies.terms])[:-1]
+    pairs = zip(bodies.terms, np.split(values, ends), strict=True)
+    made = [_function(term, own, len(model.terms) + k) for k, (term, own) in enumerate(pairs if model.load else ())]
+    calls = " + ".join(["0.0 * q", *(call for _, call in made)])
+    words = "Return the load of the joints: the torque of the bodies by a first fit."
+    return [*(block for block, _ in made), f'def _load(q, dq, ddq):\n    """{words}"""\n    return {calls}\n']
 
 
 def _other(term: Term, values: Array, k: int) -> str:

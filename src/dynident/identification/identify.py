@@ -269,15 +269,13 @@ def _judged(
     progress: Callable[[str], None],
 ) -> tuple[LogValidation, ...]:
     """Return how the model does on all logs, those of the training first."""
-    min_speed = recipe.min_speeds([joint.name for joint in model.joints])
+    low, slow = recipe.filter, recipe.min_speeds([joint.name for joint in model.joints])
     found: list[LogValidation] = []
     total = sum(len(motions[role]) for role in ROLES)
     for role in ROLES:
         for name, motion in motions[role].items():
             progress(Step("validating", len(found), total))
-            one = validate(
-                model, estimate.value, motion, name=name, role=role, parallel_filter=recipe.filter, min_speed=min_speed
-            )
+            one = validate(model, estimate.value, motion, name=name, role=role, parallel_filter=low, min_speed=slow)
             log = roles[role][name]
             signals = Signals(one.motion, one.predicted, log)
             run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)

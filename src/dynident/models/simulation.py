@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Torque = Callable[[float], ArrayLike]
 SOON = 1e-7  # s, over which a memory is differentiated by time
 ROUGH = 1e-9  # least tolerance with a memory, whose derivatives are rounded to this
-ROUNDS, CLOSE = 30, 1e-12  # of accelerations that friction by the load depends on, until they stay
+ROUNDS, CLOSE = 30, 1e-10  # of accelerations that friction by the load depends on, until they stay
 
 
 @dataclass(frozen=True, eq=False)

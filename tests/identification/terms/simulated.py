@@ -45,7 +45,7 @@ def states(seed: int, speed: float = 1.0, rows: int = 4000) -> tuple[Array, ...]
     return t, q, dq, np.sum(-size * rate[:, None] ** 2 * np.sin(angle), axis=1)
 
 
-def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.1) -> Motion:
+def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.05) -> Motion:
     """Return a motion whose torque is that of the bodies and of a law: torques (N, 3) of t, q, dq and the load, per
     unit of SIZE; ``noise`` is that of the torque, half white, half below 4 Hz, relative to the size of the friction."""
     t, q, dq, ddq = states(seed, speed)
@@ -58,12 +58,12 @@ def recorded(law: Law, seed: int, speed: float = 1.0, noise: float = 0.1) -> Mot
     return Motion(t, q, dq, ddq, tau, tuple(one.name for one in bodies().joints), np.ones(len(t), bool))
 
 
-def viscous(t: Array, q: Array, dq: Array, load: Array) -> Array:  # noqa: ARG001
+def viscous(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """Viscous friction."""
     return 0.3 * dq
 
 
-def none(t: Array, q: Array, dq: Array, load: Array) -> Array:  # noqa: ARG001
+def none(t: Array, q: Array, dq: Array, load: Array) -> Array:
     """No friction."""
     return np.zeros_like(q)
 

@@ -29,4 +29,4 @@ def test_a_joint_that_stands_has_none() -> None:
 
 
 def test_slow_waves_are_not_ripples() -> None:
-    assert min(peaks(Q, np.sin(2.0 * Q), BLOCK, 8, 200.0)) >= 4.0
+    assert peaks(Q, np.sin(2.0 * Q), BLOCK, 8, 200.0) == ()

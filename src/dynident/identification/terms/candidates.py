@@ -31,7 +31,7 @@ __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 
 WIDTHS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # of the rms speed
 VELOCITIES = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # likewise
-LENGTHS = tuple(1e-4 * 1.7 ** np.arange(12))  # of the reach
+LENGTHS = tuple(1e-4 * 1.35 ** np.arange(20))  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
 SHARP = 0.01  # of the rms speed: the width of signs beside those of Coulomb friction
 

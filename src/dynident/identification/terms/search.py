@@ -182,14 +182,14 @@ class JointSearch:
         """Return the trial of a group that has entered, beside all others that have."""
         others = [other for other in self.entered if other is not one]
         alone = Group(one.group.kind, (one.term,), (one.columns,))
-        (found,) = replace(self, entered=others, trials={})._tried(rest, [alone], STAYS)
+        (found,) = replace(self, entered=others, trials={})._tried(rest, [alone], stays=True)
         if _presumed(one.group.kind, others):
             idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < IDLE
             return replace(found.trial, outcome=Outcome.TOO_SMALL if idle else Outcome.ENTERED)
         return found.trial
 
-    def _tried(self, rest: Normal, groups: Sequence[Group], errors: float = 1.0) -> list[_Found]:
-        """Return the trials of groups; ``errors`` multiplies the standard errors that a gain must exceed."""
+    def _tried(self, rest: Normal, groups: Sequence[Group], *, stays: bool = False) -> list[_Found]:
+        """Return the trials of groups; what has entered before ``stays`` with a less sure gain."""
         if not groups:
             return []
         at = [one.at for one in groups]
@@ -201,10 +201,10 @@ class JointSearch:
         for g, group in enumerate(groups):
             size, gains = int(whole.best[0, g]), blocks.before - blocks.after[:, g]
             gain, std = share(gains, blocks.before)
-            outcome = self._outcome(group, size, gain, errors * std, whole, g)
+            outcome = self._outcome(group, size, gain, (STAYS if stays else 1.0) * std, whole, g)
             trial = Trial(self.joint, group.kind.name, _settings(group.terms[size]), gain, std, outcome)
             found.append(_Found(trial, gains, Entered(group, size)))
-        return self._beyond(rest, found)
+        return found if stays else self._beyond(rest, found)
 
     def _outcome(self, group: Group, size: int, gain: float, std: float, whole: Fits, g: int) -> Outcome:
         if not whole.seen[0, g]:

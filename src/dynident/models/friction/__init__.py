@@ -7,7 +7,7 @@ from dynident.models.friction.dahl import Dahl
 from dynident.models.friction.drift import Drift
 from dynident.models.friction.dry_friction import DryFriction
 from dynident.models.friction.joint_term import Constant, JointTerm
-from dynident.models.friction.load import LoadCoulomb, LoadDahl, LoadRipple, LoadViscous
+from dynident.models.friction.load import LoadCoulomb, LoadDahl, LoadRipple, LoadViscous, RemembersLoad
 from dynident.models.friction.offset import Offset
 from dynident.models.friction.per_joint import PerJoint
 from dynident.models.friction.power import Power
@@ -33,6 +33,7 @@ __all__ = [
     "Offset",
     "PerJoint",
     "Power",
+    "RemembersLoad",
     "Ripple",
     "Spring",
     "Stribeck",

@@ -16,7 +16,7 @@ from dynident.models.friction.ripple import Ripple
 from dynident.models.friction.viscous import Viscous
 from dynident.models.term import Joint, Past
 
-__all__ = ["LoadCoulomb", "LoadDahl", "LoadRipple", "LoadViscous"]
+__all__ = ["LoadCoulomb", "LoadDahl", "LoadRipple", "LoadViscous", "RemembersLoad"]
 
 Array = NDArray[np.float64]
 
@@ -37,8 +37,14 @@ class RemembersLoad(JointTerm):
         return past.load[:, self._columns]
 
     def formula(self) -> str:
-        """Return no text: the load is not known in it."""
-        return ""
+        """Return ``shapes`` as NumPy source, of q, dq, ddq and the absolute ``load``."""
+        return f"load * ({plain})" if (plain := super().formula()) else ""
+
+    def numpy_source(self, name: str, theta: Array) -> str:
+        """Return the text of a function that gives Y theta; the load is that of a function ``_load(q, dq, ddq)``."""
+        load = "    load = np.abs(_load(q, dq, ddq))[:, joints]\n"
+        head, rest = super().numpy_source(name, theta).split("    q, dq, ddq = ", 1)
+        return f"{head}{load}    q, dq, ddq = {rest}"
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,10 @@ class LoadCoulomb(RemembersLoad, DryFriction):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return f"Coulomb friction: torque per abs(load) {self.sign_words()}"
+
+    def formula(self) -> str:
+        """Return ``shapes`` as NumPy source."""
+        return f"load * {self.sign_source()}"
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p)."""
@@ -93,6 +103,10 @@ class LoadViscous(RemembersLoad, Viscous):
     def meaning(self) -> str:
         """Return the meaning of the parameter."""
         return "viscous friction: torque per abs(load) dq"
+
+    def formula(self) -> str:
+        """Return ``shapes`` as NumPy source."""
+        return "load * dq"
 
     def shapes(self, q: Array, dq: Array, ddq: Array, /, *memory: Array) -> Array:
         """Return the torque per unit of each parameter (N, p)."""

@@ -202,7 +202,7 @@ def _slopes(model: Model, motions: Sequence[Motion], value: Array, tilt: tuple[f
     found = []
     for motion in motions:
         ends = [
-            [mounted(model, *(tilt + side * step)).torque(motion.q, motion.dq, motion.ddq, value) for side in (1, -1)]
+            [mounted(model, *(tilt + side * step)).torque(**motion.states(), theta=value) for side in (1, -1)]
             for step in START * np.eye(2)
         ]
         found.append(np.array([(late - early) / (2 * START) for late, early in ends]))

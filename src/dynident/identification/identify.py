@@ -95,13 +95,13 @@ def _identify(
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
-    if recipe.terms is not None:  # the rest is as with these terms named, and with what was found for them
+    if recipe.terms is not None:
         choice = chosen(whole, angles, fitted, min_speed, progress)
-        named = replace(recipe, smoother=unshifted(smoother), base_tilt=angles, terms=None)
-        named = replace(named, min_speed=speeds(recipe, choice))
+        level = recipe.base_tilt if angles == (0.0, 0.0) else angles  # one that was refused is tried again
+        speed = speeds(recipe, choice)
+        named = replace(recipe, smoother=smoother, base_tilt=level, terms=None, min_speed=speed)
         found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
-        known = replace(found.calibration, smoother=pairing.choice, base_tilt=tilt, terms=choice)
-        return replace(found, calibration=known, warnings=(*found.warnings, *_steep(tilt)))
+        return _chosen(found, Calibration(pairing.choice, pairing.time_offset, tilt, terms=choice), late)
     model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
     fitted = tuple(map(model.remembering, fitted))
     strength = find_prior_strength(model, fitted, recipe.estimator, min_speed, progress=progress)
@@ -205,6 +205,16 @@ def _mounted(
     return mounted(model, tilt.x, tilt.y), tilt, (tilt.x, tilt.y)
 
 
+def _chosen(found: Identification, first: Calibration, late: float) -> Identification:
+    """Return an identification with terms that were chosen by what ``first`` holds, with a time offset ``late`` (s)."""
+    again = found.calibration
+    offset = first.time_offset if again.time_offset is None or again.time_offset.seconds == late else again.time_offset
+    tilt = first.base_tilt if again.base_tilt is None else again.base_tilt
+    steep = _steep(first.base_tilt) if again.base_tilt is None else ()
+    known = replace(again, smoother=first.smoother, time_offset=offset, base_tilt=tilt, terms=first.terms)
+    return replace(found, calibration=known, warnings=(*found.warnings, *steep))
+
+
 def _steep(tilt: BaseTilt | None) -> tuple[Note, ...]:
     """Return the note on a tilt that is more than a mounting error."""
     return (SteepBase(*tilt.steep),) if tilt and tilt.steep else ()
@@ -224,15 +234,13 @@ def _judged(
     progress: Callable[[str], None],
 ) -> tuple[LogValidation, ...]:
     """Return how the model does on all logs, those of the training first."""
-    min_speed = recipe.min_speeds([joint.name for joint in model.joints])
+    low, slow = recipe.filter, recipe.min_speeds([joint.name for joint in model.joints])
     found: list[LogValidation] = []
     total = sum(len(motions[role]) for role in ROLES)
     for role in ROLES:
         for name, motion in motions[role].items():
             progress(Step("validating", len(found), total))
-            one = validate(
-                model, estimate.value, motion, name=name, role=role, parallel_filter=recipe.filter, min_speed=min_speed
-            )
+            one = validate(model, estimate.value, motion, name=name, role=role, parallel_filter=low, min_speed=slow)
             log = roles[role][name]
             signals = Signals(one.motion, one.predicted, log)
             run = _run(model, estimate, name, recipe.repaired(log), motion, recipe)

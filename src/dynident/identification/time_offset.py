@@ -78,7 +78,8 @@ def pair(
 ) -> Pairing:
     """Return the smoother, chosen among ``smoothers`` and shifted in time, that pairs torque and motion.
 
-    Of several smoothers ``choose_smoother`` takes one, before the time offset is known and again with it.
+    Of several smoothers ``choose_smoother`` takes one, before the time offset is known and again with it. One that
+    shifts already keeps its shift where no other predicts better.
     """
     choice: Choice | None = None
     known: dict[int, tuple[Motion, ...]] = {}
@@ -94,6 +95,7 @@ def pair(
         late = [TimeShifted(unshifted(one), time_offset) for one in smoothers] if time_offset else smoothers
         return Pairing(chosen(late), choice)
     best = chosen(smoothers)
+    earlier = best.time_offset if isinstance(best, TimeShifted) else 0.0
     progress(Step("estimating the time offset"))
     some = excerpts(logs)
     motions = [model.remembering(one) for one in known.get(id(best)) or [motion_of(best, log) for log in some]]
@@ -102,8 +104,9 @@ def pair(
         return repeated(model, some, motions, best, theta)
 
     found = find_time_offset(model, motions, estimator, min_speed, repeat=again, progress=progress)
-    best = chosen([TimeShifted(one, found.seconds) for one in smoothers]) if found.seconds else best
-    return Pairing(best, choice, found)
+    if found.seconds:
+        best = chosen([TimeShifted(unshifted(one), earlier + found.seconds) for one in smoothers])
+    return Pairing(best, choice, replace(found, seconds=earlier + found.seconds))
 
 
 def find_time_offset(

@@ -15,6 +15,7 @@ from dynident.identification.result import (
 )
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
 from dynident.identification.terms import Kind, Outcome, TermChoice, Trial, choose_terms
+from dynident.identification.terms.added import with_chosen_terms, with_plain_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
@@ -57,4 +58,6 @@ __all__ = [
     "mounted",
     "pair",
     "versions",
+    "with_chosen_terms",
+    "with_plain_terms",
 ]

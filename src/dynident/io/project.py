@@ -10,7 +10,15 @@ from pathlib import Path
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, notes, reading_line, run_checks, with_findings
 from dynident.errors import Remark, Severity, brief
-from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
+from dynident.identification import (
+    Identification,
+    Recipe,
+    SourceFile,
+    Sources,
+    identify,
+    with_chosen_terms,
+    with_plain_terms,
+)
 from dynident.io.config import config_text, config_warnings, load_model, parse_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.opener import real
@@ -64,7 +72,9 @@ class Project:
         files = log_files(self.config)
         found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
         turning = turning_joints(self.config)
-        found = with_findings(found, self.model, logs, self.recipe, multi_turn=turning, progress=progress)
+        choice = found.calibration.terms
+        model = self.model if choice is None else with_chosen_terms(self.model, choice)
+        found = with_findings(found, model, logs, self.recipe, multi_turn=turning, progress=progress)
         findings, remarks = _once(found.findings, remarks)
         return self._signed(replace(found, warnings=(*found.notes, *findings)), (*self.model.notes, *remarks), files)
 
@@ -79,7 +89,7 @@ class Project:
         ``accuracy_bound``."""
         logs, remarks = self.logs(progress)
         found = accuracy_bound(
-            self.model,
+            self._before_choice,
             logs["train"],
             self.recipe,
             sigma_q=sigma_q,
@@ -94,7 +104,14 @@ class Project:
         logs, found = read_found(self.config, self.model.joints, progress)
         own = tuple(Finding(Severity.WARNING, None, words, source=self.path.name) for words in self.warnings)
         turning = turning_joints(self.config)
-        return run_checks(self.model, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress)
+        return run_checks(
+            self._before_choice, logs, self.recipe, multi_turn=turning, found=(*own, *found), progress=progress
+        )
+
+    @property
+    def _before_choice(self) -> Model:
+        """The model, with the plain set of terms where the training logs are to choose them."""
+        return self.model if self.recipe.terms is None else with_plain_terms(self.model)
 
     def _signed(
         self, found: Identification, remarks: Sequence[str], files: tuple[SourceFile, ...] = ()

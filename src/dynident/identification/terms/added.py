@@ -13,12 +13,12 @@ from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
 
-__all__ = ["completed", "first", "plain", "speeds"]
+__all__ = ["completed", "first", "speeds", "with_chosen_terms", "with_plain_terms"]
 
 PLAIN = (RotorInertia, Viscous, Coulomb, Offset)
 
 
-def plain(model: Model) -> Model:
+def with_plain_terms(model: Model) -> Model:
     """Return the model with rotor inertia, viscous and Coulomb friction and offset, where it lacks them."""
     terms = []
     for part in PLAIN:
@@ -30,7 +30,7 @@ def plain(model: Model) -> Model:
 
 def first(model: Model, recipe: Recipe) -> Model:
     """Return the model of the steps before a fit: without the load, and with the plain set where terms are chosen."""
-    return unloaded(model) if recipe.terms is None else plain(unloaded(model))
+    return unloaded(model) if recipe.terms is None else with_plain_terms(unloaded(model))
 
 
 def completed(
@@ -52,8 +52,13 @@ def completed(
     whole = model if tilt is None else mounted(model, *tilt)
     bodies = unloaded(whole)
     choice = choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
-    found = whole.with_terms(*choice.terms)
-    return replace(found, load=choice.load if found.needs_load else None), choice
+    return with_chosen_terms(whole, choice), choice
+
+
+def with_chosen_terms(model: Model, choice: TermChoice) -> Model:
+    """Return the model with the terms that were chosen, and with the load that they were chosen with."""
+    found = model.with_terms(*choice.terms)
+    return replace(found, load=choice.load if found.needs_load else None)
 
 
 def speeds(recipe: Recipe, choice: TermChoice | None) -> Mapping[str, float] | float | None:

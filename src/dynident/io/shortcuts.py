@@ -87,8 +87,9 @@ def identify(
 
     ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
     beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for
-    ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a real robot; keywords replace its
-    fields, such as ``estimator=LeastSquares()``. ``progress`` is called with a few words before each step.
+    ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a
+    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. ``progress`` is called with a few
+    words before each step.
 
     Raises ConfigError for an unknown keyword or a recipe that does not fit, ModelError for the model, InputError for
     logs.

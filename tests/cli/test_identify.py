@@ -316,6 +316,6 @@ class TestWriteConfig:
         before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
         done = run("identify", path, "--write-config", tmp_path / name)
         assert done.exit_code == 1
-        words = "is read by this command" if name == "robot.yaml" else "is no name of a configuration"
+        words = "would be replaced, but this run reads it" if name == "robot.yaml" else "is no name of a configuration"
         assert words in done.output.replace("\n", " "), done.output
         assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before

@@ -95,7 +95,7 @@ PARTS = {
     "terms": Part(
         tuple(
             f"models/{name}.py"
-            for name in ("term", "model", "friction", "motor", "rigid_bodies", "lagrangian", "lumping")
+            for name in ("term", "model", "friction/*", "motor", "rigid_bodies", "lagrangian", "lumping")
         ),
         TERMS,
     ),

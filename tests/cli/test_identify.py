@@ -20,6 +20,7 @@ from dynident.io.robot import fingerprint
 from dynident.io.saved import model_files
 from dynident.kernel import kernel
 from tests.cli.commands import configure, run, write_log
+from tests.io.test_explicit_config import write as configuration
 from tests.saved_results import errors_by_log
 
 
@@ -287,3 +288,34 @@ def test_a_log_that_was_fitted_is_warned_of(tmp_path: Path) -> None:
     done = run("identify", configure(tmp_path, validation=[{"file": "log.csv", "window": [2, 4]}]))
     assert done.exit_code == 0, done.output
     assert "overlaps in time" in done.output
+
+
+class TestWriteConfig:
+    def test_it_writes_what_repeats_the_result_and_advises_it(self, tmp_path: Path) -> None:
+        path = configuration(tmp_path / "arm")
+        done = run("identify", path, "--out", tmp_path / "a", "--write-config", tmp_path / "b" / "fixed.yaml")
+        assert done.exit_code == 0, done.output
+        assert "Terms chosen by the training logs" in done.output
+        assert f"Configuration: {tmp_path / 'b' / 'fixed.yaml'}" in done.output
+        again = run("identify", tmp_path / "b" / "fixed.yaml", "--out", tmp_path / "c")
+        assert again.exit_code == 0, again.output
+        assert "Terms chosen" not in again.output
+        assert "--write-config" not in again.output
+        found = [json.loads((tmp_path / one / "result.json").read_text()) for one in "ac"]
+        errors = [errors_by_log(one, "validation") for one in found]
+        assert errors[0] == errors[1]
+        report = (tmp_path / "a" / "report.html").read_text()
+        assert "Friction and other terms" in report
+        advised = run("identify", path)
+        assert "To write out the terms that were chosen:" in advised.output
+        assert "robot-explicit.yaml" in advised.output
+
+    @pytest.mark.parametrize("name", ["robot.yaml", "logs/tuesday.csv", "other.txt"])
+    def test_no_input_is_replaced_and_a_configuration_is_named_so(self, tmp_path: Path, name: str) -> None:
+        path = configuration(tmp_path)
+        before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
+        done = run("identify", path, "--write-config", tmp_path / name)
+        assert done.exit_code == 1
+        words = "would be replaced, but this run reads it" if name == "robot.yaml" else "is no name of a configuration"
+        assert words in done.output.replace("\n", " "), done.output
+        assert {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()} == before

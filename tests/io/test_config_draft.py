@@ -77,7 +77,12 @@ def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
     text = (tmp_path / "identify.yaml").read_text()
     assert "# ?" not in text.partition("\n")[2]
     data = yaml.safe_load(text)
-    assert data["model"] == {"file": "arm.urdf", "joints": ["shoulder", "elbow"], "lock": {"finger": 0.02}}
+    assert data["model"] == {
+        "file": "arm.urdf",
+        "joints": ["shoulder", "elbow"],
+        "lock": {"finger": 0.02},
+        "terms": "auto",
+    }
     assert data["position"] == {
         "shoulder": {"column": "shoulder.position", "unit": "rad"},
         "elbow": {"column": "elbow.position", "unit": "rad"},
@@ -297,7 +302,8 @@ def test_the_page_is_as_it_should_be(arm, tmp_path):
           joints: [shoulder, elbow]
           lock:  # joints that are not identified, and their positions
             finger: 0.02
-          # terms: [viscous, coulomb, offset]  # without rotor inertias: for torque sensors on the joint side of the gears
+          terms: auto  # friction, rotor inertia and other terms of each joint, chosen on the training logs
+          # to fix them: a list such as [rotor, viscous, coulomb, offset], or what `dynident identify CONFIG --write-config FILE` writes
 
         time: { column: time, unit: s }  # about 200 Hz
 

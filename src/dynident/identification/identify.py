@@ -27,6 +27,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
+from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, speeds
 from dynident.identification.time_offset import Pairing, pair
 from dynident.log import Log, Motion
@@ -211,8 +212,9 @@ def _chosen(found: Identification, first: Calibration, late: float) -> Identific
     offset = first.time_offset if again.time_offset is None or again.time_offset.seconds == late else again.time_offset
     tilt = first.base_tilt if again.base_tilt is None else again.base_tilt
     steep = _steep(first.base_tilt) if again.base_tilt is None else ()
+    few = (PlainTerms(),) if first.terms and not first.terms.trials else ()
     known = replace(again, smoother=first.smoother, time_offset=offset, base_tilt=tilt, terms=first.terms)
-    return replace(found, calibration=known, warnings=(*found.warnings, *steep))
+    return replace(found, calibration=known, warnings=(*found.warnings, *steep, *few))
 
 
 def _steep(tilt: BaseTilt | None) -> tuple[Note, ...]:

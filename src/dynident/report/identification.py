@@ -88,7 +88,7 @@ def identification_tables(identification: Identification) -> list[PageTable]:
     """Return for a terminal: the parameters, the terms that were chosen, the errors per log, and per log and joint."""
     parameters, _ = terminal_parameters(identification)
     choice = identification.calibration.terms
-    terms = [] if choice is None else [term_table(choice)]
+    terms = [] if choice is None or not choice.trials else [term_table(choice)]
     return [parameters, *terms, error_table(identification), joint_table(identification)]
 
 

@@ -40,7 +40,7 @@ _FIGURE = "With the plain set (offset, viscous and Coulomb friction), the cross-
 def term_section(found: Identification) -> Iterator[PageSection]:
     """Yield the section on the terms, where they were chosen."""
     choice = found.calibration.terms
-    if choice is None:
+    if choice is None or not choice.trials:
         return
     views = tuple(
         ((joint,), (Figure(figures.trial_figure(_sorted(choice.of(joint)), OUTCOMES), _caption(choice, joint)),))

@@ -11,7 +11,17 @@ import numpy as np
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import BaseTilt, Choice, Gain, OldResult, PriorStrength, Rests, SteepBase, TimeOffset
+from dynident.identification import (
+    BaseTilt,
+    Choice,
+    Gain,
+    OldResult,
+    PlainTerms,
+    PriorStrength,
+    Rests,
+    SteepBase,
+    TimeOffset,
+)
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import percent
@@ -323,6 +333,14 @@ def _(found: PriorStrength) -> str:
     if not found.strength:
         return f"the robot file's inertias count only where the data show nothing: else {words(found.gain)} gained"
     return f"the robot file's inertias count with a strength of {found.strength:g}, which gains {words(found.gain)}"
+
+
+@words.register
+def _(note: PlainTerms) -> str:  # noqa: ARG001
+    return (
+        "the terms of the joints are rotor inertia, viscous and Coulomb friction and offset: there are too few samples "
+        "to choose others by; record longer, or name them by `terms` of the model"
+    )
 
 
 @words.register

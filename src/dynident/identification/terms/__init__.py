@@ -1,7 +1,7 @@
 """The choice of the terms beside the bodies, joint by joint, by what they predict of motion that was not fitted."""
 
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Proposes, Seen, kind_of_class
-from dynident.identification.terms.choice import Outcome, TermChoice, Trial
+from dynident.identification.terms.choice import Outcome, PlainTerms, TermChoice, Trial
 from dynident.identification.terms.choose import choose_terms
 
 __all__ = [
@@ -9,6 +9,7 @@ __all__ = [
     "PLAIN",
     "Kind",
     "Outcome",
+    "PlainTerms",
     "Proposes",
     "Seen",
     "TermChoice",

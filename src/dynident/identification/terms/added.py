@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from dynident.identification.base_tilt import mounted
 from dynident.identification.recipe import Recipe
-from dynident.identification.terms.choice import TermChoice
+from dynident.identification.terms.choice import TermChoice, TooFewSamplesError
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
@@ -38,9 +40,17 @@ def chosen(
     min_speed: tuple[float, ...] | None,
     progress: Callable[[str], None],
 ) -> TermChoice:
-    """Return the choice of the terms of a model, on its base as it is tilted; raises the errors of ``choose_terms``."""
+    """Return the choice of the terms of a model, on its base as it is tilted: the plain set where samples are too few.
+
+    Raises the other errors of ``choose_terms``.
+    """
     bodies = unloaded(model if tilt is None else mounted(model, *tilt))
-    return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
+    try:
+        return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
+    except TooFewSamplesError:
+        joints = tuple(joint.name for joint in model.joints)
+        unknown, none = (np.nan,) * len(joints), (0.0,) * len(joints)
+        return TermChoice(joints, plain(model).terms[len(model.terms) :], (), unknown, unknown, none)
 
 
 def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:

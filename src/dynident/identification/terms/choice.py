@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import ClassVar
 
-from dynident.errors import brief
+from dynident.errors import InputError, Note, Severity, brief
 from dynident.models import Term
 
-__all__ = ["Outcome", "TermChoice", "Trial"]
+__all__ = ["Outcome", "PlainTerms", "TermChoice", "TooFewSamplesError", "Trial"]
 
 
 class Outcome(Enum):
@@ -23,6 +24,17 @@ class Outcome(Enum):
     NEGATIVE = "negative"  # a coefficient that physics does not let be negative
     NOT_EXCITED = "not excited"
     REDUNDANT = "redundant"  # it had entered, and others made it needless
+
+
+class TooFewSamplesError(InputError):
+    """There are too few samples to choose the terms by."""
+
+
+@dataclass(frozen=True)
+class PlainTerms(Note):
+    """The terms are the plain set: there are too few samples to choose others by."""
+
+    severity: ClassVar[Severity] = Severity.INFO
 
 
 @dataclass(frozen=True)
@@ -51,6 +63,7 @@ class TermChoice:
     ``before`` and ``after`` are the cross-validated errors (%) of the n ``joints`` with the plain set (offset, viscous
     and Coulomb friction) and with the terms chosen; ``min_speed`` (n), in rad/s or m/s, is the speed below which the
     samples of a joint are left out of its fit. ``load`` are the parameters of the bodies that the load was found with.
+    Without trials, the terms are the plain set with rotor inertia, and the errors nan: there were too few samples.
     """
 
     joints: tuple[str, ...]

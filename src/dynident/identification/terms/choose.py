@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, Step, brief
+from dynident.errors import Step, brief
 from dynident.identification.terms.bodies import Normal, Prior, normal_matrices, others, prior_of
 from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
-from dynident.identification.terms.choice import TermChoice, Trial
+from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
 from dynident.identification.terms.ripple import peaks
@@ -48,7 +48,7 @@ def choose_terms(
     plain set (offset, viscous and Coulomb friction) stays unless it is seen to do nothing. ``min_speed`` (n) is that
     of the fit, where it is given; else it is chosen by the same folds, except where presliding was.
 
-    Raises InputError where there are too few samples, and the errors of the terms.
+    Raises TooFewSamplesError where there are too few samples, and the errors of the terms.
     """
     return _Choosing.of(model, motions, min_speed, kinds, progress).result()
 
@@ -86,7 +86,7 @@ class _Choosing:
     ) -> _Choosing:
         samples = samples_of(model, motions, min_speed)
         if len(samples) < FEWEST * samples.blocks:
-            raise InputError(
+            raise TooFewSamplesError(
                 f"{', '.join(one.source for one in motions)}: {len(samples)} usable samples are too few to choose the "
                 "terms by; record longer, or name the terms."
             )

@@ -28,11 +28,12 @@ def trial_figure(trials: Sequence[Trial], words: Mapping[Outcome, str]) -> Drawi
     fast = [one for one in trials if one.faster is not None]
     if fast:
         figure.add(_faster(fast, [rows[one.kind] for one in fast]))
-    ends = [one.gain + one.std for one in trials] + [one.faster + (one.faster_std or 0.0) for one in fast if one.faster]
-    upper = min(max(1.08 * max(ends, default=0.0), LEAST), MOST)
-    lower = min(0.0, *(one.gain - one.std for one in trials), *(one.faster or 0.0 for one in fast)) if trials else 0.0
+    ends = [(one.gain, one.std) for one in trials] + [(one.faster or 0.0, one.faster_std or 0.0) for one in fast]
+    known = [end for end in ends if np.isfinite(end).all()]
+    upper = min(max(1.08 * max((gain + std for gain, std in known), default=0.0), LEAST), MOST)
+    lower = min((gain - std for gain, std in known), default=0.0)
     figure.axes("x", title="gain, % of the squared cross-validated error", zeroline=True, zerolinecolor=GRID)
-    figure.axes("x", range=[max(1.08 * lower, -LOWER * upper) - 0.02 * upper, upper])
+    figure.axes("x", range=[max(1.08 * min(lower, 0.0), -LOWER * upper) - 0.02 * upper, upper])
     figure.axes("y", tickvals=list(rows.values()), ticktext=[plain(kind) for kind in rows])
     figure.axes("y", range=[len(trials) - 0.5, -0.5])
     figure.layout.update(hovermode="closest", showlegend=True)

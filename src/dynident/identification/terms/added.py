@@ -50,7 +50,7 @@ def chosen(
     except TooFewSamplesError:
         joints = tuple(joint.name for joint in model.joints)
         unknown, none = (np.nan,) * len(joints), (0.0,) * len(joints)
-        return TermChoice(joints, plain(model).terms[len(model.terms) :], (), unknown, unknown, none)
+        return TermChoice(joints, with_plain_terms(model).terms[len(model.terms) :], (), unknown, unknown, none)
 
 
 def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:

@@ -6,7 +6,7 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.identification import Recipe, identify
-from dynident.identification.terms.added import plain
+from dynident.identification.terms.added import with_plain_terms
 from dynident.log import Log
 from dynident.models import Model, Viscous
 from tests.identification.terms import simulated
@@ -19,7 +19,7 @@ def log(seed: int, source: str) -> Log:
 
 
 def test_the_plain_set_is_added_where_it_lacks() -> None:
-    names = plain(Model((bodies(), Viscous(bodies().joints, on=("j2",))))).names
+    names = with_plain_terms(Model((bodies(), Viscous(bodies().joints, on=("j2",))))).names
     assert [name for name in names if name.startswith(("Ia", "Fv", "Fc", "off"))] == [
         "Fv_j2", "Ia_j1", "Ia_j2", "Ia_j3", "Fv_j1", "Fv_j3", "Fc_j1", "Fc_j2", "Fc_j3",
         "offset_j1", "offset_j2", "offset_j3",

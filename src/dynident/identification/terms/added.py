@@ -13,12 +13,12 @@ from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
 
-__all__ = ["chosen", "first", "plain", "speeds"]
+__all__ = ["chosen", "first", "speeds", "with_plain_terms"]
 
 PLAIN = (RotorInertia, Viscous, Coulomb, Offset)
 
 
-def plain(model: Model) -> Model:
+def with_plain_terms(model: Model) -> Model:
     """Return the model with rotor inertia, viscous and Coulomb friction and offset, where it lacks them."""
     terms = []
     for part in PLAIN:
@@ -30,7 +30,7 @@ def plain(model: Model) -> Model:
 
 def first(model: Model, recipe: Recipe) -> Model:
     """Return the model of the steps before a fit: without the load, and with the plain set where terms are chosen."""
-    return unloaded(model) if recipe.terms is None else plain(unloaded(model))
+    return unloaded(model) if recipe.terms is None else with_plain_terms(unloaded(model))
 
 
 def chosen(
@@ -50,7 +50,7 @@ def chosen(
     except TooFewSamplesError:
         joints = tuple(joint.name for joint in model.joints)
         unknown, none = (np.nan,) * len(joints), (0.0,) * len(joints)
-        return TermChoice(joints, plain(model).terms[len(model.terms) :], (), unknown, unknown, none)
+        return TermChoice(joints, with_plain_terms(model).terms[len(model.terms) :], (), unknown, unknown, none)
 
 
 def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:

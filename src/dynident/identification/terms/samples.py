@@ -55,6 +55,12 @@ class Samples:
         return {name: np.concatenate([one[name] for one in found]) for name in found[0]}
 
     @cached_property
+    def used(self) -> tuple[tuple[Array, Array, Array], ...]:
+        """The q, dq, ddq of each motion at its usable samples."""
+        pairs = zip(self.motions, self.rows, strict=True)
+        return tuple((one.q[rows], one.dq[rows], one.ddq[rows]) for one, rows in pairs)
+
+    @cached_property
     def tau(self) -> Array:
         """The measured torque (N, n)."""
         return np.concatenate([one.tau[rows] for one, rows in zip(self.motions, self.rows, strict=True)])
@@ -113,10 +119,10 @@ def samples_of(
 def columns_of(samples: Samples, term: Term, j: int, loads: Sequence[Array]) -> Array:
     """Return the columns (w, N) of a term in the equation of joint j; ``loads`` (N, n) are those of each motion."""
     found, w = [], len(term.parameters)
-    for motion, rows, load in zip(samples.motions, samples.rows, loads, strict=True):
+    for motion, rows, used, load in zip(samples.motions, samples.rows, samples.used, loads, strict=True):
         states = motion.q, motion.dq, motion.ddq
         memory = (term.remember(Past(motion.t, *states, load))[rows],) if isinstance(term, HasMemory) else ()
-        q, dq, ddq = (one[rows] for one in states)
+        q, dq, ddq = used
         if isinstance(term, Selective) and declares(term, "entries"):
             found.append(np.asarray(term.entries(q, dq, ddq, np.full(w, j), np.arange(w), *memory)))
         else:

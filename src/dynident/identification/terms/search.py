@@ -183,7 +183,7 @@ class JointSearch:
         others = [other for other in self.entered if other is not one]
         alone = Group(one.group.kind, (one.term,), (one.columns,))
         (found,) = replace(self, entered=others, trials={})._tried(rest, [alone], stays=True)
-        if _presumed(one.group.kind, others):
+        if _presumed(one.group.kind, others) and found.trial.outcome is not Outcome.NEGATIVE:
             idle = found.trial.gain < NOTHING and found.trial.gain + 2.0 * found.trial.std < IDLE
             return replace(found.trial, outcome=Outcome.TOO_SMALL if idle else Outcome.ENTERED)
         return found.trial

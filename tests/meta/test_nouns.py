@@ -8,7 +8,8 @@ import pkgutil
 
 import dynident
 
-GATHER = {"_Program", "_Run", "Search", "Node", "Columns", "ResultFolder", "Run", "Voice", "_Body", "_System"}
+GATHER = {"_Program", "_Run", "Search", "Node", "Columns", "ResultFolder", "Run", "Voice", "_Body", "_System",
+          "_Choosing", "JointSearch"}  # fmt: skip
 
 
 def test_dataclasses_are_frozen() -> None:

@@ -106,7 +106,8 @@ def _held(found: Identification | None) -> float:
     model, theta = (truth.model, truth.value) if found is None else (found.model, found.estimate.value)
     without = np.where([one.name.startswith("offset") for one in model.parameters], 0.0, theta)
     memory = np.zeros((1, model.memory)) if model.memory else None
-    return float(model.torque(pose, rest, rest, without, memory)[0, [joint.name for joint in JOINTS].index("shoulder_lift")])
+    torque = model.torque(pose, rest, rest, without, memory)[0]
+    return float(torque[[joint.name for joint in JOINTS].index("shoulder_lift")])
 
 
 def _share(error: Array, whole: Array) -> float:

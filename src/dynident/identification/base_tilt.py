@@ -28,8 +28,7 @@ __all__ = ["BaseTilt", "SteepBase", "find_base_tilt", "has_gravity", "mounted"]
 Array = NDArray[np.float64]
 STEEPEST = 0.2  # rad: a larger tilt is intended mounting
 EXACT = 1e-10  # of the largest entry: to what the rows must be affine in gravity
-SURE = 2.0  # standard errors of the gain: what a term lacks of friction or load imitates a small tilt
-LEAST = 1.0  # % of the squared cross-validated error that a tilt must remove
+LEAST = 2.0  # % of the squared cross-validated error that a tilt must remove
 STRETCHES = 8  # of each motion, in a fold
 EDGE = 0.1  # share of a stretch left out at either end
 START = 1e-3  # rad: at zero tilt, masses that act only through a tilt have no effect
@@ -40,8 +39,8 @@ class BaseTilt(Note):
     """The base tilt: rotations about the root link's x and y axes, in rad, with standard errors ``std``, and training
     error (%) ``before`` and ``after`` correction.
 
-    ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than two
-    standard errors, or 1 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
+    ``gain`` is that of the best tilt in cross-validation, None where none is seen. A tilt that gains no more than one
+    standard error, or 2 %, is zero; so is one above 0.2 rad, which is then in ``steep``.
     """
 
     severity: ClassVar[Severity] = Severity.INFO
@@ -87,7 +86,7 @@ def find_base_tilt(
 
     Gauss-Newton steps on the residual, in which the estimator has eliminated all other parameters; none are taken where
     a step of least squares shows that no tilt can gain much. The tilt is zero unless it lowers the cross-validated
-    error by more than two standard errors and 1 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
+    error by more than one standard error and 2 %, and where it exceeds 0.2 rad. Raises the errors of ``mounted``,
     ``Regression`` and the estimator.
     """
     thin = thinned(motions, trial_samples(model))
@@ -100,7 +99,7 @@ def find_base_tilt(
     if not (x or y):  # a tilt that the motion does not excite
         return level
     gain = _Linearised.at(model, thin, min_speed, (x, y)).gain
-    if not gain.share > max(SURE * gain.std, LEAST):
+    if not (gain.sure and gain.share > LEAST):
         return replace(level, gain=gain)
     if max(abs(x), abs(y)) > STEEPEST:
         return replace(level, gain=gain, steep=(x, y))

@@ -112,7 +112,7 @@ def run_checks(
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    model = first(model, recipe)
+    model, recipe = first(model, recipe)
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
@@ -144,7 +144,9 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     used, choice = identification.recipe, identification.calibration.terms
-    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
+    recipe = replace(
+        recipe, estimator=used.estimator, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None
+    )  # as found
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(

@@ -287,6 +287,7 @@ def test_a_noun_without_words_is_an_error() -> None:
             SlowReversals(("a", "b")),
             "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
         ),
+        (SlowReversals(("a",), chosen=True), "a: record slow motion through zero speed."),
         (
             SlowReversals(("a",), (0.0312,), gain=0.456),
             (

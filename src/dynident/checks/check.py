@@ -14,6 +14,7 @@ from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
+from dynident.checks.missing import tried_by
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
@@ -111,7 +112,7 @@ def run_checks(
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    model = first(model, recipe)
+    model, recipe = first(model, recipe)
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
@@ -119,6 +120,8 @@ def run_checks(
             whole = _moving(whole, model, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
+    if recipe.terms is not None:
+        findings = [one for one in findings if not tried_by(one)]
     order = list(Severity)
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
 
@@ -133,7 +136,7 @@ def with_findings(
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Return an identification with the errors and warnings of ``run_checks`` on what it was made from, and with what
-    else would lower its error.
+    else would lower its error; without the effects that a choice of terms has tried.
 
     ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
     """
@@ -141,12 +144,16 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     used, choice = identification.recipe, identification.calibration.terms
-    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
+    recipe = replace(
+        recipe, estimator=used.estimator, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None
+    )  # as found
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(
         model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress
     ).findings
+    if choice is not None:
+        found = tuple(one for one in found if not tried_by(one, choice))
     warned = tuple(one for one in found if one.severity is not Severity.INFO or one.removed)
     return replace(identification, warnings=(*identification.warnings, *warned))
 

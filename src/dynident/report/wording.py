@@ -15,6 +15,7 @@ from dynident.identification import (
     BaseTilt,
     Choice,
     Gain,
+    NotChosen,
     OldResult,
     PlainTerms,
     PriorStrength,
@@ -340,6 +341,14 @@ def _(note: PlainTerms) -> str:  # noqa: ARG001
     return (
         "the terms of the joints are rotor inertia, viscous and Coulomb friction and offset: there are too few samples "
         "to choose others by; record longer, or name them by `terms` of the model"
+    )
+
+
+@words.register
+def _(note: NotChosen) -> str:
+    return (
+        f"the estimator's settings name {', '.join(note.names)}, which the model with the terms chosen does not have; "
+        "what they say of these is ignored. Name the terms by `terms` of the model to have them"
     )
 
 

@@ -81,6 +81,12 @@ def test_shape_constants_are_those_of_the_law() -> None:
     assert [widths.constant("width", name) for name in widths.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
 
 
+def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> None:
+    (term,) = (one for one in chosen("ripple", 1).terms if type(one).__name__ == "Ripple")
+    rates = [term.constant("cycles", name)[0] for name in term.acts_on]  # type: ignore[attr-defined]
+    assert rates == pytest.approx([32.0] * 3, rel=0.005)
+
+
 def test_the_choice_is_the_same_again() -> None:
     again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)])
     assert again == chosen("dahl", 1)

@@ -15,7 +15,7 @@ from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
-from dynident.identification.terms.ripple import peaks
+from dynident.identification.terms.ripple import near, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
@@ -274,7 +274,7 @@ class _Choosing:
         q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
         for turn in range(RIPPLES):
             rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in rates)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in near(rates, q))
             if not terms:
                 return
             kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True)

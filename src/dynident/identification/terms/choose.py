@@ -28,6 +28,7 @@ PASSES = 3  # of the search: the load of each is that of the terms found by the 
 RIPPLES = 3  # rates of one joint
 SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 MEMORIES = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
+STILL = 1e-5  # rad/s, m/s and rad, m: of a joint that does not move at all, for the sizes of what is not seen
 FEWEST = 50  # samples in a block
 
 
@@ -97,7 +98,7 @@ class _Choosing:
         reach, speed = np.ptp(samples.states["q"], axis=0), np.sqrt(np.mean(samples.states["dq"] ** 2, axis=0))
         duration = max(float(np.ptp(one.t)) for one in samples.motions)
         seen = tuple(
-            Seen(model.joints, joint, max(float(v), 1e-9), max(float(r), 1e-9), duration)
+            Seen(model.joints, joint, max(float(v), STILL), max(float(r), STILL), duration)
             for joint, v, r in zip(model.joints, speed, reach, strict=True)
         )
         division = Division.of(samples.of_block)

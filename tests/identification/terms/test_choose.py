@@ -131,6 +131,18 @@ def test_few_samples_are_refused() -> None:
         choose_terms(Model((bodies(),)), [replace(motion, mask=motion.t < 1.0)])
 
 
+@pytest.mark.parametrize("resting", [(1,), (0, 1, 2)])
+def test_a_joint_at_rest_keeps_the_plain_set(resting: tuple[int, ...]) -> None:
+    motion = recorded(simulated.coulomb, 1)
+    moves = np.where(np.isin(np.arange(3), resting), 0.0, 1.0)
+    q = moves * motion.q + (1.0 - moves) * motion.q[0]
+    still = replace(motion, q=q, dq=moves * motion.dq, ddq=moves * motion.ddq)
+    choice = choose_terms(Model((bodies(),)), [still])
+    for j in resting:
+        assert classes(choice, f"j{j + 1}") == {"Offset", "RotorInertia", "Viscous", "Coulomb"}
+        assert choice.of(f"j{j + 1}") == ()
+
+
 def test_a_class_that_proposes_itself_takes_part() -> None:
     class Cubic(Viscous):
         """Friction with the cube of the speed."""

@@ -203,7 +203,9 @@ def test_a_search_uses_the_estimator_itself_or_its_stand_in() -> None:
     find_time_offset(model, [known_motion(model)], Own())
     assert len(calls) > 5
     assert quick(LeastSquares(1e-9)) == LeastSquares(1e-9)
-    assert quick(PhysicallyConsistent(margin=1e-4)) == PhysicallyConsistent(margin=1e-4, costs=False, prior="any", strength=0.0)
+    assert quick(PhysicallyConsistent(margin=1e-4)) == PhysicallyConsistent(
+        margin=1e-4, costs=False, prior="any", strength=0.0
+    )
     assert isinstance(quick(MaximumLikelihood()), LeastSquares)
 
 

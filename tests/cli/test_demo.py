@@ -19,8 +19,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_draft_needs_no_answer_and_takes_the_tilt(folder: Path) -> None:
-    draft, notes = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
-    assert [*draft.questions, *draft.blanks, *draft.notes, *notes] == []
+    draft, tables = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
+    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
     assert draft.text.count(FILE) == 1
     assert tilted(draft.text) == draft.text.replace(FILE, f"{FILE}{TILT}\n")
     project = parse_project(tilted(draft.text) + (folder / "controller.yaml").read_text(), folder / "robot.yaml")

@@ -23,7 +23,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from situation_arm import Built, build
+from situation_arm import RATE, Built, build
 from situation_list import SITUATIONS, Situation
 
 from dynident.checks import CheckResult
@@ -31,6 +31,7 @@ from dynident.errors import DynidentError, Severity
 from dynident.identification import Identification, judge
 from dynident.identification.verdict.reasons import Noted
 from dynident.io.project import Project, read_project
+from dynident.log import Motion
 
 ESTIMATORS = ("least_squares", "consistent", "maximum_likelihood")
 CONTROL = {"three": "right", "six": "right-six"}  # what a right robot's findings are
@@ -82,8 +83,11 @@ def _identified(project: Project, built: Built) -> Row:
 
 def _error(found: Identification, built: Built, torque: np.ndarray) -> float:
     """Return the relative error (%) of the torque on the faster motion; the model may have fewer joints."""
-    n = len(found.model.joints)
-    said = found.model.torque(built.q[:, :n], built.dq[:, :n], built.ddq[:, :n], found.estimate.value)
+    n, model = len(found.model.joints), found.model
+    t, mask = np.arange(len(built.q)) / RATE, np.ones(len(built.q), dtype=bool)
+    states = built.q[:, :n], built.dq[:, :n], built.ddq[:, :n]
+    motion = model.remembering(Motion(t, *states, torque[:, :n], tuple(joint.name for joint in model.joints), mask))
+    said = model.torque(*states, found.estimate.value, motion.memory)
     return float(100 * np.linalg.norm(torque[:, :n] - said) / np.linalg.norm(torque[:, :n]))
 
 

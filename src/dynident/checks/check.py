@@ -26,9 +26,9 @@ from dynident.errors import DynidentError, Severity, Step
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
-from dynident.identification.terms.added import first
+from dynident.identification.terms.added import first, with_plain_terms
 from dynident.log import Log, Motion, thinned
-from dynident.models import HasGravity, HasRobotFile, Model
+from dynident.models import HasGravity, HasRobotFile, Model, unloaded
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
 from dynident.smoothers.outliers import suspects
@@ -88,6 +88,7 @@ def run_checks(
     motions: Mapping[str, Mapping[str, Motion]] | None = None,
     described: bool = True,
     progress: Callable[[str], None] | None = None,
+    plain: Model | None = None,
 ) -> CheckResult:
     """Check the robot file of a model and its logs before a fit.
 
@@ -95,7 +96,8 @@ def run_checks(
     them (default: ``Recipe()``). ``multi_turn`` are joints that may make any number of turns; ``found`` are findings to
     add, from reading the files; ``motions`` are the logs by role and name where they have been smoothed before; without
     ``described`` the result has no statistics of the channels, which no finding needs; ``progress`` is called with a
-    few words before each step. Logs with an error are left out of the checks of the motion. A stage that
+    few words before each step. ``plain`` is the model without terms that were chosen on these logs, as for
+    ``robot_findings``. Logs with an error are left out of the checks of the motion. A stage that
     fails is a finding, so that none of its errors is raised; raises InputError where a log lacks a joint of the model.
 
     >>> import numpy as np
@@ -117,7 +119,7 @@ def run_checks(
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
         try:
-            whole = _moving(whole, model, sound, recipe, findings, motions, say) if sound["train"] else whole
+            whole = _moving(whole, model, plain, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
     if recipe.terms is not None:
@@ -147,10 +149,11 @@ def with_findings(
     recipe = replace(
         recipe, estimator=used.estimator, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None
     )  # as found
+    plain = None if choice is None else with_plain_terms(unloaded(model))
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(
-        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress
+        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress, plain=plain
     ).findings
     if choice is not None:
         found = tuple(one for one in found if not tried_by(one, choice))
@@ -213,6 +216,7 @@ def _links(model: Model) -> tuple[LinkFacts, ...]:
 def _moving(
     whole: CheckResult,
     model: Model,
+    plain: Model | None,
     sound: Mapping[str, Sequence[Log]],
     recipe: Recipe,
     findings: list[Finding],
@@ -255,7 +259,7 @@ def _moving(
         findings += look(few)
     findings += rank_findings(seen)
     held_out = {motion.source: motion for motion in recorded[len(logs) :]}
-    findings[:] = _faults(model, motions, held_out, recipe, min_speed, findings, progress)
+    findings[:] = _faults(model, plain, motions, held_out, recipe, min_speed, findings, progress)
     return replace(whole, excitations=excitations, agreements=agreements, rank=seen)
 
 
@@ -302,6 +306,7 @@ def _tilt(
 
 def _faults(
     model: Model,
+    plain: Model | None,
     motions: tuple[Motion, ...],
     held_out: Mapping[str, Motion],
     recipe: Recipe,
@@ -320,7 +325,8 @@ def _faults(
     if recipe.base_tilt is not None:
         x, y = recipe.base_tilt if isinstance(recipe.base_tilt, tuple) else (tilt.x, tilt.y) if tilt else (0.0, 0.0)
         model, tilt = mounted(model, x, y), None
-    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt, progress))
+        plain = None if plain is None else mounted(plain, x, y)
+    found = list(robot_findings(model, motions, held_out, recipe.filter, min_speed, tilt, progress, plain))
     if any(one.topic in LARGE for one in found):  # the torque of the file's inertias was that of other columns
         findings = [one for one in findings if one.topic not in (Topic.SIGN, Topic.FOREIGN, Topic.SCALE)]
     silent = {one.joint for one in findings if one.topic in SILENT}

@@ -46,14 +46,17 @@ def robot_findings(
     min_speed: tuple[float, ...] | None = None,
     tilt: BaseTilt | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    plain: Model | None = None,
 ) -> Iterator[Finding]:
     """Yield what is likely wrong with the robot file, the columns of the logs, or the terms of the model.
 
     A large fault is named alone: with it, small ones cannot be told. ``tilt`` is that of the base that fits best;
-    ``progress`` is called before each cause is sought.
+    ``progress`` is called before each cause is sought. Large faults are sought with ``plain``, the model without the
+    terms that were chosen with them, where it is given.
     """
     progress(Step(LOOKING))
     few, case = cases_of(model, motions, parallel_filter, min_speed, (TRIAL, SAMPLES))
+    few = few if plain is None else replace(few, model=plain, memory=None)
     large = list(better_alternative(few))
     yield from large
     if large:

@@ -81,6 +81,12 @@ def test_shape_constants_are_those_of_the_law() -> None:
     assert [widths.constant("width", name) for name in widths.acts_on] == pytest.approx([0.1] * 3, rel=0.4)
 
 
+def test_the_rate_of_a_ripple_is_right_also_where_the_motion_did_not_go() -> None:
+    (term,) = (one for one in chosen("ripple", 1).terms if type(one).__name__ == "Ripple")
+    rates = [term.constant("cycles", name)[0] for name in term.acts_on]  # type: ignore[attr-defined]
+    assert rates == pytest.approx([32.0] * 3, rel=0.005)
+
+
 def test_the_choice_is_the_same_again() -> None:
     again = choose_terms(Model((bodies(),)), [recorded(simulated.dahl, 1)])
     assert again == chosen("dahl", 1)
@@ -123,6 +129,18 @@ def test_few_samples_are_refused() -> None:
     motion = recorded(simulated.none, 1)
     with pytest.raises(InputError, match="too few to choose the terms by"):
         choose_terms(Model((bodies(),)), [replace(motion, mask=motion.t < 1.0)])
+
+
+@pytest.mark.parametrize("resting", [(1,), (0, 1, 2)])
+def test_a_joint_at_rest_keeps_the_plain_set(resting: tuple[int, ...]) -> None:
+    motion = recorded(simulated.coulomb, 1)
+    moves = np.where(np.isin(np.arange(3), resting), 0.0, 1.0)
+    q = moves * motion.q + (1.0 - moves) * motion.q[0]
+    still = replace(motion, q=q, dq=moves * motion.dq, ddq=moves * motion.ddq)
+    choice = choose_terms(Model((bodies(),)), [still])
+    for j in resting:
+        assert classes(choice, f"j{j + 1}") == {"Offset", "RotorInertia", "Viscous", "Coulomb"}
+        assert choice.of(f"j{j + 1}") == ()
 
 
 def test_a_class_that_proposes_itself_takes_part() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dynident.identification.terms.ripple import peaks
+from dynident.identification.terms.ripple import near, peaks
 
 T = np.linspace(0.0, 20.0, 8000)
 Q = 1.5 * np.sin(T)
@@ -30,3 +30,9 @@ def test_a_joint_that_stands_has_none() -> None:
 
 def test_slow_waves_are_not_ripples() -> None:
     assert peaks(Q, np.sin(2.0 * Q), BLOCK, 8, 200.0) == ()
+
+
+def test_the_rates_tried_around_a_line_hold_the_true_one_closely() -> None:
+    found = peaks(Q, np.sin(45.3 * Q + 0.3), BLOCK, 8, 200.0)
+    assert min(abs(k - 45.3) for k in near(found, Q)) < 0.04
+    assert max(abs(k - 45.3) for k in near(found, Q)) < 1.5

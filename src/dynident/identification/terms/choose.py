@@ -15,7 +15,7 @@ from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
-from dynident.identification.terms.ripple import peaks
+from dynident.identification.terms.ripple import near, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
@@ -28,6 +28,9 @@ PASSES = 3  # of the search: the load of each is that of the terms found by the 
 RIPPLES = 3  # rates of one joint
 SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 MEMORIES = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
+STILL = 1e-4  # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
+SLOWEST = 1e-6  # rad/s, m/s: likewise, of an arm that is all at rest
+UNSEEN = (*PLAIN, "rotor")
 FEWEST = 50  # samples in a block
 
 
@@ -166,6 +169,9 @@ class _Choosing:
             normals = list(map(self._normal, searches))
             for j, one in enumerate(searches):
                 self.progress(Step("choosing the terms", (turn + (turn == PASSES - 1)) * n + j, (PASSES + 1) * n))
+                if self._still(j):
+                    one.entered = self._of_names(one, UNSEEN)
+                    continue
                 one.entered = self._of_names(one, PLAIN[:2]) + self._ripples_of(j, one)
                 rest = others(normals, j, self._precision, one.grams.acts)
                 one.forward(rest)
@@ -225,7 +231,8 @@ class _Choosing:
         for j, rows in enumerate(self.rows):
             groups: list[Group] = []
             found: list[Array] = []
-            for kind in (*self.kinds, *self.ripples[j]):
+            every = [one for one in self.kinds if one.name in UNSEEN] if self._still(j) else self.kinds
+            for kind in (*every, *self.ripples[j]):
                 terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.seen[j]))
                 names = {one.name for term in terms for one in term.parameters}
                 if terms and not names & set(self.samples.model.names):
@@ -259,6 +266,9 @@ class _Choosing:
     def _grams(self, rows: Rows, columns: Array) -> JointGrams:
         return rows.grams(columns, self.block, self.samples.classes(rows.j), (self.samples.blocks, CLASSES))
 
+    def _still(self, j: int) -> bool:
+        return self.seen[j].speed < max(STILL * max(one.speed for one in self.seen), SLOWEST)
+
     @staticmethod
     def _of_names(one: JointSearch, names: Sequence[str]) -> list[Entered]:
         """Return the groups of kinds by name, each in its first size."""
@@ -272,9 +282,9 @@ class _Choosing:
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
         q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
-        for turn in range(RIPPLES):
+        for turn in range(0 if self._still(j) else RIPPLES):
             rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in rates)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in near(rates, q))
             if not terms:
                 return
             kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True)
@@ -294,7 +304,7 @@ class _Choosing:
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out: one that predicts all samples better."""
         one, rows = searches[j], self.rows[j]
-        if self.given_speed or any(x.group.kind.name in MEMORIES for x in one.entered):
+        if self.given_speed or self._still(j) or any(x.group.kind.name in MEMORIES for x in one.entered):
             return 0.0
         speed = np.abs(self.samples.states["dq"][:, j]) / self.seen[j].speed
         label = np.digitize(speed, SPEEDS)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["peaks"]
+__all__ = ["near", "peaks"]
 
 Array = NDArray[np.float64]
 LEAST = 4.0  # 1/rad, rad/m, and twice the reach of the joint: slower waves are springs, or errors of the bodies
 MOST = 2000.0  # 1/rad, rad/m
 FINE = 4  # points of the periodogram per resolved rate
+BETWEEN = 8  # rates that are tried between two points: an error of the rate is seen on positions further out
 LINE, AROUND = 15.0, 30  # times the median of so many resolved rates around it, that a line must exceed
 
 
@@ -42,3 +43,10 @@ def peaks(q: Array, residual: Array, block: NDArray[np.intp], blocks: int, faste
         if all(abs(k - one) > np.pi / reach for one in found):
             found.append(float(k))
     return tuple(found)
+
+
+def near(rates: tuple[float, ...], q: Array) -> tuple[float, ...]:
+    """Return rates around each of those of ``peaks``, between the neighbouring points of the periodogram."""
+    apart = 2.0 * np.pi / (FINE * max(float(np.ptp(q)), 1e-12))
+    steps = np.arange(-BETWEEN + 1, BETWEEN) / BETWEEN * apart
+    return tuple(float(k + step) for k in rates for step in (0.0, *steps[steps != 0.0]))

@@ -19,8 +19,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
-    draft, notes = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
-    assert [*draft.questions, *draft.blanks, *draft.notes, *notes] == []
+    draft, tables = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
+    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
     project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()
     assert (project.recipe.base_tilt, project.recipe.terms) == ("estimate", "auto")

@@ -144,7 +144,8 @@ class _Choosing:
             if len(C):
                 values = np.linalg.solve(ridged(G[b:-1, b:-1]), G[b:-1, -1] - G[b:-1, :b] @ rows.maps @ theta)
             residuals.append(np.where(rows.used, rows.residual(theta, C, values), 0.0))
-        size = np.array([np.mean(one[rows.used] ** 2) for one, rows in zip(residuals, self.rows, strict=True)])
+        size = np.array([np.mean(one[rows.used] ** 2) if rows.used.any() else 0.0
+                         for one, rows in zip(residuals, self.rows, strict=True)])  # fmt: skip
         floor = 1e-12 * np.array([np.mean(rows.tau**2) for rows in self.rows])
         self.weights = 1.0 / np.where(size > 0, np.maximum(size, floor), 1.0)
         self.theta = self.prior.mean + theta
@@ -205,8 +206,8 @@ class _Choosing:
         """Return the cross-validated errors (%) of the joints."""
         normals, found = list(map(self._normal, searches)), []
         for j, one in enumerate(searches):
-            wrong = one.errors(others(normals, j, self._precision, one.grams.acts)).sum()
-            found.append(100.0 * float(np.sqrt(wrong / self._torque(self.rows[j]))))
+            wrong = max(float(one.errors(others(normals, j, self._precision, one.grams.acts)).sum()), 0.0)  # of nothing
+            found.append(100.0 * (wrong / self._torque(self.rows[j])) ** 0.5)
         return found
 
     def _weighed(self, searches: Sequence[JointSearch], columns: Sequence[Array]) -> list[Array]:

@@ -29,9 +29,9 @@ from dynident.models import (
 
 __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 
-WIDTHS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # of the rms speed
-VELOCITIES = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # likewise
-LENGTHS = tuple(1e-4 * 1.35 ** np.arange(20))  # of the reach
+WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; coarser ones leave more than other kinds take
+VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
+LENGTHS = tuple((1e-4 * 1.35 ** np.arange(20)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
 SHARP = 0.01  # of the rms speed: the width of signs beside those of Coulomb friction
 
@@ -109,7 +109,7 @@ KINDS = (
     Kind("offset", partial(_alone, Offset), presumed=True),
     Kind("viscous", partial(_alone, Viscous), presumed=True),
     Kind("coulomb", partial(_scaled, Coulomb, "width", "speed", (0.0, *WIDTHS)), presumed=True, dry=True),
-    Kind("rotor", partial(_alone, RotorInertia)),
+    Kind("rotor", partial(_alone, RotorInertia), presumed=True),
     Kind("load_coulomb", partial(_scaled, LoadCoulomb, "width", "speed", WIDTHS), dry=True, needs_load=True),
     Kind("load_viscous", partial(_alone, LoadViscous), needs_load=True),
     Kind("stribeck", _stribeck),
@@ -121,4 +121,4 @@ KINDS = (
     Kind("spring", partial(_spring, 2), strict=True, reaches=True),
     Kind("drift", partial(_scaled, Drift, "time", "duration", (0.3, 1.0, 3.0)), strict=True),
 )
-PLAIN = ("offset", "viscous", "coulomb")
+PLAIN = ("offset", "rotor", "viscous", "coulomb")

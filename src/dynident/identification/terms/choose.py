@@ -166,10 +166,11 @@ class _Choosing:
             normals = list(map(self._normal, searches))
             for j, one in enumerate(searches):
                 self.progress(Step("choosing the terms", (turn + (turn == PASSES - 1)) * n + j, (PASSES + 1) * n))
-                one.entered = self._of_names(one, PLAIN[:2]) + self._ripples_of(j, one)
+                one.entered = self._of_names(one, PLAIN[:3]) + self._ripples_of(j, one)
                 rest = others(normals, j, self._precision, one.grams.acts)
                 one.forward(rest)
                 one.backward(rest)
+                one.exchange(rest)
                 normals[j] = self._normal(one)
             entered = [[(one.groups.index(x.group), x.size) for x in one.entered] for one in searches]
             residuals = self._weighed(searches, columns)

@@ -23,6 +23,8 @@ NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless,
 SURE, STRICT = 1.5, 2.0  # standard errors that a gain must exceed: about ten kinds are tried on each joint
 STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
+ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
+FASTER = 2.5  # standard errors below nothing at which faster motion refutes a kind that is not strict
 MOST = 9  # terms of a joint
 
 
@@ -157,7 +159,7 @@ class JointSearch:
     def backward(self, rest: Normal) -> None:
         """Take out, one by one, what the others have made needless."""
         while self.entered:
-            found = [(one, self._without(rest, one)) for one in self.entered]
+            found = [(one, self._without(rest, one)) for one in self.entered if one.group.kind.name not in ALWAYS]
             worse = [(one, trial) for one, trial in found if trial.outcome is not Outcome.ENTERED]
             if not worse:
                 return
@@ -172,6 +174,19 @@ class JointSearch:
                 columns = [i for other in self.entered if other is not one for i in other.columns]
                 fits = tried(self.grams, self.division.whole, rest, columns, [one.group.at], self.weight)
                 self.entered[k] = replace(one, size=int(fits.best[0, 0]))
+
+    def exchange(self, rest: Normal) -> None:
+        """Take, for each group in turn, what would be chosen if it were not there, where that predicts better."""
+        for one in list(self.entered):
+            if one.group.kind.presumed or one not in self.entered:
+                continue
+            groups = tuple(group for group in self.groups if group.kind.name != one.group.kind.name)
+            other = replace(self, groups=groups, entered=[x for x in self.entered if x is not one], trials={})
+            other.forward(rest)
+            other.backward(rest)
+            if other.errors(rest).sum() < self.errors(rest).sum():
+                self.entered = other.entered
+                self.trials |= other.trials
 
     def errors(self, rest: Normal, columns: Sequence[int] | None = None) -> Array:
         """Return the squared errors (F) of the blocks with columns, those that have entered by default."""
@@ -240,7 +255,7 @@ class JointSearch:
 def _held(kind: Kind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]) -> Outcome:
     """Return whether a kind holds on faster motion, further out, and in other recordings, by its gains there."""
     further, *logs = elsewhere
-    if faster[0] < -faster[1]:
+    if faster[0] < -(FASTER if not kind.strict else 1.0) * faster[1]:
         return Outcome.REFUTED_FASTER
     if kind.reaches and further[0] < max(LEAST, further[1]):
         return Outcome.REFUTED_FURTHER

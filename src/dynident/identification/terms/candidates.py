@@ -31,9 +31,9 @@ __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 
 WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; coarser ones leave more than other kinds take
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
-LENGTHS = tuple((1e-4 * 1.35 ** np.arange(20)).tolist())  # of the reach
+LENGTHS = tuple((1e-4 * 1.2 ** np.arange(36)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
-SHARP = 0.01  # of the rms speed: the width of signs beside those of Coulomb friction
+SHARP = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,11 @@ def _scaled(part: Callable[..., Term], name: str, scale: str, shares: Sequence[f
 
 
 def _stribeck(seen: Seen) -> Sequence[Term]:
-    own = partial(Stribeck, width=SHARP * seen.speed)
-    return _scaled(own, "velocity", "speed", VELOCITIES, seen)
+    return tuple(
+        one
+        for width in SHARP
+        for one in _scaled(partial(Stribeck, width=width * seen.speed), "velocity", "speed", VELOCITIES, seen)
+    )
 
 
 def _power(seen: Seen) -> Sequence[Term]:

@@ -25,6 +25,7 @@ STAYS = 0.5  # of the standard errors with which a term enters, that it needs to
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
 FASTER = 2.5  # standard errors below nothing at which faster motion refutes a kind that is not strict
+CLEAR = 5.0  # standard errors of a gain that faster motion must refute twice
 MOST = 9  # terms of a joint
 
 
@@ -146,7 +147,7 @@ class JointSearch:
             groups = [one for one in self.groups if one.kind.name not in have]
             found = self._tried(rest, groups)
             self.trials |= {one.trial.kind: one.trial for one in found}
-            good = [one for one in found if one.trial.outcome is Outcome.ENTERED]
+            good = [one for one in self._again(rest, found) if one.trial.outcome is Outcome.ENTERED]
             if not good:
                 return
             if not any(one.group.kind.dry for one in self.entered):  # what is left of it has no meaning without
@@ -155,6 +156,24 @@ class JointSearch:
             chosen = next(one for one in good if one is best or _as_good(one, best))
             self.entered.append(chosen.entered)
             self._resize(rest)
+
+    def _again(self, rest: Normal, found: list[_Found]) -> list[_Found]:
+        """Return the same, with a look again at the best where faster motion refutes it and the blocks do not.
+
+        The sizes of what has entered were fitted without it, and may be wrong for that reason alone.
+        """
+        best = max(found, key=lambda one: one.trial.gain, default=None)
+        if best is None or best.trial.outcome is not Outcome.REFUTED_FASTER or best.trial.gain < CLEAR * best.trial.std:
+            return found
+        tentative = replace(self, entered=[*self.entered, best.entered], trials={})
+        tentative._resize(rest)
+        *others, one = tentative.entered
+        alone = Group(one.group.kind, (one.term,), (one.columns,))
+        (seen,) = replace(self, entered=others, trials={})._tried(rest, [alone])
+        if seen.trial.outcome is not Outcome.ENTERED:
+            return found
+        self.trials[seen.trial.kind] = seen.trial
+        return [replace(seen, entered=best.entered)]
 
     def backward(self, rest: Normal) -> None:
         """Take out, one by one, what the others have made needless."""

@@ -15,7 +15,7 @@ from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
 from dynident.identification.terms.choice import TermChoice, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
-from dynident.identification.terms.ripple import peaks
+from dynident.identification.terms.ripple import Residual, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
@@ -272,13 +272,15 @@ class _Choosing:
         """Let ripples enter at a joint, one by one, at the largest lines of what the other terms leave."""
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
-        q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
+        q, dq = (self.samples.states[name][:, j] for name in ("q", "dq"))
+        block, turns = np.where(rows.used, self.block, -1), joints[j].kind == "revolute"
         for turn in range(RIPPLES):
-            rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in rates)
+            left = Residual(q, dq, residuals[j], block, self.samples.blocks, turns)
+            lines = peaks(left, 0.5 * np.pi / step / self.seen[j].speed)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
             if not terms:
                 return
-            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True)
+            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True, reaches=True)
             found = [columns[j][searches[j].columns]]
             group = self._group(kind, terms, j, self.samples.loads(None), found)
             columns[j] = np.concatenate(found)

@@ -15,11 +15,12 @@ from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
 from dynident.identification.terms.choice import TermChoice, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
+from dynident.identification.terms.motors import motor_search, motors_of
 from dynident.identification.terms.ripple import Residual, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
-from dynident.models import Loads, Model, Ripple, Term
+from dynident.models import CoupledMotor, Loads, Model, Ripple, Term
 
 __all__ = ["choose_terms"]
 
@@ -69,7 +70,7 @@ class _Choosing:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
-    ripples: list[list[Kind]] = field(default_factory=list)  # found at each joint
+    ripples: list[list[Kind]] = field(default_factory=list)  # found at each joint, and friction of motors coupled to it
     trials: list[dict[str, Trial]] = field(default_factory=list)  # of these
     _known: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
@@ -177,6 +178,8 @@ class _Choosing:
             for j in range(n if turn == PASSES - 2 else 0):
                 self.progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
                 self._find_ripples(searches, columns, residuals, j)
+            for motor in motors_of(self.samples.model) if turn == PASSES - 2 else ():
+                self._find_friction(searches, columns, motor)
         joints = self.samples.model.joints
         return TermChoice(
             tuple(joint.name for joint in joints),
@@ -293,6 +296,19 @@ class _Choosing:
                 return
             self.ripples[j].append(replace(kind, sizes=partial(_these, (one.entered[-1].term,))))
             residuals[:] = self._weighed(searches, columns)
+
+    def _find_friction(self, searches: Sequence[JointSearch], columns: Sequence[Array], motor: CoupledMotor) -> None:
+        """Let friction of a motor that is coupled to several joints enter, judged by the equations of all of these."""
+        on = [j for j, joint in enumerate(self.samples.model.joints) if joint.name in dict(motor.coefficients)]
+        own = [columns[j][searches[j].columns] for j in on]
+        one = motor_search(self.samples, motor, [self.rows[j] for j in on], own, self.weights[on], self.block)
+        normals = [self._normal(search) for j, search in enumerate(searches) if j not in on]
+        alone = normal_matrices(one.grams, one.columns, self.division.train, one.weight)
+        had = len(one.entered)
+        one.forward(others([alone, *normals], 0, self._precision, one.grams.acts))
+        self.trials[on[0]] |= one.trials
+        for j in on:
+            self.ripples[j] += [replace(x.group.kind, sizes=partial(_these, (x.term,))) for x in one.entered[had:]]
 
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out: one that predicts all samples better."""

@@ -23,7 +23,7 @@ def combined(joints: tuple[Joint, ...], terms: Sequence[Sequence[Term]]) -> tupl
             some = classes.setdefault(type(one), [])
             place = next((same for same in some if all(_agree(one, other) for other in same)), None)
             some.append([one]) if place is None else place.append(one)
-        else:
+        elif one not in alone:  # one on several joints is chosen at each of them
             alone.append(one)
     return (*(_together(joints, cls, same) for cls, some in classes.items() for same in some), *alone)
 

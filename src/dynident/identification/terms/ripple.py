@@ -13,7 +13,10 @@ __all__ = ["Residual", "peaks"]
 
 Array = NDArray[np.float64]
 Line = tuple[float, float]
-LEAST, PERIODS = 4.0, 4.0  # 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
+LEAST, PERIODS = (
+    4.0,
+    4.0,
+)  # 1/rad, rad/m, and periods within the reach: slower waves are springs, or errors of the bodies
 MOST = 600.0  # 1/rad, rad/m
 FINE = 4  # points of the periodogram per resolved rate
 DELAYS = 1e-3 * np.arange(-12.0, 13.0, 2.0)  # s

@@ -13,7 +13,7 @@ from dynident.identification.terms.bodies import Normal
 from dynident.identification.terms.candidates import Kind
 from dynident.identification.terms.choice import Outcome, Trial
 from dynident.identification.terms.grams import Fits, Folds, JointGrams, tried
-from dynident.models import Term
+from dynident.models import JointTerm, Term
 
 __all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
 
@@ -24,7 +24,7 @@ SURE, STRICT = 1.5, 2.0  # standard errors that a gain must exceed: about ten ki
 STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
-FASTER = 2.5  # standard errors below nothing at which faster motion refutes a kind that is not strict
+FASTER = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
 CLEAR = 5.0  # standard errors of a gain that faster motion must refute twice
 MOST = 9  # terms of a joint
 
@@ -293,7 +293,7 @@ def _as_good(one: _Found, best: _Found) -> bool:
 
 
 def _settings(term: Term) -> tuple[tuple[str, object], ...]:
-    """Return the constants of a term on one joint by name."""
-    names = getattr(term, "constants", {})
-    joint = getattr(term, "acts_on", (None,))[0]
-    return tuple((name, term.constant(name, joint)) for name in names)  # type: ignore[attr-defined]
+    """Return the constants of a term by name."""
+    if isinstance(term, JointTerm):
+        return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)
+    return tuple(getattr(term, "settings", ()))

@@ -235,7 +235,7 @@ class _Choosing:
         for j, rows in enumerate(self.rows):
             groups: list[Group] = []
             found: list[Array] = []
-            every = [one for one in self.kinds if one.name in UNSEEN] if self._still(j) else self.kinds
+            every = [one for one in self.kinds if one.name in PLAIN] if self._still(j) else self.kinds
             for kind in (*every, *self.ripples[j]):
                 terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.seen[j]))
                 names = {one.name for term in terms for one in term.parameters}

@@ -37,6 +37,7 @@ from dynident.models import (
     Spring,
     Stribeck,
     Viscous,
+    WideCoulomb,
 )
 from dynident.smoothers import Butterworth, Difference, Spline, TimeShifted
 from dynident.splines import GCV, REML, Constraint, Fixed, Interpolation
@@ -86,6 +87,7 @@ ON_JOINTS = [
     LoadDahl(JOINTS, length=0.01),
     LoadViscous(JOINTS, on=("a",)),
     AsymmetricCoulomb(JOINTS, width=0.1),
+    WideCoulomb(JOINTS, width=0.5),
     AsymmetricViscous(JOINTS),
     Stribeck(JOINTS, velocity={"b": 0.1, "a": 0.2}, width=0.01),
     Power(JOINTS, exponent=0.5),

@@ -39,6 +39,7 @@ from dynident.models import (
     Spring,
     Stribeck,
     Viscous,
+    WideCoulomb,
     consistency_violations,
     from_physical,
     moved,
@@ -149,6 +150,7 @@ def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, e
     widths = {joint.name: 0.1 * k for k, joint in enumerate(joints)}
     beyond = (
         AsymmetricCoulomb(joints, width=0.2),
+        WideCoulomb(joints, width=0.7),
         AsymmetricViscous(joints),
         Stribeck(joints, velocity=0.5, width=widths),
         Power(joints, exponent=0.6),

@@ -35,6 +35,7 @@ from dynident.models import (
     Stribeck,
     Unknown,
     Viscous,
+    WideCoulomb,
     simulate,
 )
 from dynident.models.gallery import two_link_arm
@@ -108,6 +109,7 @@ TERMS = {
     "coulomb smooth": lambda: Coulomb(JOINTS, on=("wrist", "base"), width=0.2),
     "coulomb dead band": lambda: Coulomb(JOINTS, dead_band=0.3),
     "coulomb by joint": lambda: Coulomb(JOINTS, width={"base": 0.0, "rail": 0.3, "wrist": 0.0}, dead_band=BANDS),
+    "wide coulomb": lambda: WideCoulomb(JOINTS, width={"base": 0.7, "rail": 0.3, "wrist": 2.0}),
     "asymmetric coulomb": lambda: AsymmetricCoulomb(JOINTS, width={"base": 0.7, "rail": 0.3, "wrist": 2.0}),
     "asymmetric viscous": lambda: AsymmetricViscous(JOINTS, on=("wrist", "rail")),
     "stribeck": lambda: Stribeck(JOINTS, velocity=0.8),

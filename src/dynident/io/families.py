@@ -214,6 +214,7 @@ TERMS = Family(
         "rotor": "dynident.models.motor:RotorInertia",
         "viscous": "dynident.models.friction.viscous:Viscous",
         "coulomb": "dynident.models.friction.coulomb:Coulomb",
+        "wide_coulomb": "dynident.models.friction.coulomb:WideCoulomb",
         "asymmetric_coulomb": "dynident.models.friction.asymmetric:AsymmetricCoulomb",
         "asymmetric_viscous": "dynident.models.friction.asymmetric:AsymmetricViscous",
         "stribeck": "dynident.models.friction.stribeck:Stribeck",

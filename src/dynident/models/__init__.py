@@ -22,6 +22,7 @@ from dynident.models.friction import (
     Spring,
     Stribeck,
     Viscous,
+    WideCoulomb,
 )
 from dynident.models.inertia import (
     consistency_violations,
@@ -115,6 +116,7 @@ __all__ = [
     "Term",
     "Unknown",
     "Viscous",
+    "WideCoulomb",
     "consistency_violations",
     "declares",
     "from_physical",

@@ -25,6 +25,7 @@ from dynident.models import (
     Stribeck,
     Term,
     Viscous,
+    WideCoulomb,
 )
 
 __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
@@ -32,6 +33,7 @@ __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 WIDTHS = tuple(
     (0.005 * 1.25 ** np.arange(21)).tolist()
 )  # of the rms speed; coarser ones leave more than other kinds take
+WIDE = tuple(0.1 * 1.25 ** np.arange(12))  # likewise: beside the sign, over which friction still rises
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.2 ** np.arange(36)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
@@ -118,6 +120,7 @@ KINDS = (
     Kind("load_coulomb", partial(_scaled, LoadCoulomb, "width", "speed", WIDTHS), dry=True, needs_load=True),
     Kind("load_viscous", partial(_alone, LoadViscous), needs_load=True),
     Kind("stribeck", _stribeck),
+    Kind("wide_coulomb", partial(_scaled, WideCoulomb, "width", "speed", WIDE), strict=True),
     Kind("asymmetric_viscous", partial(_alone, AsymmetricViscous)),
     Kind("dahl", partial(_scaled, Dahl, "length", "reach", LENGTHS), dry=True),
     Kind("load_dahl", partial(_scaled, LoadDahl, "length", "reach", LENGTHS), dry=True, needs_load=True),

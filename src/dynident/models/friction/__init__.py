@@ -1,7 +1,7 @@
 """Torques of single joints: friction, springs, ripple and offsets, one file per term."""
 
 from dynident.models.friction.asymmetric import AsymmetricCoulomb, AsymmetricViscous
-from dynident.models.friction.coulomb import Coulomb
+from dynident.models.friction.coulomb import Coulomb, WideCoulomb
 from dynident.models.friction.counterbalance import Counterbalance
 from dynident.models.friction.dahl import Dahl
 from dynident.models.friction.drift import Drift
@@ -38,4 +38,5 @@ __all__ = [
     "Spring",
     "Stribeck",
     "Viscous",
+    "WideCoulomb",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError
 from dynident.models.friction.dry_friction import WIDTH, DryFriction, Width
-from dynident.models.friction.joint_term import Constant
+from dynident.models.friction.joint_term import Constant, Speed
+from dynident.models.friction.per_joint import PerJoint
 
-__all__ = ["Coulomb"]
+__all__ = ["Coulomb", "WideCoulomb"]
 
 Array = NDArray[np.float64]
 
@@ -64,3 +65,36 @@ class Coulomb(DryFriction):
         band = self.by_column("dead_band")
         sign = super().sign(dq)
         return np.where((band == 0) | (np.abs(dq) > band), sign, 0.0) if band.any() else sign
+
+
+@dataclass(frozen=True)
+class WideCoulomb(PerJoint):
+    """Friction that is reached at a higher speed than ``Coulomb``, tau_j = Fw_j tanh(dq_j / width), in N m or N.
+
+    Beside ``Coulomb``, friction rises from Fc to Fc + Fw over a ``width`` (rad/s, m/s; of all joints or by joint), as
+    lubricated contacts do that viscous friction alone does not describe. Other fields as in ``Viscous``.
+
+    >>> import dynident as dy
+    >>> dy.models.WideCoulomb((dy.Joint("elbow"),), width=0.5).parameters[0].expression
+    'Coulomb friction of a wide sign: torque per tanh(dq/0.5)'
+    """
+
+    constants: ClassVar[Mapping[str, Constant]] = {"width": Constant()}
+    width: Speed = field(kw_only=True)
+    symbol = "Fw"
+
+    def meaning(self) -> str:
+        """Return the meaning of the parameter."""
+        return f"Coulomb friction of a wide sign: torque per tanh(dq/{self.width:g})"
+
+    def shape(self, dq: Array) -> Array:
+        """Return the torque per unit of the parameter."""
+        return np.asarray(np.tanh(dq / self.by_column("width")))
+
+    def slope(self, dq: Array) -> Array:
+        """Return the derivative of ``shape``."""
+        return np.asarray((1 - self.shape(dq) ** 2) / self.by_column("width"))
+
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source."""
+        return f"np.tanh(dq / {self.source('width')})"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
 from dataclasses import replace
-from typing import Any
 
 from dynident.checks.check import run_checks
 from dynident.checks.missing import tried_by
@@ -35,14 +34,14 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     used, choice = identification.recipe, identification.calibration.terms
-    known: dict[str, Any] = {key: getattr(used, key) for key in ("estimator", "base_tilt", "min_speed")}
+    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
     plain = None if choice is None else with_plain_terms(unloaded(model))
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(
         model,
         logs,
-        replace(recipe, terms=None, **known),
+        recipe,
         multi_turn=multi_turn,
         motions=motions,
         described=False,

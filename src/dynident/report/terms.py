@@ -118,14 +118,14 @@ def _caption(choice: TermChoice, joint: str) -> str:
 
 def _trials(choice: TermChoice) -> PageTable:
     words_of = (Column("joint", numeric=False), Column("term", numeric=False), Column("constants", numeric=False))
-    columns = (*words_of, Column("gain, %"), Column("on faster motion, %"), Column("outcome", numeric=False))
+    gains = (Column("gain, %"), Column("std. error"), Column("on faster motion, %"), Column("std. error"))
+    columns = (*words_of, *gains, Column("outcome", numeric=False, prose=True))
     rows = [
         (
             joint,
             one.kind,
             ", ".join(f"{name} {_value(value)}" for name, value in one.settings) or "-",
-            _gain(one.gain, one.std),
-            "-" if one.faster is None else _gain(one.faster, one.faster_std),
+            *(number(gain, 3) for gain in (one.gain, one.std, one.faster, one.faster_std)),
             OUTCOMES[one.outcome],
         )
         for joint in choice.joints
@@ -141,4 +141,4 @@ def _gain(gain: float, std: float | None) -> str:
 def _value(value: object) -> str:
     if isinstance(value, tuple):
         return " and ".join(map(_value, value))
-    return number(float(value), 3) if isinstance(value, int | float) else str(value)
+    return number(value, 3) if isinstance(value, float) else str(value)

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from dynident.estimators.constraints import bodies_of, sized
+from dynident.log import Motion
+from dynident.models import Model, RigidBodies
+from dynident.regression import Regression
 from tests.estimators.physically_consistent.arms import arm, problem
 
 
@@ -40,3 +43,33 @@ def test_without_torque_or_effect_nothing_is_known() -> None:
     silent = type(factors)(np.zeros_like(factors.factors), factors.rows)
     assert sized(bodies, posed.model.parameters, silent) == bodies
     assert sized((), (), factors) == ()
+
+
+def test_a_slider_has_its_mass_from_its_force() -> None:
+    text = (
+        '<robot name="slider"><link name="base"/><link name="cart"><inertial><mass value="0"/>'
+        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="prismatic">'
+        '<parent link="base"/><child link="cart"/><axis xyz="1 0 0"/></joint></robot>'
+    )
+    model = Model((RigidBodies(text),))
+    t = np.linspace(0.0, 5.0, 500)
+    states = np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t)
+    q, dq, ddq = (one[:, None] for one in states)
+    motion = Motion(t, q, dq, ddq, 5.0 * ddq, ("j",), np.ones(500, dtype=bool))
+    factors = Regression(model, (motion,)).triangular_factors
+    (found,) = sized(bodies_of(model.parameters), model.parameters, factors)
+    assert found.size[3] ** 2 == pytest.approx(5.0, rel=1e-6)
+
+
+def test_what_no_joint_moves_has_no_size_of_its_own() -> None:
+    posed = problem(arm(inertias="none"))
+    bodies, factors = bodies_of(posed.model.parameters), posed.regression.triangular_factors
+    unmoved = factors.factors.copy()
+    unmoved[:, :, bodies[0].columns] = 0.0
+    found = sized(bodies, posed.model.parameters, type(factors)(unmoved, factors.rows))
+    assert all(np.isfinite(one.size).all() for one in found)
+    alone = factors.factors.copy()
+    alone[1:, :, -1] = 0.0  # only the first joint has a torque, and nothing acts on it
+    alone[0, :, :-1] = 0.0
+    found = sized(bodies, posed.model.parameters, type(factors)(alone, factors.rows))
+    assert all(one is other for one, other in zip(found, bodies, strict=True))

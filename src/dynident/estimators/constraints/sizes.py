@@ -38,10 +38,12 @@ def sized(
     if not effects.any() or not torque.any():
         return tuple(bodies)
     mass, first, second = (np.transpose(effects[..., part].max(axis=2)) for part in KINDS)
-    acts = (first > TINY * first.max()) | (second > TINY * second.max())
+    acts = np.logical_or.reduce([part > TINY * part.max() for part in (mass, first, second)])
     length = _lengths(np.where(first > TINY * first.max(), mass / np.where(first > 0, first, 1.0), 0.0), acts)
     arm = np.maximum.reduce([mass, first * length, second * length**2])  # N m/kg
     most = np.where(acts & (torque > 0)[:, None], torque[:, None] / np.where(acts, arm, 1.0), np.inf).min(axis=0)
+    if not np.isfinite(most).any():
+        return tuple(bodies)
     most[~np.isfinite(most)] = most[np.isfinite(most)].max()
     lifted = acts.any(axis=0) & (first > TINY * first.max()).any(axis=0)
     if lifted.any():  # of the others only the inertia about an axis is seen, behind that of all they carry
@@ -67,7 +69,7 @@ def _lengths(lever: Array, acts: NDArray[np.bool_]) -> Array:
         return np.full(lever.shape[1], LENGTH)
     joints = acts.sum(axis=0)  # the more of them move a body, the further out it is
     apart = np.zeros((lever.shape[1],) * 2)  # of the origins of two bodies, as far as a common joint shows it
-    for k, b in np.argwhere(joints[:, None] + 1 == joints):
+    for k, b in np.argwhere((joints[:, None] + 1 == joints) & (joints[:, None] > 0)):
         if (acts[:, b] >= acts[:, k]).all():
             apart[k, b] = np.abs(lever[:, b] - lever[:, k])[acts[:, k]].max()
     outward, inward = apart.max(axis=1), apart.max(axis=0)

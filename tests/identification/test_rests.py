@@ -147,6 +147,8 @@ def test_where_rests_are_kept_or_a_minimum_speed_is_set_nothing_is_decided() -> 
     found, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", (0.1, 0.1))
     assert found == {"a": motion}
     assert note.gain is None
+    _, (note,) = without_rests(two_link_arm(), {"a": motion}, logs, "trim", (0.1, 0.0))
+    assert note.gain is not None, "the other joint is fitted at rest"
 
 
 @cache

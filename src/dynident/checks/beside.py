@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
 from dataclasses import replace
-from typing import Any
 
 from dynident.checks.check import run_checks
 from dynident.checks.missing import tried_by
@@ -12,7 +11,7 @@ from dynident.errors import Severity
 from dynident.identification import Identification, Recipe
 from dynident.identification.terms.added import with_plain_terms
 from dynident.log import Log, Motion
-from dynident.models import Model, unloaded
+from dynident.models import HasMemory, Model
 
 __all__ = ["with_findings"]
 
@@ -35,14 +34,14 @@ def with_findings(
     for one in identification.validations:
         motions[one.role][one.name] = one.motion
     used, choice = identification.recipe, identification.calibration.terms
-    known: dict[str, Any] = {key: getattr(used, key) for key in ("estimator", "base_tilt", "min_speed")}
-    plain = None if choice is None else with_plain_terms(unloaded(model))
+    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
+    plain = None if choice is None else with_plain_terms(_memoryless(model))
     model = model if choice is None else model.with_terms(*choice.terms)
     model = replace(model, load=identification.model.load)
     found = run_checks(
         model,
         logs,
-        replace(recipe, terms=None, **known),
+        recipe,
         multi_turn=multi_turn,
         motions=motions,
         described=False,
@@ -53,3 +52,8 @@ def with_findings(
         found = tuple(one for one in found if not tried_by(one, choice))
     warned = tuple(one for one in found if one.severity is not Severity.INFO or one.removed)
     return replace(identification, warnings=(*identification.warnings, *warned))
+
+
+def _memoryless(model: Model) -> Model:
+    """Return the model without the terms that remember, for which the plain set stands in."""
+    return replace(model, terms=tuple(term for term in model.terms if not isinstance(term, HasMemory)))

@@ -137,12 +137,13 @@ def without_rests(
 ) -> tuple[dict[str, Motion], tuple[Rests, ...]]:
     """Return the motions of the training logs without the rests within that must not be fitted, and the rests of all.
 
-    ``recorded`` are the logs by role and name, not yet trimmed. A minimum speed of the fit leaves out the rests itself.
+    ``recorded`` are the logs by role and name, not yet trimmed. A minimum speed of every joint leaves out the rests
+    itself.
     """
     if rests == "keep":
         return dict(motions), ()
     within = _within(recorded["train"])
-    gain = None if min_speed else _gained(model, motions, within)
+    gain = None if min_speed and all(min_speed) else _gained(model, motions, within)
     if gain is not None and gain.sure:
         motions = {name: _moved(motion, within[name]) for name, motion in motions.items()}
     gains = {"train": gain}

@@ -17,7 +17,6 @@ from dynident.smoothers import Smoother, TimeShifted, motion_of
 
 __all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
 
-Array = NDArray[np.float64]
 SAMPLES, PIECES = 40_000, 5  # of all logs together, and of each of them, that are smoothed to choose
 ROWS = 10_000  # samples of the regression on which the choice rests
 TIE = 0.005  # relative difference below which errors count as equal; the first candidate is then taken

@@ -9,7 +9,6 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.errors import Finding, Note
 from dynident.estimators import Estimate
@@ -20,8 +19,6 @@ from dynident.regression import BaseParameters
 from dynident.validation import Failure, LogValidation
 
 __all__ = ["result_data"]
-
-Array = NDArray[np.float64]
 
 
 def result_data(found: Identification, report: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from dynident.checks import with_findings
 from dynident.errors import ConfigError
 from dynident.estimators import PhysicallyConsistent
 from dynident.identification import NotChosen, Recipe, identify
 from dynident.identification.terms.added import with_plain_terms
 from dynident.log import Log
-from dynident.models import Model, Viscous
+from dynident.models import Dahl, Model, Viscous
 from tests.identification.terms import simulated
 from tests.identification.terms.simulated import bodies, recorded
 
@@ -37,6 +38,13 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
     before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
     error = [one.validations[1].errors.relative_error for one in (found, before)]
     assert error[0] < 0.5 * error[1]
+
+
+def test_the_checks_take_terms_that_remember_and_were_named() -> None:
+    model = Model((bodies(), Dahl(bodies().joints, length=0.01)))
+    logs, recipe = {"train": {"train": log(1, "train")}, "validation": {}}, Recipe(terms="auto")
+    found = with_findings(identify(model, logs["train"], recipe=recipe), model, logs, recipe)
+    assert not [one for one in found.findings if isinstance(one.message, str)]  # what a stage failed with
 
 
 def test_bounds_of_parameters_that_are_not_chosen_are_ignored_and_said() -> None:

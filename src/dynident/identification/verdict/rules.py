@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.errors import Finding
 from dynident.identification.result import Identification
@@ -27,7 +26,6 @@ from dynident.validation import REPEATED, Driver, FreeRun, LogValidation, repeat
 
 __all__ = ["judge"]
 
-Array = NDArray[np.float64]
 
 TORQUE = 10.0  # %, held-out torque error up to which a feedforward helps
 UNFILTERED = 25.0  # %, the same where the fit has a low-pass: what the filter may take away

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
 from dynident.log import subsample, together
 
 __all__ = ["FASTER", "Held", "held_back"]
 
-Array = NDArray[np.float64]
 
 SAMPLES = 2000  # of all training motions
 FASTER = 2.0  # times the speed of the training, at which fits are compared

@@ -46,7 +46,8 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Robot:
-    """A measured robot: its robot file and recordings, as ``init`` is given them; what the user says beside; the marks.
+    """A measured robot: its robot file or the text of one, and its recordings, as ``init`` is given them; what the user
+    says beside; the marks.
 
     Windows (s) are those to fit and to judge by. ``mark`` is the error (%) that is aimed at on the first held-out log,
     ``floor`` what the noise of its torque leaves, ``oracle`` what a fit to the held-out log itself leaves.
@@ -64,6 +65,8 @@ class Robot:
     oracle: str = ""
 
 
+_RAIL = """<robot name="emps"><link name="rail"/><link name="carriage"/><joint name="slider" type="prismatic">
+<parent link="rail"/><child link="carriage"/><axis xyz="1 0 0"/></joint></robot>"""  # what a user writes of a drive
 _PANDA = "+".join(f"panda/exciting_traj_{name}.txt" for name in ("positions", "time", "torques"))
 _PENDULUM = "double_pendulum/20220812-{}-PM_measured.csv"
 _TX40 = {
@@ -81,7 +84,7 @@ _ELBOW = {"joints": {"Joint1": 1, "Joint2": -6}, "terms": ["rotor"]}
 ROBOTS: Mapping[str, Robot] = {
     "emps": Robot(
         "EMPS, on its pulses",
-        "gallery:slider",
+        _RAIL,
         ("emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat"),
         7.3,
         {"torque": {"slider": {"column": "vir", "gain": "gtau", "unit": "N"}}},
@@ -149,7 +152,9 @@ def found_at(robot: Robot) -> Path | None:
 
 def configured(robot: Robot, data: Path, path: Path) -> Path:
     """Draft a configuration by ``dynident init`` and fill in what is declared."""
-    model = robot.model if robot.model.startswith("gallery:") else str(data / robot.model)
+    model = str(data / robot.model) if robot.model != _RAIL else str(path.with_suffix(".urdf"))
+    if robot.model == _RAIL:
+        Path(model).write_text(_RAIL, encoding="utf-8")
     logs = ["+".join(str(data / one) for one in log.split("+")) for log in robot.logs]
     done = CliRunner().invoke(dynident, ["init", model, *logs, "--out", str(path), "--force", "--quiet"])
     if done.exit_code:

@@ -1,12 +1,12 @@
 """Fit and plot: the bundled arm from its robot file and two recordings; the held-out torque as a page for the browser.
 
 $ .venv/bin/python examples/fit_and_plot.py
-monday, train: 2.01 % of the torque is left
-tuesday, validation: 1.74 % of the torque is left
-Ia_elbow 0.639 +- 0.0089 kg m^2
-Fv_elbow 6.044 +- 0.022 N m s/rad
-Fc_elbow 2.159 +- 0.023 N m
-offset_elbow 0.532 +- 0.026 N m
+monday, train: 1.96 % of the torque is left
+tuesday, validation: 1.68 % of the torque is left
+offset_elbow 0.529 +- 0.024 N m
+Fv_elbow 6.017 +- 0.021 N m s/rad
+Fc_elbow 2.199 +- 0.025 N m
+Ia_elbow 0.640 +- 0.0096 kg m^2
 measured and predicted torque: plot-out/elbow.html
 """
 

@@ -10,9 +10,10 @@ import pytest
 from dynident.checks.explain import explained
 from dynident.checks.finding import Topic
 from dynident.checks.misfit import misfit
-from dynident.checks.missing import missing, with_missing
+from dynident.checks.missing import TRIED, missing, tried_by, with_missing
 from dynident.checks.robot_notes import MissingTerm, TermKind
 from dynident.errors import Severity
+from dynident.identification.terms import KINDS, Outcome, TermChoice, Trial
 from tests.checks.moving_arm import arm, case, motion
 
 MOVED = motion()
@@ -100,3 +101,19 @@ def test_a_complete_model_lacks_nothing_and_an_effect_is_missed_once() -> None:
     stiff = with_effect(4.0 * MOVED.q[:, 0])
     first = missing(misfit(stiff))[0]
     assert missing(misfit(with_missing(stiff, first))) == []
+
+
+def test_an_effect_that_a_choice_has_tried_on_that_joint_is_known() -> None:
+    (found, *_) = explained(with_effect(EFFECTS[TermKind.RIPPLE][1](MOVED.q, MOVED.dq, MOVED.ddq)))
+    trials = tuple(
+        Trial(joint, kind, (), 0.1, 0.2, Outcome.WITHIN_ERROR) for joint, kind in (("j1", "spring"), ("j2", "ripple"))
+    )
+    choice = TermChoice(("j1", "j2"), (), trials, (), (), ())
+    assert tried_by(found)
+    assert not tried_by(found, choice)  # of another joint
+    own = Trial("j1", "ripple 2", (), 3.0, 0.2, Outcome.ENTERED)
+    assert tried_by(found, replace(choice, trials=(*trials, own)))
+
+
+def test_the_kinds_of_a_choice_that_stand_for_effects_exist() -> None:
+    assert set().union(*TRIED.values()) <= {kind.name for kind in KINDS} | {"ripple"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dynident.cli.demo import FILE, LOGS, TILT, tilted
+from dynident.cli.demo import LOGS
 from dynident.cli.init import drafted
 from dynident.demo import demo_files
 from dynident.io.project import parse_project
@@ -18,14 +18,12 @@ def folder(tmp_path: Path) -> Path:
     return demo_files(tmp_path / "my arm")
 
 
-def test_the_draft_needs_no_answer_and_takes_the_tilt(folder: Path) -> None:
-    draft, notes = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
-    assert [*draft.questions, *draft.blanks, *draft.notes, *notes] == []
-    assert draft.text.count(FILE) == 1
-    assert tilted(draft.text) == draft.text.replace(FILE, f"{FILE}{TILT}\n")
-    project = parse_project(tilted(draft.text) + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
+def test_the_draft_needs_no_answer_and_leaves_tilt_and_terms_to_the_data(folder: Path) -> None:
+    draft, tables = drafted(str(folder / "arm.urdf"), [str(folder / name) for name in LOGS], folder, lambda _: None)
+    assert [*draft.questions, *draft.blanks, *draft.notes, *(note for one in tables for note in one.notes)] == []
+    project = parse_project(draft.text + (folder / "controller.yaml").read_text(), folder / "robot.yaml")
     logs, warnings = project.logs()
-    assert project.recipe.base_tilt == "estimate"
+    assert (project.recipe.base_tilt, project.recipe.terms) == ("estimate", "auto")
     assert (*warnings, *project.warnings, *project.model.notes) == ()
     assert [len(log) for log in (*logs["train"].values(), *logs["validation"].values())] == [5000, 3750]
     assert all(log.controller is not None for log in logs["train"].values())

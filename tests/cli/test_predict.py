@@ -63,8 +63,9 @@ class TestIdentify:
         left = {line.split(" = ")[0]: float(line.split()[2]) for line in robot["left_out"] if line.startswith("Ia_")}
         assert left.keys() == {"Ia_elbow"}
         bodies = RigidBodies(URDF)
-        model = Model((bodies, RotorInertia(bodies.joints)))
-        written = [*(parameter.value for parameter in again.parameters), 0.0, left["Ia_elbow"]]
+        rotors = tuple(name.removeprefix("Ia_") for name in found if name.startswith("Ia_"))  # that were chosen
+        model = Model((bodies, RotorInertia(bodies.joints, on=rotors)))
+        written = [one.value for one in again.parameters] + [left.get(f"Ia_{joint}", 0.0) for joint in rotors]
         states = np.random.default_rng(0).uniform(-3, 3, (3, 50, 2))
         torque = model.torque(*states, [found[name] for name in model.names])
         np.testing.assert_allclose(model.torque(*states, written), torque, rtol=0, atol=1e-5 * np.abs(torque).max())

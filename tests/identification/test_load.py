@@ -82,6 +82,14 @@ def test_a_load_that_is_given_stays(log):
     assert dy.identify(model, [log.window(0.0, 4.0)]).model.load == model.load
 
 
+def test_bounds_of_friction_by_the_load_wait_for_it(log):
+    (name, *_) = LoadCoulomb(BODIES.joints, width=0.05).parameters
+    bounded = dy.PhysicallyConsistent(bounds={name.name: (None, 0.1)}, prior={name.name: 0.05})
+    found = dy.identify(MODEL, [log.window(0.0, 4.0)], estimator=bounded)
+    assert found.estimate.value[MODEL.names.index(name.name)] == pytest.approx(0.1)
+    assert found.recipe.estimator.named == (name.name,)
+
+
 def test_a_model_without_bodies_has_no_load(log):
     friction = dy.Model((dy.Viscous(BODIES.joints), LoadCoulomb(BODIES.joints)))
     with pytest.raises(ModelError, match="no term is of bodies"):

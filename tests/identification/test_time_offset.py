@@ -355,3 +355,15 @@ def test_only_trials_that_may_be_the_best_are_fitted() -> None:
     assert best == _least(lambda x: 1.0 + 1e3 * abs(x - 0.0012))
     assert {0.0, 0.001, 0.003} <= set(fitted)
     assert not set(fitted) & {-0.001, -0.003, 0.01, -0.01, 0.032, -0.032, 0.05, -0.05}
+
+
+def test_a_smoother_that_shifts_keeps_its_shift_unless_another_predicts_better() -> None:
+    arm, motion = swing()
+    noisy = record(motion, 1e-5, 1e-2, np.random.default_rng(3)).log
+    log = replace(noisy, q=noisy.q - motion.q + motion.shifted(-0.0033).q).window(0.1, 9.9)
+    for start in (0.0033, 0.001):
+        found = pair(arm, [log], (TimeShifted(Spline(), start),), "estimate", LeastSquares())
+        assert isinstance(found.smoother, TimeShifted)
+        assert found.smoother.smoother == Spline()
+        assert found.time_offset is not None
+        assert found.smoother.time_offset == found.time_offset.seconds == pytest.approx(0.0033, abs=1e-4)

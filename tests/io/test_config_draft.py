@@ -77,12 +77,8 @@ def test_what_is_certain_runs_without_an_edit(arm, tmp_path):
     text = (tmp_path / "identify.yaml").read_text()
     assert "# ?" not in text.partition("\n")[2]
     data = yaml.safe_load(text)
-    assert data["model"] == {
-        "file": "arm.urdf",
-        "joints": ["shoulder", "elbow"],
-        "lock": {"finger": 0.02},
-        "terms": "auto",
-    }
+    model = {"file": "arm.urdf", "joints": ["shoulder", "elbow"], "lock": {"finger": 0.02}, "terms": "auto"}
+    assert data["model"] == model
     assert data["position"] == {
         "shoulder": {"column": "shoulder.position", "unit": "rad"},
         "elbow": {"column": "elbow.position", "unit": "rad"},

@@ -22,6 +22,7 @@ from dynident.models import (
     AsymmetricViscous,
     Coulomb,
     Counterbalance,
+    CoupledFriction,
     Dahl,
     Drift,
     Joint,
@@ -96,6 +97,8 @@ ON_JOINTS = [
     Spring(JOINTS, order={"a": 1, "b": 3}),
     Counterbalance(JOINTS, ("a",), base_arm=0.5, link_arm={"a": 0.1}, angle=-1, free_length=0),
     Offset(JOINTS, expressions=("one", "two")),
+    CoupledFriction(JOINTS, {"a": 1.0, "b": -6.0}, "m", "power", {"exponent": 0.3}),
+    CoupledFriction(JOINTS, {"a": 1.0}, "m", "asymmetric_viscous"),
 ]
 
 

@@ -15,6 +15,7 @@ from dynident.models import (
     AsymmetricViscous,
     Coulomb,
     Counterbalance,
+    CoupledFriction,
     CoupledMotor,
     Dahl,
     Drift,
@@ -93,6 +94,7 @@ def crane():
     return assembled(JOINTS, points, spins, q, dq, values)
 
 
+SLOW = {"exponent": 0.5, "width": 0.4}
 LAGRANGIANS = {
     "article": lambda: two_link_arm().terms[0],
     "2R": cache(lambda: chain(2)),
@@ -127,6 +129,8 @@ TERMS = {
     "drift": lambda: Drift(JOINTS, time=0.5),
     "coupling": lambda: CoupledMotor(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", offset=True, width=0.4),
     "coupling of slides": lambda: CoupledMotor(JOINTS, {"rail": 2.0}, "motor", coulomb=False),
+    "friction of a coupling": lambda: CoupledFriction(JOINTS, {"base": 1.0, "wrist": -6.0}, "motor", "power", SLOW),
+    "asymmetric friction of a coupling": lambda: CoupledFriction(JOINTS, {"rail": 2.0}, "motor", "asymmetric_viscous"),
     "bodies of a urdf": lambda: RigidBodies(ARM, joints_used=("twist", "shoulder", "rail")),
     "bodies of an mjcf": lambda: RigidBodies(ARM_MJCF, locked={"rail": 0.2}),
 }

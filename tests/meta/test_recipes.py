@@ -225,6 +225,17 @@ def test_init_drafts_the_same_columns(heading: str, tmp_path: Path) -> None:
     assert ("Confirm or correct" in said) == (heading not in ("ROS 2", "KUKA (FRI)"))
 
 
+def test_init_says_once_that_arrays_were_transposed(tmp_path: Path) -> None:
+    _, config = written(tmp_path, "MATLAB and Simulink", shown()["MATLAB and Simulink"])
+    (tmp_path / "arm.urdf").write_text((tmp_path / model_of(config)).read_text())
+    t = np.arange(N) * 0.005
+    q = np.stack([np.sin(t), np.cos(2 * t)])
+    scipy.io.savemat(tmp_path / "flat.mat", {"t": t, "q": q, "tau": 3.0 * q})
+    said, _ = drafted(tmp_path, "arm.urdf", "flat.mat")
+    for name in ("q", "tau"):
+        assert " ".join(said.split()).count(f"'{name}' has the shape (2, {N})") == 1
+
+
 @pytest.mark.parametrize("heading", ["Universal Robots (RTDE)", "LeRobot"])
 def test_init_asks_for_the_gains_of_currents(heading: str, tmp_path: Path) -> None:
     _, config = written(tmp_path, heading, shown()[heading])

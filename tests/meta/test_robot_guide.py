@@ -13,8 +13,8 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from dynident import read_robot
 from dynident.cli import main
-from dynident.io.config import load_model
 from dynident.models import Model
 from tests.saved_results import errors_by_log
 
@@ -60,7 +60,7 @@ def write_recording(path: Path, model: Model, rate: float, rng: np.random.Genera
 
 def run(folder: Path, text: str) -> dict[str, Any]:
     (folder / "arm.urdf").write_text(ARM, encoding="utf-8")
-    model = load_model("arm.urdf", folder)
+    model = read_robot(folder / "arm.urdf")
     rng = np.random.default_rng(0)
     for name, rate in (("monday", 1.0), ("tuesday", 1.2)):
         write_recording(folder / f"{name}.csv", model, rate, rng)

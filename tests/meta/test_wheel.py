@@ -148,8 +148,8 @@ def test_the_installed_demo_goes_the_whole_way(installed: Path, tmp_path: Path) 
     program = shlex.quote(str(installed / "dynident"))  # which is not on PATH
     commands = [line.split()[2] for line in shown.splitlines() if line.startswith(f"$ {program} ")]
     assert commands == ["init", "check", "identify"]
-    assert "1 warning" in shown
-    assert "The base is tilted by 1.2" in shown
+    assert "No errors and no warnings" in shown
+    assert "tilt about x" in shown
     assert "Good for control" in shown
     arm = place / "arm-out"
     assert {path.name for path in arm.iterdir()} >= {"arm.urdf", "meshes", "robot.yaml", "controller.yaml", "result"}

@@ -54,7 +54,7 @@ def test_the_page_has_a_figure_per_joint_and_all_that_was_tried(chosen, identifi
     assert [keys for keys, _ in gallery.views] == [(joint.name,) for joint in chosen.model.joints]
     (table,) = fold.blocks
     assert [row[1] for row in table.rows] == ["coulomb", "ripple", "power", "dahl"]
-    assert table.rows[0][2:] == ("width 0.0100", "90.0 +- 16", "95.0 +- 20", "entered")
+    assert table.rows[0][2:] == ("width 0.0100", "90.0", "16.0", "95.0", "20.0", "entered")
     assert table.rows[1][2] == "cycles 30.0 and 60.5"
     assert "Friction and other terms" in identification_page(chosen)
     assert list(term_section(identification)) == []

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
+from dynident.identification import Remedy, judge
+from dynident.identification.verdict.steps import Step
 from dynident.report import identification_page
+from dynident.report import verdict as verdict_words
 from dynident.report.verdict import verdict_text
 from dynident.validation import Broken, Driver
 from tests.report.conftest import identification_of
@@ -42,6 +46,15 @@ def test_the_terminal_says_it_in_one_paragraph():
     assert words.startswith("Verdict: Do not use this model yet: no log was held out.")
     assert "\n" not in words
     assert steps[0].startswith("Record another motion")
+
+
+def test_the_terminal_gives_remedies_and_the_largest_gains(monkeypatch):
+    steps = [Step(gain=float(k)) for k in range(9, 1, -1)]
+    found = judge(identification_of(logs=("swing.csv",)))
+    monkeypatch.setattr(verdict_words, "judge", lambda _: replace(found, next=(Remedy.HOLD_OUT, *steps)))
+    monkeypatch.setattr(verdict_words, "words", lambda one: str(getattr(one, "gain", one)))
+    _, said = verdict_text(identification_of())
+    assert said == (str(Remedy.HOLD_OUT), "9.0", "8.0", "7.0", "6.0", "5.0", "3 more, which the report lists.")
 
 
 def test_free_simulations_are_shown_with_their_failures(identification):

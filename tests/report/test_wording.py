@@ -203,6 +203,14 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
+            BaseTilt(0.0, 0.0, (1e-3, 2e-3), 4.0, 4.0, Gain(31.2, 4.1), (1.57, 0.0)),
+            (
+                "the base is taken as level (+- 0.06 and 0.11 deg about x and y): the best tilt would gain 31 +- 4.1 % "
+                "of the squared cross-validated error, but is 90.0 deg about x and 0.0 deg about y, more than a "
+                "mounting error"
+            ),
+        ),
+        (
             TimeOffset(0.0, 2.0, 2.0, 1e-3, Gain(-9.94, 12.2)),
             (
                 "none, as the best one does not predict left-out stretches better: -9.9 +- 12 % of the squared "
@@ -287,6 +295,7 @@ def test_a_noun_without_words_is_an_error() -> None:
             SlowReversals(("a", "b")),
             "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
         ),
+        (SlowReversals(("a",), chosen=True), "a: record slow motion through zero speed."),
         (
             SlowReversals(("a",), (0.0312,), gain=0.456),
             (

@@ -6,8 +6,9 @@ torque, the direction of gravity. ``run_checks`` runs all of them, ``with_findin
 would give wrong numbers, a warning should be looked at."""
 
 from dynident.checks import notes
+from dynident.checks.beside import with_findings
 from dynident.checks.channels import ChannelFacts, channels, check_log, check_log_fully, rest
-from dynident.checks.check import CheckResult, run_checks, with_findings
+from dynident.checks.check import CheckResult, run_checks
 from dynident.checks.finding import Finding, Topic, reading_line, require
 from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words

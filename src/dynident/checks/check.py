@@ -14,6 +14,7 @@ from dynident.checks.explain import robot_findings
 from dynident.checks.finding import Finding, Topic
 from dynident.checks.fit import compensation_findings, friction_findings, repeat_findings, slow_findings
 from dynident.checks.gravity import gravity_findings
+from dynident.checks.missing import tried_by
 from dynident.checks.motion import Excitation, ExcitedRank, excitation, excited_rank, limit_findings, rank_findings
 from dynident.checks.motion_notes import Search, SearchLeftOut
 from dynident.checks.outliers import torque_findings
@@ -23,16 +24,16 @@ from dynident.checks.torque import Agreement, agreement, agreement_findings
 from dynident.checks.units import radian_findings, thin
 from dynident.errors import DynidentError, Severity, Step
 from dynident.estimators import LeastSquares
-from dynident.identification import BaseTilt, Identification, Recipe, find_base_tilt, mounted, pair
+from dynident.identification import BaseTilt, Recipe, find_base_tilt, mounted, pair
 from dynident.identification.outliers import torque_outliers, without
-from dynident.identification.terms.added import first, with_plain_terms
+from dynident.identification.terms.added import first
 from dynident.log import Log, Motion, thinned
-from dynident.models import HasGravity, HasRobotFile, Model, unloaded
+from dynident.models import HasGravity, HasRobotFile, Model
 from dynident.regression import Regression, one_thread
 from dynident.smoothers import motion_of
 from dynident.smoothers.outliers import suspects
 
-__all__ = ["CheckResult", "run_checks", "with_findings"]
+__all__ = ["CheckResult", "run_checks"]
 
 PLAIN = LeastSquares()
 LARGE = (Topic.SWAPPED, Topic.SIGN)  # found by trying other columns
@@ -113,7 +114,7 @@ def run_checks(
     joints, say = tuple(joint.name for joint in model.joints), progress or (lambda _: None)
     findings = [*found, *_of_file(model, joints)]
     recipe = recipe or Recipe()
-    model = first(model, recipe)
+    model, recipe = first(model, recipe)
     with one_thread():
         whole, sound = _recorded(model, logs, multi_turn, recipe, findings, say, described=described)
         findings += repeat_findings(logs)
@@ -121,37 +122,10 @@ def run_checks(
             whole = _moving(whole, model, plain, sound, recipe, findings, motions, say) if sound["train"] else whole
         except DynidentError as error:
             findings.append(Finding(Severity.ERROR, None, str(error), Topic.MOTION))
+    if recipe.terms is not None:
+        findings = [one for one in findings if not tried_by(one)]
     order = list(Severity)
     return replace(whole, findings=tuple(sorted(findings, key=lambda one: order.index(one.severity))))
-
-
-def with_findings(
-    identification: Identification,
-    model: Model,
-    logs: Mapping[str, Mapping[str, Log]],
-    recipe: Recipe,
-    *,
-    multi_turn: Set[str] = frozenset(),
-    progress: Callable[[str], None] | None = None,
-) -> Identification:
-    """Return an identification with the errors and warnings of ``run_checks`` on what it was made from, and with what
-    else would lower its error.
-
-    ``model``, ``logs`` and ``recipe`` are as they were given to ``identify``; the motions are those of the fit.
-    """
-    motions: dict[str, dict[str, Motion]] = {"train": {}, "validation": {}}
-    for one in identification.validations:
-        motions[one.role][one.name] = one.motion
-    used, choice = identification.recipe, identification.calibration.terms
-    recipe = replace(recipe, base_tilt=used.base_tilt, min_speed=used.min_speed, terms=None)  # as found
-    plain = None if choice is None else with_plain_terms(unloaded(model))
-    model = model if choice is None else model.with_terms(*choice.terms)
-    model = replace(model, load=identification.model.load)
-    found = run_checks(
-        model, logs, recipe, multi_turn=multi_turn, motions=motions, described=False, progress=progress, plain=plain
-    ).findings
-    warned = tuple(one for one in found if one.severity is not Severity.INFO or one.removed)
-    return replace(identification, warnings=(*identification.warnings, *warned))
 
 
 def _recorded(

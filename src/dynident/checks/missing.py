@@ -17,9 +17,10 @@ from dynident.checks.ripple import ripple
 from dynident.checks.robot_notes import MissingTerm, TermKind, TermLeftOut
 from dynident.checks.suspect import CERTAIN
 from dynident.errors import Severity, brief
+from dynident.identification.terms import TermChoice
 from dynident.models import INERTIAL
 
-__all__ = ["Missing", "missing", "torque_rate", "with_missing"]
+__all__ = ["Missing", "missing", "torque_rate", "tried_by", "with_missing"]
 
 Array = NDArray[np.float64]
 STEP = 1e-4  # s, of the differences in time
@@ -30,6 +31,19 @@ FELT = 0.005  # share of a joint's torque (rms) below which an effect is none
 WARNED = 0.4  # ... and to be warned of
 OFFERED = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.OFFSET, TermKind.ROTOR)  # terms of the library
 POSITIVE = (TermKind.VISCOUS, TermKind.COULOMB, TermKind.ROTOR, TermKind.LOAD, TermKind.SATURATION)
+TRIED = {  # the kinds by which a choice of terms has tried an effect
+    TermKind.VISCOUS: {"viscous"},
+    TermKind.COULOMB: {"coulomb", "dahl"},
+    TermKind.SMOOTH: {"coulomb", "dahl"},
+    TermKind.OFFSET: {"offset"},
+    TermKind.ROTOR: {"rotor"},
+    TermKind.SPRING: {"spring"},
+    TermKind.ASYMMETRIC: {"asymmetric_viscous"},
+    TermKind.QUADRATIC: {"power"},
+    TermKind.STRIBECK: {"stribeck"},
+    TermKind.LOAD: {"load_coulomb"},
+    TermKind.RIPPLE: {"ripple"},
+}
 Effect = tuple[TermKind, int, int | None, float, Array]  # kind, joint, other joint, period (rad or m), column (M, n)
 
 
@@ -93,6 +107,17 @@ def _counts(kind: TermKind, j: int, partner: int | None, evidence: Evidence, err
 def with_missing(case: Case, found: Missing) -> Case:
     """Return the case with the effect among its columns."""
     return replace(case, extra=(*case.extra, found.column), beyond=(*case.beyond, found.beyond))
+
+
+def tried_by(finding: Finding, choice: TermChoice | None = None) -> bool:
+    """Return whether a finding is an effect that a choice of terms has tried on that joint, where it entered or was
+    refused by samples kept aside; without a choice, whether one would try it."""
+    if not isinstance(finding.message, MissingTerm) or finding.joint is None:
+        return False
+    kinds = TRIED.get(finding.message.effect, set())
+    if choice is None:
+        return bool(kinds)
+    return not kinds.isdisjoint(one.kind.split()[0] for one in choice.of(finding.joint))  # ripple, ripple 2, ...
 
 
 def _columns(fit: Misfit, case: Case, ripples: Sequence[tuple[float, Array] | None]) -> Iterator[Effect]:

@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     from dynident.demo import Comparison
     from dynident.identification import Identification
 
-__all__ = ["demo", "tilted"]
+__all__ = ["demo"]
 
 LOGS = ("monday.parquet", "tuesday.parquet")
-FILE, TILT = "  file: arm.urdf\n", "  base_tilt: estimate"
 
 
 @click.command(short_help="Identify the arm that comes with dynident, to see how it goes.")
@@ -81,8 +80,7 @@ def _init(screen: Screen, out: Path) -> str:
     _command(screen, f"$ {command('init', *files, '-o', config)}")
     with status() as say:
         text = drafted(str(out / "arm.urdf"), [str(out / name) for name in LOGS], out, say)[0].text
-    known = [one.encode() for one in (text, tilted(text))]
-    if os.path.lexists(config) and content(config, remember=False) not in known:
+    if os.path.lexists(config) and content(config, remember=False) != text.encode():
         raise InputError(f"{config}: exists already, and is not the one that is drafted; give another folder by --out.")
     write_text(config, text)
     screen.say("robot.yaml names the column and unit of each joint's position and torque.")
@@ -90,10 +88,9 @@ def _init(screen: Screen, out: Path) -> str:
 
 
 def _check(screen: Screen, out: Path, text: str) -> None:
-    """Check the draft, and add to it what the check asks for."""
+    """Check the draft."""
     from dynident.errors import Severity
     from dynident.io.project import parse_project
-    from dynident.io.results import write_text
     from dynident.report.check import check_summary
     from dynident.report.finding_words import finding_words
 
@@ -105,13 +102,6 @@ def _check(screen: Screen, out: Path, text: str) -> None:
     for finding in checked.findings:
         if finding.severity is not Severity.INFO:
             screen.say(finding_words(finding))
-    write_text(config, tilted(text))
-    screen.say(f"The base is indeed tilted, so robot.yaml says now, below its file: {TILT.strip()}")
-
-
-def tilted(text: str) -> str:
-    """Return the draft with the tilt of the base to be estimated."""
-    return text.replace(FILE, f"{FILE}{TILT}\n", 1)
 
 
 def _identify(screen: Screen, out: Path) -> Identification:

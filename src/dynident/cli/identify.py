@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["identify", "write_result"]
 
-MOST_STEPS = 6  # in a terminal; the report has all
-
 
 @click.command(short_help="Identify parameters from recordings.")
 @click.argument("config", type=CONFIG)
@@ -72,7 +70,7 @@ def identify(config: Path, out: Path | None, write_config: Path | None) -> None:
         screen.show(table)
     for note in (*identification_notes(found), *map(Line, export_notes(made))):
         say_line(screen, note)
-    for step in steps[:MOST_STEPS]:
+    for step in steps:
         screen.remark(f"Next: {step}")
     screen.remark(f"Computed by {kernel()}.")
     for what, path in written:

@@ -15,6 +15,7 @@ from dynident.cli.terminal import console, status, tell
 
 if TYPE_CHECKING:
     from dynident.io.config_draft import ConfigDraft
+    from dynident.io.tables import DataTable
 
 __all__ = ["drafted", "init"]
 
@@ -40,13 +41,15 @@ def init(robot: str, logs: tuple[str, ...], out: Path, force: bool) -> None:
         keep(file)
     refuse_inputs(out)
     with status() as say:
-        written, notes = drafted(robot, logs, out.parent, say)
+        written, tables = drafted(robot, logs, out.parent, say)
     tell(console(), "Configuration", write_text(out, written.text))
-    _remarks(written, out, notes)
+    _remarks(written, out, tables)
 
 
-def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], None]) -> tuple[ConfigDraft, list[str]]:
-    """Return the configuration drafted for a folder, and notes on what was read."""
+def drafted(
+    robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], None]
+) -> tuple[ConfigDraft, list[DataTable]]:
+    """Return the configuration drafted for a folder, and what was read."""
     from dynident.io.column_mapping import map_columns
     from dynident.io.config_draft import draft_config, same_columns
     from dynident.io.gain_draft import with_gains
@@ -64,16 +67,17 @@ def drafted(robot: str, logs: Sequence[str], folder: Path, say: Callable[[str], 
     if any(one.gain for one in found.torque.values()):
         say("estimating the gains")
         found = with_gains(robot, joints, found, sources, folder)
-    notes = [note for source in sources for note in source.table.notes if note not in source.table.guesses]
-    return draft_config(robot, joints, found, sources, folder), notes
+    return draft_config(robot, joints, found, sources, folder), [source.table for source in sources]
 
 
-def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
+def _remarks(written: ConfigDraft, out: Path, tables: Sequence[DataTable]) -> None:
     """Print what to fill in and to confirm, and the next command."""
     screen = console()
     for note in written.notes:
         screen.remark(f"Note: {note}")
-    for note in [*notes, *(() if written.blanks else _trial(written.text, out))]:
+    said = [note for table in tables for note in table.notes]
+    notes = [note for table in tables for note in table.notes if note not in table.guesses]  # these are asked below
+    for note in [*notes, *(() if written.blanks else _trial(written.text, out, said))]:
         screen.remark(f"Warning: {note}", "yellow")
     for title, items in (("Fill in:", written.blanks), ("Confirm or correct:", written.questions)):
         if items:
@@ -84,13 +88,15 @@ def _remarks(written: ConfigDraft, out: Path, notes: list[str]) -> None:
     screen.remark(f"{first}: {command('check', out)}", whole=True)
 
 
-def _trial(text: str, out: Path) -> list[str]:
-    """Read the logs as the configuration says, and return what that warns of or fails at."""
+def _trial(text: str, out: Path, said: Sequence[str]) -> list[str]:
+    """Read the logs as the configuration says, and return what that warns of or fails at, but for notes ``said``."""
     from dynident.errors import DynidentError
     from dynident.io.project import parse_project
 
     try:
         project = parse_project(text, out)
-        return [*project.warnings, *project.logs()[1]]
+        specs = (*project.config.train, *project.config.validation)
+        known = {f"{spec.label}: {note}" for spec in specs for note in said}
+        return [one for one in (*project.warnings, *project.logs()[1]) if one not in known]
     except DynidentError as error:
         return [f"the configuration cannot be used yet: {error}"]

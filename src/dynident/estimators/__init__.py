@@ -5,9 +5,11 @@ from dynident.estimators.estimator import (
     Determined,
     Estimate,
     Estimator,
+    NamesParameters,
     Problem,
     Provenance,
     Residual,
+    among,
     quick,
 )
 from dynident.estimators.least_squares import LeastSquares
@@ -21,9 +23,11 @@ __all__ = [
     "Estimator",
     "LeastSquares",
     "MaximumLikelihood",
+    "NamesParameters",
     "PhysicallyConsistent",
     "Problem",
     "Provenance",
     "Residual",
+    "among",
     "quick",
 ]

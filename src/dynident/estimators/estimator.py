@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
@@ -171,6 +171,23 @@ class HasQuick(Protocol):
 
     def quick(self) -> Estimator:
         """Return an estimator that minimises a similar error, as fast as least squares."""
+
+
+@runtime_checkable
+class NamesParameters(Protocol):
+    """An estimator whose settings name parameters."""
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The parameters that are named."""
+
+    def among(self, names: Collection[str]) -> Estimator:
+        """Return the estimator without what it says of other parameters than these."""
+
+
+def among(estimator: Estimator, names: Collection[str]) -> Estimator:
+    """Return an estimator without what its settings say of other parameters than these."""
+    return estimator.among(names) if isinstance(estimator, NamesParameters) else estimator
 
 
 def quick(estimator: Estimator) -> Estimator:

@@ -17,7 +17,7 @@ from dynident.identification.result import (
     versions,
 )
 from dynident.identification.smoother_choice import Choice, choose_smoother, cross_validated_error, excerpts
-from dynident.identification.terms import Kind, Outcome, PlainTerms, TermChoice, Trial, choose_terms
+from dynident.identification.terms import Kind, NotChosen, Outcome, PlainTerms, TermChoice, Trial, choose_terms
 from dynident.identification.time_offset import Pairing, TimeOffset, find_time_offset, pair
 from dynident.identification.verdict.reasons import Reason
 from dynident.identification.verdict.rules import judge
@@ -34,6 +34,7 @@ __all__ = [
     "Identification",
     "Kind",
     "LargestResidual",
+    "NotChosen",
     "OldResult",
     "Outcome",
     "Pairing",

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
 from dynident.estimators.least_squares import solve
-from dynident.identification.cross_validation import FOLDS, Gain, gained, merged, predicted
+from dynident.identification.cross_validation import FOLDS, Gain, factors_of, gained, merged, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import HasGravity, Model, structure_of
@@ -157,7 +157,7 @@ class _Linearised:
         """
         turned = mounted(model, *tilt)
         folds = [tuple(_part(one, k) for one in motions) for k in range(FOLDS)]
-        level = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in folds]
+        level = factors_of(model, motions, FOLDS, min_speed, _part)
         shown = rank_of(merged(level).stacked(), model.parameters).determined
         value = shown @ _solved(_along(Regression(turned, motions, None, min_speed).triangular_factors, shown))[0]
         slopes = _slopes(model, motions, value, tilt)
@@ -185,13 +185,13 @@ def _along(triangular: TriangularFactors, directions: Array) -> TriangularFactor
     return TriangularFactors(np.asarray(np.linalg.qr(triangular.factors @ into, mode="r")), triangular.rows)
 
 
-def _part(motion: Motion, k: int) -> Motion:
+def _part(motion: Motion, k: int, folds: int = FOLDS) -> Motion:
     """Return the motion with only the stretches of fold k in the mask, which have gaps between them.
 
     A fold has several stretches, evenly spread, so that the others excite what it does.
     """
     mask = np.zeros(len(motion), dtype=bool)
-    for used in np.array_split(np.flatnonzero(motion.mask), FOLDS * STRETCHES)[k::FOLDS]:
+    for used in np.array_split(np.flatnonzero(motion.mask), folds * STRETCHES)[k::folds]:
         edge = int(EDGE * len(used))
         mask[used[edge : len(used) - edge]] = True
     return replace(motion, mask=mask)

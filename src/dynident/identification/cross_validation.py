@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,8 @@ from dynident.log import Motion
 from dynident.models import Model, Parameter
 from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of
 
-__all__ = ["FOLDS", "Gain", "fitted", "gain_of", "gained", "left_out_errors", "merged", "predicted", "stretch"]
+__all__ = ["FOLDS", "Gain", "factors_of", "fitted", "gain_of", "gained", "left_out_errors", "merged", "predicted",
+           "stretch"]  # fmt: skip
 
 Array = NDArray[np.float64]
 FOLDS = 10
@@ -64,16 +65,23 @@ def left_out_errors(
     Each motion is cut into ``folds`` stretches with as many usable samples. Joints are fitted relative to their
     torque. ``scored`` are the motions to predict, by default those that are fitted.
     """
-    parts = _factors(model, motions, folds)
-    return predicted(parts, parts if scored is None else _factors(model, scored, folds), model.parameters)
+    parts = factors_of(model, motions, folds)
+    return predicted(parts, parts if scored is None else factors_of(model, scored, folds), model.parameters)
 
 
 def predicted(
-    parts: Sequence[TriangularFactors], judged: Sequence[TriangularFactors], parameters: Sequence[Parameter] = ()
+    parts: Sequence[TriangularFactors],
+    judged: Sequence[TriangularFactors],
+    parameters: Sequence[Parameter] = (),
+    *,
+    relative: bool = True,
 ) -> Array:
-    """Return the squared errors (folds, n) of what is ``judged``, each predicted from all ``parts`` but its own."""
+    """Return the squared errors (folds, n) of what is ``judged``, each predicted from all ``parts`` but its own.
+
+    Joints are fitted ``relative`` to their torque, or all alike.
+    """
     size = np.sqrt(sum(np.square(one.factors[:, :, -1]).sum(axis=1) for one in parts))
-    weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    weights = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0) if relative else None
     stacked, rows = np.stack([one.stacked(weights) for one in parts]), np.array([one.total for one in parts])
     found = []
     for k, one in enumerate(judged):
@@ -82,23 +90,30 @@ def predicted(
     return np.stack(found)
 
 
-def _factors(model: Model, motions: Sequence[Motion], folds: int) -> list[TriangularFactors]:
-    parts = [Regression(model, tuple(stretch(one, k, folds) for one in motions)) for k in range(folds)]
-    return [factorise(one.entries(), model.structure) for one in parts]
-
-
-def merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts."""
-    rows = np.concatenate([one.factors for one in parts], axis=1)
-    return TriangularFactors(np.asarray(np.linalg.qr(rows, mode="r")), np.sum([one.rows for one in parts], axis=0))
-
-
 def stretch(motion: Motion, k: int, folds: int) -> Motion:
     """Return the motion with only the k-th of ``folds`` equal shares of its usable samples left in the mask."""
     used = np.array_split(np.flatnonzero(motion.mask), folds)[k]
     mask = np.zeros(len(motion), dtype=bool)
     mask[used] = True
     return replace(motion, mask=mask)
+
+
+def factors_of(
+    model: Model,
+    motions: Sequence[Motion],
+    folds: int = FOLDS,
+    min_speed: tuple[float, ...] | None = None,
+    part: Callable[[Motion, int, int], Motion] = stretch,
+) -> list[TriangularFactors]:
+    """Return the factors of the torque equations in each of the ``folds`` parts of the motions."""
+    parts = [tuple(part(one, k, folds) for one in motions) for k in range(folds)]
+    return [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in parts]
+
+
+def merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
+    """Return the factors of the rows of all parts."""
+    rows = np.concatenate([one.factors for one in parts], axis=1)
+    return TriangularFactors(np.asarray(np.linalg.qr(rows, mode="r")), np.sum([one.rows for one in parts], axis=0))
 
 
 def fitted(motion: Motion, min_speed: tuple[float, ...] | None = None) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from dynident.identification.result import (
 )
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
-from dynident.identification.terms.added import chosen, first, speeds
+from dynident.identification.terms.added import chosen, first, with_choice
 from dynident.identification.time_offset import Pairing, pair
 from dynident.log import Log, Motion
 from dynident.models import Model
@@ -84,8 +84,8 @@ def _identify(
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
-    whole, model = model, first(model, recipe)
-    pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, recipe.estimator, min_speed, progress=progress)
+    whole, (model, early) = model, first(model, recipe)
+    pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, early.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
     motions = _smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
@@ -95,15 +95,16 @@ def _identify(
     motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, min_speed)
     fitted = tuple(motions["train"].values())
     late = fitted[0].time_offset
-    model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
+    model, tilt, angles = _mounted(model, fitted, early, min_speed, progress)
     if recipe.terms is not None:
         choice = chosen(whole, angles, fitted, min_speed, progress)
         level = recipe.base_tilt if angles == (0.0, 0.0) else angles  # one that was refused is tried again
-        speed = speeds(recipe, choice)
-        named = replace(recipe, smoother=smoother, base_tilt=level, terms=None, min_speed=speed)
-        found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
+        whole, named, absent = with_choice(whole, recipe, choice)
+        named = replace(named, smoother=smoother, base_tilt=level)
+        found = _identify(whole, train, validation, named, progress)
+        found = replace(found, warnings=(*found.warnings, *absent))
         return _chosen(found, Calibration(pairing.choice, pairing.time_offset, tilt, terms=choice), late)
-    model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)
+    model = with_load(whole, model, fitted, early.estimator, recipe.filter, min_speed, progress)
     fitted = tuple(map(model.remembering, fitted))
     strength = find_prior_strength(model, fitted, recipe.estimator, min_speed, progress=progress)
     estimator = with_strength(recipe.estimator, strength)

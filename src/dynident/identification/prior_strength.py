@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity
 from dynident.estimators import Estimator, PhysicallyConsistent, Problem
-from dynident.identification.cross_validation import Gain, gained, merged, stretch
+from dynident.identification.cross_validation import Gain, factors_of, gained, merged
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import Model
-from dynident.regression import Regression, factorise
+from dynident.regression import Regression
 
 __all__ = ["PriorStrength", "find_prior_strength", "with_strength"]
 
@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 FOLDS = 6
 ROWS = 3  # times the parameters: with fewer there is nothing to predict
 STRENGTHS = (1e-2, 1e-1)  # of the squared residual, where a parameter is one usual size away
-
 LEAST = 1.0  # % of the squared cross-validated error that a strength must remove
 
 
@@ -57,8 +56,7 @@ def find_prior_strength(
         return None
     progress("choosing the strength of the prior")
     thin = thinned(motions, trial_samples(model))
-    masked = [tuple(stretch(one, k, FOLDS) for one in thin) for k in range(FOLDS)]
-    parts = [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in masked]
+    parts = factors_of(model, thin, FOLDS, min_speed)
     if sum(one.total for one in parts) < ROWS * len(model.parameters):
         return None
 

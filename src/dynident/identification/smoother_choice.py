@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, Step, brief
-from dynident.estimators.least_squares import solve
-from dynident.identification.cross_validation import stretch
+from dynident.identification.cross_validation import predicted, stretch
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
-from dynident.regression import Regression, TriangularFactors, rank_of
+from dynident.regression import Regression
 from dynident.smoothers import Smoother, TimeShifted, motion_of
 
 __all__ = ["Choice", "choose_smoother", "cross_validated_error", "excerpts"]
@@ -136,14 +135,8 @@ def cross_validated_error(model: Model, motions: Sequence[Motion], folds: int = 
         Regression(model, tuple(stretch(motion, k, folds) for motion in motions)).triangular_factors
         for k in range(folds)
     ]
-    stacked = np.stack([part.stacked() for part in parts])
-    rows = np.array([part.total for part in parts])
-    wrong = total = 0.0
-    for k, part in enumerate(parts):
-        factor = TriangularFactors(np.delete(stacked, k, axis=0), np.delete(rows, k)).stacked()
-        theta = solve(factor, rank_of(factor, model.parameters)).value
-        wrong += float(part.residual(theta).sum())
-        total += float(np.square(part.factors[:, :, -1]).sum())
+    total = sum(float(np.square(part.factors[:, :, -1]).sum()) for part in parts)
+    wrong = predicted(parts, parts, model.parameters, relative=False).sum()
     return 100.0 * float(np.sqrt(wrong / total)) if total > 0 else float("nan")
 
 

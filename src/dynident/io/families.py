@@ -228,6 +228,7 @@ TERMS = Family(
         "load_ripple": "dynident.models.friction.load:LoadRipple",
         "drift": "dynident.models.friction.drift:Drift",
         "offset": "dynident.models.friction.offset:Offset",
+        "coupled_friction": "dynident.models.coupled_friction:CoupledFriction",
     },
     members=("joints", "parameters", "regressor", "partials"),
     given=("joints",),

@@ -10,13 +10,7 @@ from pathlib import Path
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, notes, reading_line, run_checks, with_findings
 from dynident.errors import Remark, Severity, brief
-from dynident.identification import (
-    Identification,
-    Recipe,
-    SourceFile,
-    Sources,
-    identify,
-)
+from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
 from dynident.io.config import config_text, config_warnings, load_model, parse_config
 from dynident.io.logs import read_found, read_roles, turning_joints
 from dynident.io.opener import real

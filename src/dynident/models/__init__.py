@@ -1,5 +1,6 @@
 """Models: an ordered sum of terms, tau = Y(q, dq, ddq) theta; robot files, friction, motors, inertia, simulation."""
 
+from dynident.models.coupled_friction import CoupledFriction
 from dynident.models.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
@@ -70,6 +71,7 @@ __all__ = [
     "Constant",
     "Coulomb",
     "Counterbalance",
+    "CoupledFriction",
     "CoupledMotor",
     "Dahl",
     "Drift",

@@ -93,7 +93,8 @@ class Model:
     @property
     def limits(self) -> Mapping[str, Limits]:
         """Limits of the joints by name, where a robot file gives them."""
-        return {name: limit for term in self.terms for name, limit in _limits(term).items()}
+        have = (term.limits for term in self.terms if isinstance(term, HasLimits))
+        return {name: limit for limits in have for name, limit in limits.items()}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -345,7 +346,3 @@ class Model:
 def _times(Y: Array, theta: Array) -> Array:
     """Return Y theta for Y (N, n, p) and theta (p) or (N, p)."""
     return Y @ theta if theta.ndim == 1 else np.einsum("nij,nj->ni", Y, theta)
-
-
-def _limits(term: Term) -> Mapping[str, Limits]:
-    return term.limits if isinstance(term, HasLimits) else {}

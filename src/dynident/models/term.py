@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 from dynident.errors import brief
 
 __all__ = [
-    "EMPTY",
     "INERTIAL",
     "HasGeometry",
     "HasGravity",
@@ -95,10 +94,6 @@ class Partials:
     ddq: Array
 
     __repr__ = brief
-
-
-EMPTY: Array = np.zeros((0, 0))
-"""The memory of a term that is not given any."""
 
 
 @dataclass(frozen=True, eq=False)

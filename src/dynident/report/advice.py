@@ -160,7 +160,8 @@ def _gain(step: steps.Step, how: str = "about") -> str:
 @words.register
 def _(step: steps.SlowReversals) -> str:
     below = f" (below {', '.join(f'{speed:.2g}' for speed in step.speeds)} rad/s or m/s)" if step.speeds else ""
-    said = f"{', '.join(step.joints)}: record slow motion through zero speed, or try `coulomb_width` or `min_speed`"
+    other = "" if step.chosen else ", or try `coulomb_width` or `min_speed`"
+    said = f"{', '.join(step.joints)}: record slow motion through zero speed{other}"
     return f"{said}{below}." + _gain(step, "at most")
 
 

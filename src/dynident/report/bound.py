@@ -10,8 +10,9 @@ import numpy as np
 
 from dynident.bounds import Measure, Origin
 from dynident.report import figures
+from dynident.report.calibration_words import settings_of
 from dynident.report.page import Column, Facts, Figure, PageBlock, PageSection, PageTable, number, pairs, render
-from dynident.report.wording import settings_of, words
+from dynident.report.wording import words
 
 if TYPE_CHECKING:
     from dynident.bounds import AccuracyBound

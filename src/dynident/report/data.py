@@ -10,8 +10,8 @@ import numpy as np
 from dynident.checks import Excitation
 from dynident.checks.motion import excitation
 from dynident.report import figures
+from dynident.report.calibration_words import settings_of
 from dynident.report.page import Column, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number, pairs
-from dynident.report.wording import settings_of
 from dynident.report.words import ROLES, count, labelled, logs_of, points
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from dynident.report.calibration_words import settings_of
 from dynident.report.page import Code, Fold, PageBlock, PageSection, pairs
-from dynident.report.wording import settings_of
 
 if TYPE_CHECKING:
     from dynident.identification import Identification

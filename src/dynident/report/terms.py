@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from dynident.identification import Outcome, Trial
+from dynident.identification.terms.search import LEAST, STRICT, SURE
 from dynident.io.families import TERMS
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, Gallery, PageSection, PageTable, number
@@ -30,9 +31,9 @@ OUTCOMES: Mapping[Outcome, str] = {
 _LEAD = (
     "The terms of each joint were chosen on the training logs alone: each was tried beside those that had entered, by "
     "the torque error in stretches of time that were not fitted. The gain is what a term removes of the squared error "
-    "of its joint. A term enters where the gain is above its standard error (a special one: above two) and 1 %, and "
-    "where it is no loss on motion faster than fitted. To keep these terms, write them out: `dynident identify CONFIG "
-    "--write-config FILE`."
+    f"of its joint. A term enters where the gain is above {SURE:g} of its standard errors (a special one: {STRICT:g}) "
+    f"and {LEAST:g} %, and where it is no loss on motion faster than fitted. To keep these terms, write them out: "
+    "`dynident identify CONFIG --write-config FILE`."
 )
 _FIGURE = "With the plain set (offset, viscous and Coulomb friction), the cross-validated error is"
 
@@ -117,14 +118,14 @@ def _caption(choice: TermChoice, joint: str) -> str:
 
 def _trials(choice: TermChoice) -> PageTable:
     words_of = (Column("joint", numeric=False), Column("term", numeric=False), Column("constants", numeric=False))
-    columns = (*words_of, Column("gain, %"), Column("on faster motion, %"), Column("outcome", numeric=False))
+    gains = (Column("gain, %"), Column("std. error"), Column("on faster motion, %"), Column("std. error"))
+    columns = (*words_of, *gains, Column("outcome", numeric=False, prose=True))
     rows = [
         (
             joint,
             one.kind,
             ", ".join(f"{name} {_value(value)}" for name, value in one.settings) or "-",
-            _gain(one.gain, one.std),
-            "-" if one.faster is None else _gain(one.faster, one.faster_std),
+            *(number(gain, 3) for gain in (one.gain, one.std, one.faster, one.faster_std)),
             OUTCOMES[one.outcome],
         )
         for joint in choice.joints
@@ -140,4 +141,4 @@ def _gain(gain: float, std: float | None) -> str:
 def _value(value: object) -> str:
     if isinstance(value, tuple):
         return " and ".join(map(_value, value))
-    return number(float(value), 3) if isinstance(value, int | float) else str(value)
+    return number(value, 3) if isinstance(value, float) else str(value)

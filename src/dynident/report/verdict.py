@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from dynident.identification import Use, judge
+from dynident.identification import Remedy, Use, judge
 from dynident.report.advice import IN_SENTENCES, sentences
 from dynident.report.page import Badge, Facts, Fold, PageBlock, PageSection, number
 from dynident.report.wording import words
@@ -21,12 +21,16 @@ __all__ = ["verdict_results", "verdict_section", "verdict_text"]
 
 TONES: dict[Use, Literal["good", "fair", "bad"]] = {Use.SIMULATION: "good", Use.CONTROL: "fair", Use.DO_NOT_USE: "bad"}
 FIRST_STEPS = 3  # in sight; the others are behind a fold
+MOST_STEPS = 5  # besides remedies, in a terminal; the report has all
 
 
 def verdict_text(identification: Identification) -> tuple[str, tuple[str, ...]]:
-    """Return for a terminal the verdict in one paragraph, and the next steps."""
+    """Return for a terminal the verdict in one paragraph, and the next steps: remedies, and the largest gains."""
     verdict = judge(identification)
-    return f"Verdict: {' '.join(sentences(verdict))}", tuple(map(words, verdict.next))
+    left = [one for one in verdict.next if not isinstance(one, Remedy)][MOST_STEPS:]
+    steps = tuple(words(one) for one in verdict.next if one not in left)
+    more = (f"{len(left)} more, which the report lists.",) if left else ()
+    return f"Verdict: {' '.join(sentences(verdict))}", (*steps, *more)
 
 
 def verdict_section(identification: Identification) -> PageSection:

@@ -1,4 +1,4 @@
-"""Text for notes, causes, calibrations and noise; one small function per type."""
+"""Text for notes, causes and noise; one small function per type."""
 
 from __future__ import annotations
 
@@ -6,26 +6,13 @@ from dataclasses import dataclass
 from functools import singledispatch
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from dynident.bounds import Measure, Origin
 from dynident.errors import Note, Remark, Severity
 from dynident.estimators import notes
-from dynident.identification import (
-    BaseTilt,
-    Choice,
-    Gain,
-    OldResult,
-    PlainTerms,
-    PriorStrength,
-    Rests,
-    SteepBase,
-    TimeOffset,
-)
+from dynident.identification import OldResult
 from dynident.models import MassMatrixCheck
 from dynident.regression import UnexcitedParameters
 from dynident.report.words import percent
-from dynident.smoothers import unshifted
 from dynident.validation import residuals
 from dynident.validation.free_run import Broken, RunsAway, Singular
 
@@ -35,7 +22,7 @@ if TYPE_CHECKING:
     from dynident.estimators import Estimate
     from dynident.identification import Identification
 
-__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "settings_of", "status_words", "words"]
+__all__ = ["Line", "causes_words", "note_lines", "old_result_lines", "status_words", "words"]
 
 PREFIX = {Severity.ERROR: "Error: ", Severity.WARNING: "Warning: ", Severity.INFO: "Note: "}
 
@@ -77,28 +64,6 @@ def status_words(estimate: Estimate) -> str:
 def causes_words(test: residuals.ResidualTest) -> str:
     """Return the likely causes of a residual, empty where there are none."""
     return " and ".join(map(words, test.causes))
-
-
-def settings_of(identification: Identification) -> dict[str, str]:
-    """Return the settings of a run in words: the recipe as used, and what was chosen and calibrated."""
-    recipe, calibration = identification.recipe, identification.calibration
-    found = {"estimator": repr(recipe.estimator), "low-pass": repr(recipe.filter)}
-    found["seed of the random poses"] = str(identification.provenance.seed)
-    found["smoother used"] = ", ".join(repr(unshifted(one)) for one in recipe.smoothers)
-    numbers = {
-        "low speeds left out": recipe.min_speed,
-        "time offset used, s": recipe.time_offset or None,
-        "base tilt used, rad": recipe.base_tilt,
-        "restart": recipe.restart,
-    }
-    chosen = {
-        "smoother": calibration.smoother,
-        "time offset": calibration.time_offset,
-        "base tilt": calibration.base_tilt,
-        "strength of the prior": calibration.prior_strength,
-    }
-    found |= {key: str(value) for key, value in numbers.items() if value is not None}
-    return found | {key: words(noun) for key, noun in chosen.items() if noun is not None}
 
 
 @words.register
@@ -277,82 +242,6 @@ def _(failure: Broken) -> str:
 
 
 @words.register
-def _(choice: Choice) -> str:
-    listed = ", ".join(f"{percent(error)} {one}" for one, error in zip(choice.candidates, choice.errors, strict=True))
-    return f"{choice.smoother}, by the cross-validated torque error on the training logs: {listed}"
-
-
-@words.register
-def _(time_offset: TimeOffset) -> str:
-    error = np.inf if time_offset.std is None else 1e3 * time_offset.std
-    if not time_offset.seconds:
-        if time_offset.gain is not None:
-            return f"none, as the best one does not predict left-out stretches better: {words(time_offset.gain)}"
-        known = f" significantly; its standard error would be {error:.2g} ms" if np.isfinite(error) else ""
-        return f"none, as none lowers the training error ({percent(time_offset.before)}){known}"
-    late, early = ("positions", "torques") if time_offset.seconds > 0 else ("torques", "positions")
-    size = f"{1e3 * abs(time_offset.seconds):.2g}" + (f" +- {error:.1g}" if np.isfinite(error) else "")
-    return f"{late} are stamped {size} ms later than {early}; {_better(time_offset)}"
-
-
-@words.register
-def _(gain: Gain) -> str:
-    return f"{gain.share:.2g} +- {gain.std:.2g} % of the squared cross-validated error"
-
-
-@words.register
-def _(note: Rests) -> str:
-    ends = [f"{length:.3g} s at its {end}" for end, length in (("start", note.start), ("end", note.end)) if length]
-    said = [f"{' and '.join(ends)}, where the arm is at rest, are left out of fit and errors"] if ends else []
-    if note.within:
-        said.append(f"rests of {note.within:.3g} s within are {_within(note)}")
-    return f"{note.log}: {'; '.join(said)}"
-
-
-def _within(note: Rests) -> str:
-    if note.gain is None:
-        return "counted in its errors"
-    if note.left_out:
-        return f"left out of the fit, which gains {words(note.gain)} in motion"
-    return f"fitted: without them {words(note.gain)} in motion would be gained"
-
-
-@words.register
-def _(tilt: BaseTilt) -> str:
-    x, y, dx, dy = np.rad2deg((tilt.x, tilt.y, *tilt.std))
-    if not (tilt.x or tilt.y):
-        why = "" if tilt.gain is None else f": the best tilt would gain {words(tilt.gain)}"
-        known = f" (+- {dx:.2f} and {dy:.2f} deg about x and y)" if np.isfinite(dx + dy) else ""
-        return f"the base is taken as level{known}{why}"
-    angles = f"{x:z.2f} deg about x and {y:z.2f} deg about y (+- {dx:.2f} and {dy:.2f})"
-    return f"the base is tilted by {angles}; {_better(tilt)}"
-
-
-@words.register
-def _(found: PriorStrength) -> str:
-    if not found.strength:
-        return f"the robot file's inertias count only where the data show nothing: else {words(found.gain)} gained"
-    return f"the robot file's inertias count with a strength of {found.strength:g}, which gains {words(found.gain)}"
-
-
-@words.register
-def _(note: PlainTerms) -> str:  # noqa: ARG001
-    return (
-        "the terms of the joints are rotor inertia, viscous and Coulomb friction and offset: there are too few samples "
-        "to choose others by; record longer, or name them by `terms` of the model"
-    )
-
-
-@words.register
-def _(note: SteepBase) -> str:
-    x, y = np.rad2deg((note.x, note.y))
-    return (
-        f"the torques ask for a base that is tilted by {x:z.3g} deg about x and {y:z.3g} deg about y, more than a "
-        "mounting error; it is taken as level. Set `gravity`, and check the zeros and axes of the joints."
-    )
-
-
-@words.register
 def _(check: MassMatrixCheck) -> str:
     where = ", ".join(f"{x:.4g}" for x in check.q)
     if check.positive:
@@ -371,10 +260,6 @@ def _(origin: Origin) -> str:
         return "as given"
     measured = kinds[origin.measured]
     return f"as given for {', '.join(origin.given)}; else {measured}" if origin.given else measured
-
-
-def _better(found: TimeOffset | BaseTilt) -> str:
-    return f"with it, the training error is {percent(found.after)} instead of {percent(found.before)}"
 
 
 def _parameters(number: int) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.identification import Recipe, identify
+from dynident.estimators import PhysicallyConsistent
+from dynident.identification import NotChosen, Recipe, identify
 from dynident.identification.terms.added import with_plain_terms
 from dynident.log import Log
 from dynident.models import Model, Viscous
@@ -36,6 +37,16 @@ def test_identification_holds_the_choice_and_its_model_the_terms() -> None:
     before = identify(Model((bodies(),)).with_terms(Viscous(bodies().joints)), [log(1, "train")], [log(5, "other")])
     error = [one.validations[1].errors.relative_error for one in (found, before)]
     assert error[0] < 0.5 * error[1]
+
+
+def test_bounds_of_parameters_that_are_not_chosen_are_ignored_and_said() -> None:
+    bounds = {"Fv_j1": (0.5, None), "Fc_j1": (None, 2.0), "fore.mass": (0.1, 5.0)}
+    recipe = Recipe(estimator=PhysicallyConsistent(bounds=bounds), terms="auto")
+    found = identify(Model((bodies(),)), [log(1, "train")], recipe=recipe)
+    assert "Fc_j1" not in found.model.names
+    assert [one for one in found.warnings if isinstance(one, NotChosen)] == [NotChosen(("Fc_j1",))]
+    assert found.recipe.estimator.named == ("Fv_j1", "fore.mass")  # type: ignore[attr-defined]
+    assert found.estimate.value[found.model.names.index("Fv_j1")] >= 0.5 - 1e-9
 
 
 def test_other_words_are_refused() -> None:

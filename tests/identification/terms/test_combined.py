@@ -28,3 +28,14 @@ def test_the_regressor_of_the_whole_is_that_of_the_parts() -> None:
     assert len(whole.names) == 8
     for name, regressor in single.items():
         assert np.allclose(Y[:, :, whole.names.index(name)], regressor(q, dq, ddq)[:, :, 0])
+
+
+def test_ripples_of_one_joint_keep_their_delays() -> None:
+    early, late = (Ripple(JOINTS, on=("c",), cycles=(k,), delay=d) for k, d in ((10.0, -0.002), (7.0, 0.004)))
+    elsewhere = Ripple(JOINTS, on=("a",), cycles=(5.0,), delay=0.001)
+    found = combined(JOINTS, [[elsewhere], [], [early, late]])
+    assert [one.acts_on for one in found] == [("a", "c"), ("c",)]  # type: ignore[attr-defined]
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 20, 3))
+    whole = Model(found).regressor(q, dq, ddq)
+    parts = Model((elsewhere, early, late)).regressor(q, dq, ddq)
+    assert np.allclose(whole, parts)

@@ -13,9 +13,9 @@ from dynident.errors import Finding, Note, Severity
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, Recipe, identify, judge
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.folds import folds_of
 from dynident.identification.verdict.gain import judged_log, points
 from dynident.identification.verdict.next_steps import next_steps
+from dynident.identification.verdict.parts import parts_of
 from dynident.identification.verdict.steps import (
     Cover,
     ExcitingMotion,
@@ -87,7 +87,7 @@ def test_leaving_them_out_gains_what_is_said(pushed: Identification) -> None:
 def test_nothing_is_left_out_of_a_sound_training() -> None:
     found = fitted(moved("train"), moved("held", (2.4, 4.3), seed=1))
     assert next_steps(found) == ()
-    left = folds_of(found).left  # each part as well predicted from the others as noise allows
+    left = parts_of(found).left  # each part as well predicted from the others as noise allows
     assert np.sqrt(np.mean(left**2)) == pytest.approx(1.0, rel=0.03)
 
 

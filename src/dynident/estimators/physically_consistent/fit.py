@@ -6,7 +6,7 @@ the logs: ``staged`` fits the data; ``prior`` moves only along the directions th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, get_args
 
@@ -190,6 +190,21 @@ class PhysicallyConsistent:
     def quick(self) -> PhysicallyConsistent:
         """Return a fit of the same torque, without the cost of each constraint and with any prior."""
         return replace(self, costs=False, prior="any", strength=0.0)
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The parameters that bounds and prior name."""
+        prior = () if isinstance(self.prior, str) else dict(self.prior)
+        return tuple(dict.fromkeys((*dict(self.bounds), *prior)))
+
+    def among(self, names: Collection[str]) -> PhysicallyConsistent:
+        """Return the fit without the bounds and the prior of other parameters than these."""
+
+        def kept(given: Any) -> tuple[tuple[str, Any], ...]:
+            return tuple((name, value) for name, value in dict(given).items() if name in names)
+
+        prior = self.prior if isinstance(self.prior, str) else kept(self.prior)
+        return replace(self, bounds=kept(self.bounds), prior=prior)
 
     def _intervals(self) -> dict[str, Bounds]:
         mass = self.total_mass

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from dynident.estimators import NamesParameters, among
 from dynident.identification.base_tilt import mounted
 from dynident.identification.recipe import Recipe
-from dynident.identification.terms.choice import TermChoice, TooFewSamplesError
+from dynident.identification.terms.choice import NotChosen, TermChoice, TooFewSamplesError
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
 from dynident.models import Coulomb, Model, Offset, RotorInertia, Viscous, unloaded
 
-__all__ = ["chosen", "first", "speeds", "with_plain_terms"]
+__all__ = ["chosen", "first", "with_choice", "with_plain_terms"]
 
 PLAIN = (RotorInertia, Viscous, Coulomb, Offset)
 
@@ -28,9 +30,24 @@ def with_plain_terms(model: Model) -> Model:
     return model.with_terms(*terms)
 
 
-def first(model: Model, recipe: Recipe) -> Model:
-    """Return the model of the steps before a fit: without the load, and with the plain set where terms are chosen."""
-    return unloaded(model) if recipe.terms is None else with_plain_terms(unloaded(model))
+def first(model: Model, recipe: Recipe) -> tuple[Model, Recipe]:
+    """Return model and recipe of the steps before a fit: without the load, and with the plain set where terms are
+    chosen; the estimator says nothing of parameters that come later."""
+    early = unloaded(model) if recipe.terms is None else with_plain_terms(unloaded(model))
+    if early.names == model.names:
+        return early, recipe
+    return early, replace(recipe, estimator=among(recipe.estimator, early.names))
+
+
+def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:
+    """Return model and recipe with terms and minimum speeds as chosen, and a note on the parameters that the recipe
+    names and the model then does not have."""
+    model = model.with_terms(*choice.terms)
+    named = recipe.estimator.named if isinstance(recipe.estimator, NamesParameters) else ()
+    absent = tuple(name for name in named if name not in model.names)
+    estimator = among(recipe.estimator, model.names) if absent else recipe.estimator
+    recipe = replace(recipe, estimator=estimator, min_speed=_speeds(recipe, choice), terms=None)
+    return model, recipe, (NotChosen(absent),) if absent else ()
 
 
 def chosen(
@@ -53,7 +70,7 @@ def chosen(
         return TermChoice(joints, with_plain_terms(model).terms[len(model.terms) :], (), unknown, unknown, none)
 
 
-def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
+def _speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:
     """Return the minimum speed as the recipe gives it, else that of the joints for which one was chosen."""
     if recipe.min_speed is not None:
         return recipe.min_speed

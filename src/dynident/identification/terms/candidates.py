@@ -29,11 +29,13 @@ from dynident.models import (
 
 __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 
-WIDTHS = (0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # of the rms speed
-VELOCITIES = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5)  # likewise
-LENGTHS = tuple(1e-4 * 1.35 ** np.arange(20))  # of the reach
+WIDTHS = tuple(
+    (0.005 * 1.25 ** np.arange(21)).tolist()
+)  # of the rms speed; coarser ones leave more than other kinds take
+VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
+LENGTHS = tuple((1e-4 * 1.2 ** np.arange(36)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
-SHARP = 0.01  # of the rms speed: the width of signs beside those of Coulomb friction
+SHARP = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,11 @@ def _scaled(part: Callable[..., Term], name: str, scale: str, shares: Sequence[f
 
 
 def _stribeck(seen: Seen) -> Sequence[Term]:
-    own = partial(Stribeck, width=SHARP * seen.speed)
-    return _scaled(own, "velocity", "speed", VELOCITIES, seen)
+    return tuple(
+        one
+        for width in SHARP
+        for one in _scaled(partial(Stribeck, width=width * seen.speed), "velocity", "speed", VELOCITIES, seen)
+    )
 
 
 def _power(seen: Seen) -> Sequence[Term]:
@@ -109,7 +114,7 @@ KINDS = (
     Kind("offset", partial(_alone, Offset), presumed=True),
     Kind("viscous", partial(_alone, Viscous), presumed=True),
     Kind("coulomb", partial(_scaled, Coulomb, "width", "speed", (0.0, *WIDTHS)), presumed=True, dry=True),
-    Kind("rotor", partial(_alone, RotorInertia)),
+    Kind("rotor", partial(_alone, RotorInertia), presumed=True),
     Kind("load_coulomb", partial(_scaled, LoadCoulomb, "width", "speed", WIDTHS), dry=True, needs_load=True),
     Kind("load_viscous", partial(_alone, LoadViscous), needs_load=True),
     Kind("stribeck", _stribeck),
@@ -121,4 +126,4 @@ KINDS = (
     Kind("spring", partial(_spring, 2), strict=True, reaches=True),
     Kind("drift", partial(_scaled, Drift, "time", "duration", (0.3, 1.0, 3.0)), strict=True),
 )
-PLAIN = ("offset", "viscous", "coulomb")
+PLAIN = ("offset", "rotor", "viscous", "coulomb")

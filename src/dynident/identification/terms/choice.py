@@ -9,7 +9,7 @@ from typing import ClassVar
 from dynident.errors import InputError, Note, Severity, brief
 from dynident.models import Term
 
-__all__ = ["Outcome", "PlainTerms", "TermChoice", "TooFewSamplesError", "Trial"]
+__all__ = ["NotChosen", "Outcome", "PlainTerms", "TermChoice", "TooFewSamplesError", "Trial"]
 
 
 class Outcome(Enum):
@@ -35,6 +35,13 @@ class PlainTerms(Note):
     """The terms are the plain set: there are too few samples to choose others by."""
 
     severity: ClassVar[Severity] = Severity.INFO
+
+
+@dataclass(frozen=True)
+class NotChosen(Note):
+    """Parameters that settings of the estimator name, and that the model with the terms chosen does not have."""
+
+    names: tuple[str, ...]
 
 
 @dataclass(frozen=True)

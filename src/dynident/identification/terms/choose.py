@@ -15,11 +15,12 @@ from dynident.identification.terms.candidates import KINDS, PLAIN, Kind, Seen
 from dynident.identification.terms.choice import TermChoice, TooFewSamplesError, Trial
 from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
-from dynident.identification.terms.ripple import near, peaks
+from dynident.identification.terms.motors import motor_search, motors_of
+from dynident.identification.terms.ripple import Residual, peaks
 from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
-from dynident.models import Loads, Model, Ripple, Term
+from dynident.models import CoupledMotor, Loads, Model, Ripple, Term
 
 __all__ = ["choose_terms"]
 
@@ -30,7 +31,6 @@ SPEEDS = (0.01, 0.02, 0.03)  # of the rms speed, tried as minimum speed
 MEMORIES = ("dahl", "load_dahl")  # kinds that describe the motion near a reversal
 STILL = 1e-4  # of the largest rms speed: a joint that is slower keeps the plain set, of which it shows nothing
 SLOWEST = 1e-6  # rad/s, m/s: likewise, of an arm that is all at rest
-UNSEEN = (*PLAIN, "rotor")
 FEWEST = 50  # samples in a block
 
 
@@ -72,7 +72,7 @@ class _Choosing:
     theta: Array  # (p) of the model given
     independent: float = 1.0  # samples per independent one
     given_speed: bool = False
-    ripples: list[list[Kind]] = field(default_factory=list)  # found at each joint
+    ripples: list[list[Kind]] = field(default_factory=list)  # found at each joint, and friction of motors coupled to it
     trials: list[dict[str, Trial]] = field(default_factory=list)  # of these
     _known: dict[tuple[int, str, Term], Array] = field(default_factory=dict)
 
@@ -171,18 +171,21 @@ class _Choosing:
             for j, one in enumerate(searches):
                 self.progress(Step("choosing the terms", (turn + (turn == PASSES - 1)) * n + j, (PASSES + 1) * n))
                 if self._still(j):
-                    one.entered = self._of_names(one, UNSEEN)
+                    one.entered = self._of_names(one, PLAIN)
                     continue
-                one.entered = self._of_names(one, PLAIN[:2]) + self._ripples_of(j, one)
+                one.entered = self._of_names(one, PLAIN[:3]) + self._ripples_of(j, one)
                 rest = others(normals, j, self._precision, one.grams.acts)
                 one.forward(rest)
                 one.backward(rest)
+                one.exchange(rest)
                 normals[j] = self._normal(one)
             entered = [[(one.groups.index(x.group), x.size) for x in one.entered] for one in searches]
             residuals = self._weighed(searches, columns)
             for j in range(n if turn == PASSES - 2 else 0):
                 self.progress(Step("choosing the terms", (turn + 1) * n + j, (PASSES + 1) * n))
                 self._find_ripples(searches, columns, residuals, j)
+            for motor in motors_of(self.samples.model) if turn == PASSES - 2 else ():
+                self._find_friction(searches, columns, motor)
         joints = self.samples.model.joints
         return TermChoice(
             tuple(joint.name for joint in joints),
@@ -232,7 +235,7 @@ class _Choosing:
         for j, rows in enumerate(self.rows):
             groups: list[Group] = []
             found: list[Array] = []
-            every = [one for one in self.kinds if one.name in UNSEEN] if self._still(j) else self.kinds
+            every = [one for one in self.kinds if one.name in PLAIN] if self._still(j) else self.kinds
             for kind in (*every, *self.ripples[j]):
                 terms = () if kind.needs_load and not self._has_load else tuple(kind.sizes(self.seen[j]))
                 names = {one.name for term in terms for one in term.parameters}
@@ -282,13 +285,15 @@ class _Choosing:
         """Let ripples enter at a joint, one by one, at the largest lines of what the other terms leave."""
         rows, joints = self.rows[j], self.samples.model.joints
         step = float(np.median(np.diff(self.samples.motions[0].t)))
-        q, block = self.samples.states["q"][:, j], np.where(rows.used, self.block, -1)
+        q, dq = (self.samples.states[name][:, j] for name in ("q", "dq"))
+        block, turns = np.where(rows.used, self.block, -1), joints[j].kind == "revolute"
         for turn in range(0 if self._still(j) else RIPPLES):
-            rates = peaks(q, residuals[j], block, self.samples.blocks, 0.5 * np.pi / step / self.seen[j].speed)
-            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,)) for k in near(rates, q))
+            left = Residual(q, dq, residuals[j], block, self.samples.blocks, turns)
+            lines = peaks(left, 0.5 * np.pi / step / self.seen[j].speed)
+            terms = tuple(Ripple(joints, on=(joints[j].name,), cycles=(k,), delay=d) for k, d in lines)
             if not terms:
                 return
-            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True)
+            kind = Kind(f"ripple {turn + 1}" if turn else "ripple", partial(_these, terms), strict=True, reaches=True)
             found = [columns[j][searches[j].columns]]
             group = self._group(kind, terms, j, self.samples.loads(None), found)
             columns[j] = np.concatenate(found)
@@ -301,6 +306,19 @@ class _Choosing:
                 return
             self.ripples[j].append(replace(kind, sizes=partial(_these, (one.entered[-1].term,))))
             residuals[:] = self._weighed(searches, columns)
+
+    def _find_friction(self, searches: Sequence[JointSearch], columns: Sequence[Array], motor: CoupledMotor) -> None:
+        """Let friction of a motor that is coupled to several joints enter, judged by the equations of all of these."""
+        on = [j for j, joint in enumerate(self.samples.model.joints) if joint.name in dict(motor.coefficients)]
+        own = [columns[j][searches[j].columns] for j in on]
+        one = motor_search(self.samples, motor, [self.rows[j] for j in on], own, self.weights[on], self.block)
+        normals = [self._normal(search) for j, search in enumerate(searches) if j not in on]
+        alone = normal_matrices(one.grams, one.columns, self.division.train, one.weight)
+        had = len(one.entered)
+        one.forward(others([alone, *normals], 0, self._precision, one.grams.acts))
+        self.trials[on[0]] |= one.trials
+        for j in on:
+            self.ripples[j] += [replace(x.group.kind, sizes=partial(_these, (x.term,))) for x in one.entered[had:]]
 
     def _min_speed(self, searches: Sequence[JointSearch], columns: Sequence[Array], j: int) -> float:
         """Return the speed below which samples of a joint are left out: one that predicts all samples better."""

@@ -23,6 +23,20 @@ DEPENDENT = 1e-6  # share of a column's square that others must leave of it
 
 
 @dataclass(frozen=True, eq=False)
+class Folds:
+    """T ways to divide the rows of a joint: ``train`` and ``test`` (T, F, C) weigh blocks and classes of its samples.
+
+    ``others`` (T) says which rows of the other joints are fitted: an index of the normal matrices of these.
+    """
+
+    train: Array
+    test: Array
+    others: NDArray[np.intp]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
 class JointGrams:
     """Gram matrices of one joint's rows: ``grams`` (F, C, c, c) by block of time and class of samples.
 
@@ -49,19 +63,15 @@ class JointGrams:
         T[:b, :k], T[b:, k:] = self.maps[:, self.acts], np.eye(rest)
         return np.asarray(T.T @ self.grams @ T)
 
+    def of(self, folds: Folds) -> tuple[Array, Array]:
+        """Return the sums (T, c, c) of those matrices that each fold is fitted to, and those that it is judged by."""
+        if folds not in self._sums:
+            self._sums[folds] = weighed(folds.train, self.reduced), weighed(folds.test, self.reduced)
+        return self._sums[folds]
 
-@dataclass(frozen=True, eq=False)
-class Folds:
-    """T ways to divide the rows of a joint: ``train`` and ``test`` (T, F, C) weigh blocks and classes of its samples.
-
-    ``others`` (T) says which rows of the other joints are fitted: an index of the normal matrices of these.
-    """
-
-    train: Array
-    test: Array
-    others: NDArray[np.intp]
-
-    __repr__ = brief
+    @cached_property
+    def _sums(self) -> dict[Folds, tuple[Array, Array]]:
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,51 +132,80 @@ def tried(
     k, m = len(one.acts), one.grams.shape[-1] - len(one.maps) - 1
     flat = sorted({i for sizes in groups for size in sizes for i in size})
     base, pool, y = [*range(k), *(k + i for i in chosen)], [k + i for i in flat], k + m
-    G, H = (weight * weighed(part, one.reduced) for part in (folds.train, folds.test))
+    G, H = one.of(folds)
     M, right = G[:, base][:, :, base], G[:, base][:, :, [y, *pool]]
-    M[:, :k, :k] += rest[0][folds.others]
-    right[:, :k, 0] += rest[1][folds.others]
+    M[:, :k, :k] += rest[0][folds.others] / weight
+    right[:, :k, 0] += rest[1][folds.others] / weight
     solved = np.linalg.solve(ridged(M), right)
     x, X = solved[..., 0], solved[..., 1:]
-    B = right[..., 1:]
-    own = G[:, pool][:, :, pool]
-    schur = own - np.swapaxes(B, 1, 2) @ X
-    pull = G[:, pool, y] - np.einsum("tik,ti->tk", B, x)
     # the residual is y - base x; a unit of a candidate adds base X less its own column
     Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, pool]
     left = H[:, base, y] - np.einsum("tij,tj->ti", Hb, x)
     before = H[:, y, y] - np.einsum("ti,ti->t", x, H[:, base, y] + left)
-    slope = np.einsum("tik,ti->tk", X, left) - (H[:, pool, y] - np.einsum("tik,ti->tk", Hc, x))
-    XH = np.swapaxes(X, 1, 2) @ Hc
-    bend = np.swapaxes(X, 1, 2) @ Hb @ X - XH - np.swapaxes(XH, 1, 2) + H[:, pool][:, :, pool]
+    beside = _Beside(
+        pull=G[:, pool, y] - np.einsum("tik,ti->tk", right[..., 1:], x),
+        slope=np.einsum("tik,ti->tk", X, left) - (H[:, pool, y] - np.einsum("tik,ti->tk", Hc, x)),
+        before=before,
+        G=G,
+        H=H,
+        B=right[..., 1:],
+        X=X,
+        Hc=Hc,
+        HX=Hb @ X - Hc,
+    )
     place = {i: n for n, i in enumerate(flat)}
-    found = [
-        _fitted(np.array([[place[i] for i in size] for size in sizes]), schur, pull, own, before, slope, bend)
-        for sizes in groups
-    ]
+    found = [beside.fitted(np.array([[place[i] for i in size] for size in sizes]), np.array(pool)) for sizes in groups]
     after, best, values, seen = zip(*found, strict=True) if found else ((), (), (), ())
     shape = (len(before), 0)
     return Fits(
-        before / weight,
-        np.stack(after, axis=1) / weight if found else np.zeros(shape),
+        before,
+        np.stack(after, axis=1) if found else np.zeros(shape),
         np.stack(best, axis=1) if found else np.zeros(shape, dtype=int),
         tuple(values),
         np.stack(seen, axis=1) if found else np.zeros(shape, dtype=bool),
     )
 
 
-def _fitted(
-    at: NDArray[np.intp], schur: Array, pull: Array, own: Array, before: Array, slope: Array, bend: Array
-) -> tuple[Array, NDArray[np.intp], Array, NDArray[np.bool_]]:
-    """Return error, best size, its coefficients and whether it is seen, of one group with columns ``at`` (S, w)."""
-    rows, columns = at[:, :, None], at[:, None, :]
-    diagonal = np.einsum("tkk->tk", own)[:, at]  # (T, S, w)
-    S = schur[:, rows, columns] + (SMALL * diagonal + np.finfo(float).tiny)[..., None] * np.eye(at.shape[1])
-    gamma = np.linalg.solve(S, pull[:, at][..., None])[..., 0]
-    reduction = np.einsum("tsk,tsk->ts", gamma, pull[:, at])
-    error = before[:, None] + 2.0 * np.einsum("tsk,tsk->ts", gamma, slope[:, at])
-    error += np.einsum("tsk,tskl,tsl->ts", gamma, bend[:, rows, columns], gamma)
-    seen = (np.einsum("tskk->tsk", S) > DEPENDENT * diagonal).all(axis=2)
-    best = np.argmax(np.where(seen, reduction, -1.0), axis=1)
-    every = np.arange(len(best))
-    return error[every, best], best, gamma[every, best], seen[every, best]
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What candidates are beside a fit, in T folds: their ``pull`` (T, P) on the rows fitted to, and ``slope`` of the
+    error ``before`` (T) on those judged by; Gram matrices ``G`` and ``H`` (T, c, c) of both; products ``B`` and ``Hc``
+    (T, k, P) of the k columns of the fit with them, their regressions ``X`` on these, and ``HX`` with what X leaves."""
+
+    pull: Array
+    slope: Array
+    before: Array
+    G: Array
+    H: Array
+    B: Array
+    X: Array
+    Hc: Array
+    HX: Array
+
+    __repr__ = brief
+
+    def fitted(
+        self, at: NDArray[np.intp], pool: NDArray[np.intp]
+    ) -> tuple[Array, NDArray[np.intp], Array, NDArray[np.bool_]]:
+        """Return error, best size, its coefficients and whether it is seen, of one group: candidates ``at`` (S, w), in
+        the columns ``pool`` (P)."""
+        rows, columns = pool[at][:, :, None], pool[at][:, None, :]
+        own, X = self.G[:, rows, columns], self.X[:, :, at]
+        diagonal = np.einsum("tskk->tsk", own)
+        S = own - _products(self.B[:, :, at], X)
+        S += (SMALL * diagonal + np.finfo(float).tiny)[..., None] * np.eye(at.shape[1])
+        bend = self.H[:, rows, columns] + _products(X, self.HX[:, :, at]) - _products(self.Hc[:, :, at], X)
+        pull = self.pull[:, at]
+        gamma = np.linalg.solve(S, pull[..., None])[..., 0]
+        reduction = np.einsum("tsk,tsk->ts", gamma, pull)
+        error = self.before[:, None] + 2.0 * np.einsum("tsk,tsk->ts", gamma, self.slope[:, at])
+        error += np.einsum("tsk,tskl,tsl->ts", gamma, bend, gamma)
+        seen = (np.einsum("tskk->tsk", S) > DEPENDENT * diagonal).all(axis=2)
+        best = np.argmax(np.where(seen, reduction, -1.0), axis=1)
+        every = np.arange(len(best))
+        return error[every, best], best, gamma[every, best], seen[every, best]
+
+
+def _products(A: Array, B: Array) -> Array:
+    """Return products (T, S, w, w) of the columns of each size of a group, A and B (T, k, S, w)."""
+    return np.einsum("tksi,tksj->tsij", A, B)

@@ -91,8 +91,12 @@ class Samples:
 
     def classes(self, j: int) -> NDArray[np.intp]:
         """Return the class (N) of each sample of a joint, by its speed and by how far out it is."""
-        speed = np.abs(self.states["dq"][:, j])
-        q = self.states["q"][:, j]
+        return self.classes_of(self.states["q"][:, j], self.states["dq"][:, j])
+
+    @staticmethod
+    def classes_of(q: Array, dq: Array) -> NDArray[np.intp]:
+        """Return the same of a coordinate q (N) with its velocity."""
+        speed = np.abs(dq)
         away = np.abs(q - 0.5 * (q.min() + q.max()))
         return np.asarray(2 * (speed >= np.quantile(speed, FAST)) + (away >= np.quantile(away, OUTER)))
 

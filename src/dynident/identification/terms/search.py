@@ -13,7 +13,7 @@ from dynident.identification.terms.bodies import Normal
 from dynident.identification.terms.candidates import Kind
 from dynident.identification.terms.choice import Outcome, Trial
 from dynident.identification.terms.grams import Fits, Folds, JointGrams, tried
-from dynident.models import Term
+from dynident.models import JointTerm, Term
 
 __all__ = ["LEAST", "Division", "Entered", "Group", "JointSearch", "share"]
 
@@ -23,6 +23,9 @@ NOTHING, IDLE = 0.5, 2.0  # %: gain of a term of the plain set that is needless,
 SURE, STRICT = 1.5, 2.0  # standard errors that a gain must exceed: about ten kinds are tried on each joint
 STAYS = 0.5  # of the standard errors with which a term enters, that it needs to stay
 SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
+ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
+FASTER = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
+CLEAR = 5.0  # standard errors of a gain that faster motion must refute twice
 MOST = 9  # terms of a joint
 
 
@@ -145,7 +148,7 @@ class JointSearch:
             found = self._tried(rest, groups)
             known = sorted(found, key=lambda one: (one.trial.outcome is not Outcome.NOT_EXCITED, one.trial.gain))
             self.trials |= {one.trial.kind: one.trial for one in known}  # the best of those of one name
-            good = [one for one in found if one.trial.outcome is Outcome.ENTERED]
+            good = [one for one in self._again(rest, found) if one.trial.outcome is Outcome.ENTERED]
             if not good:
                 return
             if not any(one.group.kind.dry for one in self.entered):  # what is left of it has no meaning without
@@ -155,10 +158,28 @@ class JointSearch:
             self.entered.append(chosen.entered)
             self._resize(rest)
 
+    def _again(self, rest: Normal, found: list[_Found]) -> list[_Found]:
+        """Return the same, with a look again at the best where faster motion refutes it and the blocks do not.
+
+        The sizes of what has entered were fitted without it, and may be wrong for that reason alone.
+        """
+        best = max(found, key=lambda one: one.trial.gain, default=None)
+        if best is None or best.trial.outcome is not Outcome.REFUTED_FASTER or best.trial.gain < CLEAR * best.trial.std:
+            return found
+        tentative = replace(self, entered=[*self.entered, best.entered], trials={})
+        tentative._resize(rest)
+        *others, one = tentative.entered
+        alone = Group(one.group.kind, (one.term,), (one.columns,))
+        (seen,) = replace(self, entered=others, trials={})._tried(rest, [alone])
+        if seen.trial.outcome is not Outcome.ENTERED:
+            return found
+        self.trials[seen.trial.kind] = seen.trial
+        return [replace(seen, entered=best.entered)]
+
     def backward(self, rest: Normal) -> None:
         """Take out, one by one, what the others have made needless."""
         while self.entered:
-            found = [(one, self._without(rest, one)) for one in self.entered]
+            found = [(one, self._without(rest, one)) for one in self.entered if one.group.kind.name not in ALWAYS]
             worse = [(one, trial) for one, trial in found if trial.outcome is not Outcome.ENTERED]
             if not worse:
                 return
@@ -173,6 +194,19 @@ class JointSearch:
                 columns = [i for other in self.entered if other is not one for i in other.columns]
                 fits = tried(self.grams, self.division.whole, rest, columns, [one.group.at], self.weight)
                 self.entered[k] = replace(one, size=int(fits.best[0, 0]))
+
+    def exchange(self, rest: Normal) -> None:
+        """Take, for each group in turn, what would be chosen if it were not there, where that predicts better."""
+        for one in list(self.entered):
+            if one.group.kind.presumed or one not in self.entered:
+                continue
+            groups = tuple(group for group in self.groups if group.kind.name != one.group.kind.name)
+            other = replace(self, groups=groups, entered=[x for x in self.entered if x is not one], trials={})
+            other.forward(rest)
+            other.backward(rest)
+            if other.errors(rest).sum() < self.errors(rest).sum():
+                self.entered = other.entered
+                self.trials |= other.trials
 
     def errors(self, rest: Normal, columns: Sequence[int] | None = None) -> Array:
         """Return the squared errors (F) of the blocks with columns, those that have entered by default."""
@@ -241,7 +275,7 @@ class JointSearch:
 def _held(kind: Kind, faster: tuple[float, float], elsewhere: Sequence[tuple[float, float]]) -> Outcome:
     """Return whether a kind holds on faster motion, further out, and in other recordings, by its gains there."""
     further, *logs = elsewhere
-    if faster[0] < -faster[1]:
+    if faster[0] < -(FASTER if not kind.strict else 1.0) * faster[1]:
         return Outcome.REFUTED_FASTER
     if kind.reaches and further[0] < max(LEAST, further[1]):
         return Outcome.REFUTED_FURTHER
@@ -260,7 +294,7 @@ def _as_good(one: _Found, best: _Found) -> bool:
 
 
 def _settings(term: Term) -> tuple[tuple[str, object], ...]:
-    """Return the constants of a term on one joint by name."""
-    names = getattr(term, "constants", {})
-    joint = getattr(term, "acts_on", (None,))[0]
-    return tuple((name, term.constant(name, joint)) for name in names)  # type: ignore[attr-defined]
+    """Return the constants of a term by name."""
+    if isinstance(term, JointTerm):
+        return tuple((name, term.constant(name, term.acts_on[0])) for name in term.constants)
+    return tuple(getattr(term, "settings", ()))

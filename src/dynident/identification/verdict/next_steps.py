@@ -69,7 +69,8 @@ def _of_residuals(found: Identification) -> Iterator[Step]:
         more = {j: size * max(test.reversal_share - test.slow_share, 0.0) for j, (test, size) in tests.items()}
         speeds = SLOW * np.sqrt(np.mean(log.motion.dq[log.motion.mask] ** 2, axis=0))
         told = tuple(float(speeds[log.motion.joints.index(joint)]) for joint in joints)
-        yield SlowReversals(joints, told, gain=_of(log, more, joints))
+        chosen = found.calibration.terms is not None and bool(found.calibration.terms.trials)
+        yield SlowReversals(joints, told, chosen, gain=_of(log, more, joints))
     if joints := _joints_with(causes, Ripple):
         more = {joint: size * max(test.peak_share, 0.0) for joint, (test, size) in tests.items()}
         yield CheckRipple(joints, gain=_of(log, more, joints))

@@ -67,11 +67,13 @@ class Sharpen(Step):
 class SlowReversals(Step):
     """Record slow motion of the ``joints`` through zero speed, or smooth their Coulomb friction.
 
-    ``speeds`` (rad/s, m/s): below them more is left than elsewhere. The gain is that of leaving no more there.
+    ``speeds`` (rad/s, m/s): below them more is left than elsewhere. ``chosen``: friction and minimum speed are the
+    best of those that were tried. The gain is that of leaving no more there.
     """
 
     joints: tuple[str, ...]
     speeds: tuple[float, ...] = ()
+    chosen: bool = False
 
 
 @dataclass(frozen=True)

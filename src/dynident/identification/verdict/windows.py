@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.identification.result import Identification
-from dynident.identification.verdict.folds import Folds, folds_of
 from dynident.identification.verdict.gain import WORTH, judged_log, points
+from dynident.identification.verdict.parts import Parts, parts_of
 from dynident.identification.verdict.steps import Cover, LeaveOut, Step
 from dynident.validation import LogValidation
 
@@ -29,52 +29,52 @@ def window_steps(found: Identification) -> Iterator[Step]:
     log = judged_log(found)
     if log.role == "validation" and (step := _cover(found, log)) is not None:
         yield step
-    folds = folds_of(found)
-    if folds.count < 3 or not folds.Z.shape[2] or not np.isfinite(folds.left).all():
+    parts = parts_of(found)
+    if parts.count < 3 or not parts.Z.shape[2] or not np.isfinite(parts.left).all():
         return
-    yield from _odd(folds, log, [joint.name for joint in found.model.joints])
+    yield from _odd(parts, log, [joint.name for joint in found.model.joints])
 
 
-def _odd(folds: Folds, log: LogValidation, joints: list[str]) -> Iterator[LeaveOut]:
+def _odd(parts: Parts, log: LogValidation, joints: list[str]) -> Iterator[LeaveOut]:
     """Yield the part of the training that the others contradict, with the odd ones beside it, if they fit better
     without it."""
-    size = np.bincount(folds.parts)
-    squares = folds.squares(folds.left).sum(axis=1) / size
+    size = np.bincount(parts.part)
+    squares = parts.squares(parts.left).sum(axis=1) / size
     odd = squares > ODD * np.median(squares)
     if not odd.any() or odd.mean() > MOST:
         return
     worst = first = last = int(np.argmax(squares))
-    place = np.array([folds.log[folds.parts == k][0] for k in range(folds.count)])
+    place = np.array([parts.log[parts.part == k][0] for k in range(parts.count)])
     while first > 0 and odd[first - 1] and place[first - 1] == place[worst]:
         first -= 1
-    while last + 1 < folds.count and odd[last + 1] and place[last + 1] == place[worst]:
+    while last + 1 < parts.count and odd[last + 1] and place[last + 1] == place[worst]:
         last += 1
-    out = (folds.parts >= first) & (folds.parts <= last)
-    gain = _gain(folds, np.repeat(out[:, None], len(joints), axis=1), ~out, log, joints)
+    out = (parts.part >= first) & (parts.part <= last)
+    gain = _gain(parts, np.repeat(out[:, None], len(joints), axis=1), ~out, log, joints)
     if gain is not None:
-        t = folds.t[out]
+        t = parts.t[out]
         own = float(np.average(squares[first : last + 1], weights=size[first : last + 1]))
         rest = float(
             np.average(np.delete(squares, range(first, last + 1)), weights=np.delete(size, range(first, last + 1)))
         )
-        yield LeaveOut(folds.names[place[worst]], float(t[0]), float(t[-1]), own / rest, gain=gain)
+        yield LeaveOut(parts.names[place[worst]], float(t[0]), float(t[-1]), own / rest, gain=gain)
 
 
 def _gain(
-    folds: Folds, out: NDArray[np.bool_], rows: NDArray[np.bool_], log: LogValidation, joints: list[str]
+    parts: Parts, out: NDArray[np.bool_], rows: NDArray[np.bool_], log: LogValidation, joints: list[str]
 ) -> float | None:
     """Return the points that leaving equations out gains by the cross-validated residual of the rows (M); None where
     that is little or may be chance."""
-    without = folds.without(out)
+    without = parts.without(out)
     if not np.isfinite(without).all():
         return None
-    before, after = folds.squares(folds.left, rows), folds.squares(without, rows)
+    before, after = parts.squares(parts.left, rows), parts.squares(without, rows)
     change = (before - after).sum(axis=1)
-    used = folds.squares(np.ones_like(folds.y), rows).sum(axis=1) > 0
+    used = parts.squares(np.ones_like(parts.y), rows).sum(axis=1) > 0
     std = float(np.std(change[used], ddof=1) * np.sqrt(used.sum())) if used.sum() > 1 else np.inf
     if not change.sum() > CERTAIN * std:
         return None
-    mean = (before - after).sum(axis=0) / rows.sum() / folds.weight**2
+    mean = (before - after).sum(axis=0) / rows.sum() / parts.weight**2
     gain = points(log, dict(zip(joints, map(float, mean), strict=True)))
     return gain if gain is not None and gain > WORTH * log.errors.relative_error else None
 

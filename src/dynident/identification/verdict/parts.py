@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.identification.cross_validation import fitted
 from dynident.identification.result import Identification
-from dynident.log import Motion, subsample, together
-from dynident.regression import fitted_rows
+from dynident.log import subsample, together
 
-__all__ = ["Folds", "folds_of"]
+__all__ = ["Parts", "parts_of"]
 
 Array = NDArray[np.float64]
 SAMPLES = 4000  # of all training motions, up to twice as many
@@ -24,8 +24,8 @@ SEEN = 1e-3  # share of a direction that must be left where samples are left out
 
 
 @dataclass(frozen=True, eq=False)
-class Folds:
-    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and which of the ``parts`` (M) it is.
+class Parts:
+    """Thinned samples of the training: of each its ``log`` (M), time ``t`` (M), and ``part`` (M), by number.
 
     Rows ``Z`` (M, n, r) and torque ``y`` (M, n) are times the ``weight`` (n) of each joint, zero where the fit leaves
     an equation out; in the coordinates of Z the sum of all Z'Z is one.
@@ -33,7 +33,7 @@ class Folds:
 
     names: tuple[str, ...]
     log: NDArray[np.intp]
-    parts: NDArray[np.intp]
+    part: NDArray[np.intp]
     t: Array
     Z: Array
     y: Array
@@ -49,7 +49,7 @@ class Folds:
     def without(self, out: NDArray[np.bool_]) -> Array:
         """Return the same where the equations ``out`` (M, n) are not fitted; nan where the rest shows too little."""
         found = np.full(self.y.shape, np.nan)
-        omitted = [self._sums(out & (self.parts == k)[:, None]) for k in range(self.count)]
+        omitted = [self._sums(out & (self.part == k)[:, None]) for k in range(self.count)]
         A, b = (whole - sum(one[i] for one in omitted) for i, whole in enumerate(self._whole))
         for k, (own, less) in enumerate(zip(self._each, omitted, strict=True)):
             try:
@@ -57,7 +57,7 @@ class Folds:
             except np.linalg.LinAlgError:
                 continue
             if (np.diag(L) ** 2 > SEEN).all():
-                mine = self.parts == k
+                mine = self.part == k
                 found[mine] = self.y[mine] - self.Z[mine] @ np.linalg.solve(
                     L.T, np.linalg.solve(L, b - own[1] + less[1])
                 )
@@ -66,16 +66,16 @@ class Folds:
     @property
     def count(self) -> int:
         """Number of parts."""
-        return int(self.parts.max(initial=-1)) + 1
+        return int(self.part.max(initial=-1)) + 1
 
     def squares(self, left: Array, rows: NDArray[np.bool_] | None = None) -> Array:
         """Return the sums (K, n) over each part of squares of what is ``left`` (M, n), of the ``rows`` (M) alone."""
         kept = np.square(left) if rows is None else np.where(rows[:, None], np.square(left), 0.0)
-        return np.array([kept[self.parts == k].sum(axis=0) for k in range(self.count)])
+        return np.array([kept[self.part == k].sum(axis=0) for k in range(self.count)])
 
     @cached_property
     def _each(self) -> list[tuple[Array, Array]]:
-        return [self._sums(np.repeat((self.parts == k)[:, None], self.y.shape[1], axis=1)) for k in range(self.count)]
+        return [self._sums(np.repeat((self.part == k)[:, None], self.y.shape[1], axis=1)) for k in range(self.count)]
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:
@@ -86,26 +86,21 @@ class Folds:
         return Z.T @ Z, Z.T @ y
 
 
-def folds_of(found: Identification) -> Folds:
-    """Return the folds of the training of an identification, each joint weighted by its residual."""
+def parts_of(found: Identification) -> Parts:
+    """Return the parts of the training of an identification, each joint weighted by its residual."""
     motions = [log.motion for log in found.validations if log.role == "train"]
     rows = subsample(motions, SAMPLES)
     speeds = found.recipe.min_speeds([joint.name for joint in found.model.joints])
     pairs = list(zip(motions, rows, strict=True))
     tau, t = (np.concatenate([getattr(motion, name)[kept] for motion, kept in pairs]) for name in ("tau", "t"))
-    fitted = np.concatenate([_fitted(motion, speeds)[kept] for motion, kept in pairs])
+    used = np.concatenate([fitted(motion, speeds)[kept] for motion, kept in pairs])
     Y = found.model.regressor(**together(motions, rows))
-    size = np.sqrt(np.mean(np.where(fitted, tau - Y @ found.estimate.value, 0.0) ** 2, axis=0))
+    size = np.sqrt(np.mean(np.where(used, tau - Y @ found.estimate.value, 0.0) ** 2, axis=0))
     weight = 1.0 / np.where(size > 0, size, 1.0)
-    X, y = Y * (weight * fitted)[:, :, None], tau * weight * fitted
+    X, y = Y * (weight * used)[:, :, None], tau * weight * used
     log = np.repeat(np.arange(len(motions)), list(map(len, rows)))
     names = tuple(one.name for one in found.validations if one.role == "train")
-    return Folds(names, log, _parts(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
-
-
-def _fitted(motion: Motion, speeds: tuple[float, ...] | None) -> NDArray[np.bool_]:
-    fitted = fitted_rows(motion, speeds)
-    return np.ones(motion.q.shape, dtype=bool) if fitted is None else fitted
+    return Parts(names, log, _parts(list(map(len, rows))), t, X @ _coordinates(X), y, weight)
 
 
 def _parts(lengths: Sequence[int]) -> NDArray[np.intp]:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from dynident.checks import explain
 from dynident.checks.explain import explained, robot_findings
 from dynident.checks.finding import Topic
 from dynident.checks.robot_notes import TiltedBase
 from dynident.errors import Severity, Step, Use
 from dynident.estimators import LeastSquares
 from dynident.identification import BaseTilt, find_base_tilt, mounted
+from dynident.models import Model, Spring
 from dynident.regression import ParallelFilter
 from tests.checks.moving_arm import arm, case, motion, text, truth
 
@@ -85,3 +87,13 @@ def test_each_cause_that_is_sought_tells_how_many_there_may_be() -> None:
     assert len(steps) == len(said) >= 2
     assert [one.done for one in steps[1:]] == list(range(len(steps) - 1))
     assert all(one.total is not None and one.total > one.done for one in steps[1:])
+
+
+def test_large_faults_are_sought_without_the_terms_that_were_chosen_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Model] = []
+    monkeypatch.setattr(explain, "better_alternative", lambda case: seen.append(case.model) or ())
+    chosen = MODEL.with_terms(Spring(MODEL.joints, order=2))
+    list(robot_findings(chosen, [motion(1)], {}, plain=MODEL))
+    list(robot_findings(chosen, [motion(1)], {}))
+    assert seen[0] is MODEL
+    assert seen[1] is chosen

@@ -146,7 +146,8 @@ class JointSearch:
             have = {one.group.kind.name for one in self.entered}
             groups = [one for one in self.groups if one.kind.name not in have]
             found = self._tried(rest, groups)
-            self.trials |= {one.trial.kind: one.trial for one in found}
+            known = sorted(found, key=lambda one: (one.trial.outcome is not Outcome.NOT_EXCITED, one.trial.gain))
+            self.trials |= {one.trial.kind: one.trial for one in known}  # the best of those of one name
             good = [one for one in self._again(rest, found) if one.trial.outcome is Outcome.ENTERED]
             if not good:
                 return

@@ -96,10 +96,10 @@ def _identify(
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, recipe, min_speed, progress)
     if recipe.terms is not None:
-        choice = chosen(whole, angles, fitted, min_speed, progress)
+        choice = chosen(whole, angles, fitted, min_speed, recipe.proposed, progress)
         level = recipe.base_tilt if angles == (0.0, 0.0) else angles  # one that was refused is tried again
         speed = speeds(recipe, choice)
-        named = replace(recipe, smoother=smoother, base_tilt=level, terms=None, min_speed=speed)
+        named = replace(recipe, smoother=smoother, base_tilt=level, terms=None, proposed=(), min_speed=speed)
         found = _identify(whole.with_terms(*choice.terms), train, validation, named, progress)
         return _chosen(found, Calibration(pairing.choice, pairing.time_offset, tilt, terms=choice), late)
     model = with_load(whole, model, fitted, recipe.estimator, recipe.filter, min_speed, progress)

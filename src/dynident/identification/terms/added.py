@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from dynident.identification.base_tilt import mounted
 from dynident.identification.recipe import Recipe
+from dynident.identification.terms.candidates import KINDS, kind_of_class
 from dynident.identification.terms.choice import TermChoice
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
@@ -36,11 +37,14 @@ def chosen(
     tilt: tuple[float, float] | None,
     motions: tuple[Motion, ...],
     min_speed: tuple[float, ...] | None,
+    proposed: Sequence[type],
     progress: Callable[[str], None],
 ) -> TermChoice:
-    """Return the choice of the terms of a model, on its base as it is tilted; raises the errors of ``choose_terms``."""
+    """Return the choice of the terms of a model, on its base as it is tilted, with classes that are ``proposed`` beside
+    those of the library; raises the errors of ``choose_terms``."""
     bodies = unloaded(model if tilt is None else mounted(model, *tilt))
-    return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
+    kinds = (*KINDS, *(kind_of_class(one.__name__, one) for one in proposed))
+    return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, kinds=kinds, progress=progress)
 
 
 def speeds(recipe: Recipe, choice: TermChoice) -> Mapping[str, float] | float | None:

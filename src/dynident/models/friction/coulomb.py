@@ -64,3 +64,8 @@ class Coulomb(DryFriction):
         band = self.by_column("dead_band")
         sign = super().sign(dq)
         return np.where((band == 0) | (np.abs(dq) > band), sign, 0.0) if band.any() else sign
+
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source."""
+        band, sign = self.by_column("dead_band"), self.sign_source()
+        return f"np.where(np.abs(dq) > {self.source('dead_band')}, {sign}, 0.0)" if band.any() else sign

@@ -44,7 +44,7 @@ def test_the_plain_law_is_that_of_the_motor() -> None:
 def test_its_text_for_numpy_gives_the_same(law: Any, settings: dict[str, float]) -> None:
     term, theta = CoupledFriction(WRIST, SHARES, "m", law, settings), np.array([0.7])
     space: dict[str, Any] = {"np": np}
-    exec(term.numpy_source("torque", theta), space)  # noqa: S102
+    exec(term.numpy_source("torque", theta), space)
     q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
     assert np.allclose(space["torque"](q, dq, ddq), term.regressor(q, dq, ddq) @ theta)
 

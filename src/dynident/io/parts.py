@@ -44,7 +44,7 @@ class PartReader:
     """Marks a setting, as ``Annotated[Any, PartReader(family)]``, that holds the settings of one part of the family.
 
     With ``plain`` a kind may stand alone where the part needs no settings, or says itself in what sizes it is
-    ``proposed``; it is then kept as it is, a class of a file as the class, and so are ``words``, which stand for what is
+    ``proposed``; it is then kept as it is, a class of a file as the class. So are ``words``, which stand for what is
     no part.
     """
 

@@ -6,6 +6,7 @@ import pytest
 
 from dynident.errors import ConfigError
 from dynident.io.config import parse_config
+from dynident.io.recipe import build_recipe
 from dynident.io.robot import load_robot
 from dynident.io.settings import RobotSettings, check_joints
 from tests.io.configurations import SLIDER, changed, with_channel
@@ -55,6 +56,51 @@ def test_terms_that_the_data_choose_are_not_in_the_model(terms, kinds, chosen):
     model = load_robot(settings, ARM)
     assert [type(term).__name__ for term in model.terms] == ["RigidBodies", *kinds]
     assert settings.chooses_terms is chosen
+
+
+OWN = """
+from dataclasses import dataclass
+from dynident.models import PerJoint
+
+@dataclass(frozen=True)
+class Cubic(PerJoint):
+    symbol, of, limit = "F3", "dq", 1.0
+
+    @classmethod
+    def proposed(cls, seen):
+        return (cls(seen.joints, on=(seen.joint.name,)),)
+
+    def meaning(self):
+        return "torque per dq^3"
+
+    def unit(self, joint):
+        return "N m s^3"
+
+    def shape(self, dq):
+        return dq**3
+
+    def slope(self, dq):
+        return 3 * dq**2
+"""
+
+
+def test_a_class_of_the_user_named_alone_takes_part_in_the_choice(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+
+    def read(*terms):
+        model = {"file": "arm.urdf", "terms": list(terms)}
+        config = parse_config(changed(model=model), tmp_path)
+        return config.model, build_recipe(config), load_robot(config.model, ARM)
+
+    settings, recipe, model = read("auto", "own.py:Cubic")
+    assert [one.__name__ for one in recipe.proposed] == ["Cubic"]
+    assert recipe.terms == "auto"
+    assert settings.chooses_terms
+    assert len(model.terms) == 1
+    for terms in (("auto", {"kind": "own.py:Cubic"}), ("own.py:Cubic",)):
+        _, recipe, model = read(*terms)
+        assert recipe.proposed == ()
+        assert [type(term).__name__ for term in model.terms] == ["RigidBodies", "Cubic"]
 
 
 @pytest.mark.parametrize(

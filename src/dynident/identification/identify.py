@@ -97,10 +97,10 @@ def _identify(
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, early, min_speed, progress)
     if recipe.terms is not None:
-        choice = chosen(whole, angles, fitted, min_speed, progress)
+        choice = chosen(whole, angles, fitted, min_speed, recipe.proposed, progress)
         level = recipe.base_tilt if angles == (0.0, 0.0) else angles  # one that was refused is tried again
         whole, named, absent = with_choice(whole, recipe, choice)
-        named = replace(named, smoother=smoother, base_tilt=level)
+        named = replace(named, smoother=smoother, base_tilt=level, proposed=())
         found = _identify(whole, train, validation, named, progress)
         found = replace(found, warnings=(*found.warnings, *absent))
         return _chosen(found, Calibration(pairing.choice, pairing.time_offset, tilt, terms=choice), late)

@@ -13,6 +13,8 @@ from dynident.regression import ParallelFilter, Regression
 
 __all__ = ["with_load"]
 
+ROUNDS = 2  # the bodies make up for friction that grows with the load while it is left out
+
 
 def with_load(
     model: Model,
@@ -27,13 +29,17 @@ def with_load(
 
     ``first`` is the model without the terms that remember the load, on its base as it is tilted, and the motions
     remember what it does; it is returned itself where ``model`` needs no load or has one. The load is the torque of its
-    bodies once the estimator, or its fast substitute, has fitted it to the motions. Raises the errors of ``Regression``
+    bodies once the estimator, or its fast substitute, has fitted it to the motions, and again with that load. Raises the errors of ``Regression``
     and the estimator.
     """
     if not model.needs_load or model.load is not None:
         return first
     progress("finding the load")
-    problem = Problem(first, motions, Regression(first, motions, parallel_filter, min_speed))
-    load = first.loaded(called(quick(estimator), problem, Estimate).value).load
-    others = iter(first.terms)
-    return replace(model, terms=tuple(one if needs_load(one) else next(others) for one in model.terms), load=load)
+    found, others = first, iter(first.terms)
+    terms = tuple(one if needs_load(one) else next(others) for one in model.terms)
+    for _ in range(ROUNDS):
+        seen = tuple(map(found.remembering, motions))
+        problem = Problem(found, seen, Regression(found, seen, parallel_filter, min_speed))
+        load = found.loaded(called(quick(estimator), problem, Estimate).value).load
+        found = replace(model, terms=terms, load=load)
+    return found

@@ -49,6 +49,10 @@ def _is_speed(value: Any) -> bool:
     return value is None or all(_is_number(one) and one >= 0 for one in values)
 
 
+def _are_proposing(value: object) -> bool:
+    return isinstance(value, tuple) and all(isinstance(one, type) and hasattr(one, "proposed") for one in value)
+
+
 def _is_sought(value: object) -> bool:
     return isinstance(value, str) and value == "estimate"
 
@@ -69,6 +73,7 @@ _FIELDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "outliers": (lambda value: value in ("mask", "keep"), "'mask' or 'keep'"),
     "rests": (lambda value: value in ("trim", "keep"), "'trim' or 'keep'"),
     "terms": (lambda value: value in (None, "auto"), "'auto' or None"),
+    "proposed": (_are_proposing, "classes of terms with a class method `proposed`, in a tuple"),
     "restart": (lambda value: value is None or (_is_number(value) and value > 0), "a positive number (s) or None"),
 }  # fmt: skip
 
@@ -86,7 +91,8 @@ class Recipe:
     ``rests`` "trim" cuts long rests of the whole arm off the ends of the logs, and leaves those within out of the fit
     where this predicts the torque in motion better.
     ``terms`` "auto" adds to the model the terms of each joint that the training logs choose, as ``choose_terms`` does,
-    and chooses ``min_speed`` with them where none is given.
+    and chooses ``min_speed`` with them where none is given; classes of terms in ``proposed``, which say by their method
+    ``proposed`` in what sizes they are to be tried on a joint, then take part.
 
     A recipe as used, that of an ``Identification``, has one smoother, which gives the motion with the time offset, and
     numbers: nothing in it is left to choose. Raises ConfigError for a field of another type.
@@ -106,6 +112,7 @@ class Recipe:
     outliers: Literal["mask", "keep"] = "mask"
     rests: Literal["trim", "keep"] = "trim"
     terms: Literal["auto"] | None = None
+    proposed: tuple[type, ...] = ()
 
     __repr__ = changed
 

@@ -43,8 +43,9 @@ FILE = r"\.py:\w+$"  # a class of a file
 class PartReader:
     """Marks a setting, as ``Annotated[Any, PartReader(family)]``, that holds the settings of one part of the family.
 
-    With ``plain`` a kind may stand alone where the part needs no settings; it is then kept as it is, and so are
-    ``words``, which stand for what is no part.
+    With ``plain`` a kind may stand alone where the part needs no settings, or says itself in what sizes it is
+    ``proposed``; it is then kept as it is, a class of a file as the class. So are ``words``, which stand for what is
+    no part.
     """
 
     family: Family
@@ -58,8 +59,10 @@ class PartReader:
             return value
         if not self.plain or isinstance(value, Mapping):
             return _read(self.family, value, info)
-        _read(self.family, {"kind": value}, info)
-        return value
+        part = _classed(self.family, value, info)
+        if not hasattr(part, "proposed"):
+            _read(self.family, {"kind": value}, info)
+        return value if value in self.family.kinds() else part
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_info_before_validator_function(self.read, handler(source))
@@ -140,6 +143,13 @@ def section(family: Family, part: type) -> type[Section]:
             keys[one.name] = (_setting(hints[one.name], f"{part.__name__}.{one.name}"), default)
     made: type[Section] = create_model(f"{part.__name__}Settings", __base__=Section, __doc__=part.__doc__, **keys)
     return made
+
+
+def _classed(family: Family, kind: object, info: ValidationInfo) -> Any:
+    try:
+        return _class(family, kind, (info.context or {}).get("code"))
+    except ConfigError as error:
+        raise _words(str(error).removeprefix("kind: ")) from error
 
 
 def _read(family: Family, value: object, info: ValidationInfo) -> Any:

@@ -28,4 +28,5 @@ def build_recipe(config: Config) -> Recipe:
         config.outliers,
         config.rests,
         "auto" if isinstance(config.model, RobotSettings) and config.model.chooses_terms else None,
+        config.model.proposed if isinstance(config.model, RobotSettings) else (),
     )

@@ -79,7 +79,10 @@ def load_robot(settings: RobotSettings, text: str | None = None) -> Model:
     xml = robot_text(path) if text is None else text
     bodies = RigidBodies(xml, settings.joints, settings.lock, settings.gravity, path.name)
     joints, width = bodies.joints, settings.coulomb_width
-    terms: list[Term] = [bodies, *(_term(one, joints, width) for one in settings.terms if one != AUTO)]
+    tried = {AUTO, *settings.proposed}
+    named = [TERMS.get(one) if isinstance(one, str) and one != AUTO else one for one in settings.terms]
+    pairs = zip(settings.terms, named, strict=True)
+    terms: list[Term] = [bodies, *(_term(one, joints, width) for one, part in pairs if part not in tried)]
     for name, coupling in settings.couplings.items():
         terms.append(
             CoupledMotor(

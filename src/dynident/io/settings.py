@@ -167,6 +167,12 @@ class RobotSettings(Section):
         return self
 
     @property
+    def proposed(self) -> tuple[type, ...]:
+        """The classes listed by name alone beside "auto" that say in what sizes they are to be tried."""
+        named = [TERMS.get(one) if isinstance(one, str) else one for one in self.terms if one != AUTO]
+        return tuple(one for one in named if self.chooses_terms and isinstance(one, type) and hasattr(one, "proposed"))
+
+    @property
     def chooses_terms(self) -> bool:
         """Whether the training logs choose terms."""
         return AUTO in self.terms

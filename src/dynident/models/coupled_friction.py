@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ModelError, choices
-from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Power, Stribeck, Viscous
+from dynident.models.friction import AsymmetricViscous, Coulomb, JointTerm, Power, Stribeck
 from dynident.models.motor import CoupledMotor
 from dynident.models.term import HasSign, Joint, Parameter, Partials
 
 __all__ = ["CoupledFriction"]
 
 Array = NDArray[np.float64]
-Law = Literal["viscous", "coulomb", "stribeck", "power", "asymmetric_viscous"]
+Law = Literal["coulomb", "stribeck", "power", "asymmetric_viscous"]
 LAWS: Mapping[str, type[JointTerm]] = {
-    "viscous": Viscous,
     "coulomb": Coulomb,
     "stribeck": Stribeck,
     "power": Power,

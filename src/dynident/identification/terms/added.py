@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from dynident.estimators import NamesParameters, among
 from dynident.identification.base_tilt import mounted
 from dynident.identification.recipe import Recipe
+from dynident.identification.terms.candidates import KINDS, kind_of_class
 from dynident.identification.terms.choice import NotChosen, TermChoice, TooFewSamplesError
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
@@ -55,15 +56,18 @@ def chosen(
     tilt: tuple[float, float] | None,
     motions: tuple[Motion, ...],
     min_speed: tuple[float, ...] | None,
+    proposed: Sequence[type],
     progress: Callable[[str], None],
 ) -> TermChoice:
-    """Return the choice of the terms of a model, on its base as it is tilted: the plain set where samples are too few.
+    """Return the choice of the terms of a model, on its base as it is tilted, with classes that are ``proposed`` beside
+    those of the library: the plain set where samples are too few.
 
     Raises the other errors of ``choose_terms``.
     """
     bodies = unloaded(model if tilt is None else mounted(model, *tilt))
+    kinds = (*KINDS, *(kind_of_class(one.__name__, one) for one in proposed))
     try:
-        return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, progress=progress)
+        return choose_terms(bodies, tuple(map(bodies.remembering, motions)), min_speed, kinds=kinds, progress=progress)
     except TooFewSamplesError:
         joints = tuple(joint.name for joint in model.joints)
         unknown, none = (np.nan,) * len(joints), (0.0,) * len(joints)

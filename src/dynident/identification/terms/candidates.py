@@ -35,7 +35,7 @@ WIDTHS = tuple(
 )  # of the rms speed; coarser ones leave more than other kinds take
 WIDE = tuple(0.1 * 1.25 ** np.arange(12))  # likewise: beside the sign, over which friction still rises
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
-LENGTHS = tuple((1e-4 * 1.2 ** np.arange(36)).tolist())  # of the reach
+LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)
 SHARP = (0.01, 0.02, 0.03, 0.045)  # of the rms speed: widths of the sign of Stribeck friction
 

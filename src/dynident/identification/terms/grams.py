@@ -58,10 +58,13 @@ class JointGrams:
     def reduced(self) -> Array:
         """The same matrices (F, C, k + m + 1, k + m + 1) with the columns of those k parameters for the entries."""
         b, k = len(self.maps), len(self.acts)
-        rest = self.grams.shape[-1] - b
-        T = np.zeros((b + rest, k + rest))
-        T[:b, :k], T[b:, k:] = self.maps[:, self.acts], np.eye(rest)
-        return np.asarray(T.T @ self.grams @ T)
+        rest, maps = self.grams.shape[-1] - b, self.maps[:, self.acts]
+        found = np.empty((*self.grams.shape[:2], k + rest, k + rest))
+        found[..., :k, :k] = maps.T @ self.grams[..., :b, :b] @ maps
+        found[..., k:, k:] = self.grams[..., b:, b:]
+        found[..., :k, k:] = maps.T @ self.grams[..., :b, b:]
+        found[..., k:, :k] = np.swapaxes(found[..., :k, k:], -1, -2)
+        return found
 
     def of(self, folds: Folds) -> tuple[Array, Array]:
         """Return the sums (T, c, c) of those matrices that each fold is fitted to, and those that it is judged by."""

@@ -48,9 +48,8 @@ def motor_search(
             size = float(np.sqrt(np.mean(np.square(Y)))) or 1.0
             shapes.append(Y.T / size)
     grams = _together(rows, columns, np.stack(shapes), weights, block, samples.classes_of(phi, dphi))
-    given = Kind("given", lambda _: ())
-    entered = [Entered(Group(given, (motor,), ((i,),)), 0) for i in range(at)]
-    return JointSearch(names[0], grams, tuple(groups), Division.of(samples.of_block), 1.0, entered)
+    own = Group(Kind("own", lambda _: (), dry=True), (motor,), (tuple(range(at)),))
+    return JointSearch(names[0], grams, tuple(groups), Division.of(samples.of_block), 1.0, [Entered(own, 0)])
 
 
 def _tried(motor: CoupledMotor, speed: float) -> list[tuple[Kind, tuple[CoupledFriction, ...]]]:

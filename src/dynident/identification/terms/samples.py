@@ -166,6 +166,6 @@ class Rows:
         key = np.where(self.used & (block >= 0) & (label >= 0), block * shape[1] + label, -1)
         order = np.argsort(key, kind="stable")
         ends = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
-        X = np.concatenate([self.entries, columns, self.tau[None]])[:, order]
-        parts = [X[:, first:last] for first, last in pairwise(ends)]
+        X = np.concatenate([self.entries, columns, self.tau[None]])
+        parts = (X[:, order[first:last]] for first, last in pairwise(ends))
         return JointGrams(np.stack([one @ one.T for one in parts]).reshape(*shape, len(X), len(X)), self.maps)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ SIGNED = ("viscous", "coulomb", "rotor")  # roles that are never negative
 ALWAYS = ("offset", "rotor")  # what is kept even where it is not seen: without it others are biased
 FASTER = 2.0  # standard errors below nothing at which faster motion refutes a kind that is not strict
 CLEAR = 5.0  # standard errors of a gain that faster motion must refute twice
+TURNS = 5  # at most, in which the sizes of what has entered settle
 MOST = 9  # terms of a joint
 
 
@@ -188,12 +190,22 @@ class JointSearch:
             self.trials[trial.kind] = replace(trial, outcome=Outcome.REDUNDANT)
 
     def _resize(self, rest: Normal) -> None:
-        """Give each group that has entered the size that is best with the others as they are now."""
-        for k, one in enumerate(self.entered):
-            if len(one.group.at) > 1:
-                columns = [i for other in self.entered if other is not one for i in other.columns]
-                fits = tried(self.grams, self.division.whole, rest, columns, [one.group.at], self.weight)
-                self.entered[k] = replace(one, size=int(fits.best[0, 0]))
+        """Give each two groups that have entered the sizes that are best together, in turn until none changes.
+
+        Two at a time, because the widths of two signs can make up for each other.
+        """
+        sized = [k for k, one in enumerate(self.entered) if len(one.group.at) > 1]
+        for _ in range(TURNS):
+            before = [one.size for one in self.entered]
+            for own in list(combinations(sized, 2)) or [(k,) for k in sized]:
+                columns = [i for k, other in enumerate(self.entered) if k not in own for i in other.columns]
+                sizes = list(product(*(range(len(self.entered[k].group.at)) for k in own)))
+                at = [sum((self.entered[k].group.at[i] for k, i in zip(own, some, strict=True)), ()) for some in sizes]
+                fits = tried(self.grams, self.division.whole, rest, columns, [at], self.weight)
+                for k, i in zip(own, sizes[int(fits.best[0, 0])], strict=True):
+                    self.entered[k] = replace(self.entered[k], size=i)
+            if before == [one.size for one in self.entered]:
+                return
 
     def exchange(self, rest: Normal) -> None:
         """Take, for each group in turn, what would be chosen if it were not there, where that predicts better."""

@@ -66,6 +66,11 @@ class Coulomb(DryFriction):
         sign = super().sign(dq)
         return np.where((band == 0) | (np.abs(dq) > band), sign, 0.0) if band.any() else sign
 
+    def formula(self) -> str:
+        """Return ``shape`` as NumPy source."""
+        band, sign = self.by_column("dead_band"), self.sign_source()
+        return f"np.where(np.abs(dq) > {self.source('dead_band')}, {sign}, 0.0)" if band.any() else sign
+
 
 @dataclass(frozen=True)
 class WideCoulomb(PerJoint):

@@ -1,0 +1,42 @@
+"""Friction of a motor that two joints share is found at both, and is one term."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dynident.identification.terms import Outcome, choose_terms
+from dynident.identification.terms.motors import motors_of
+from dynident.models import CoupledFriction, CoupledMotor, Model
+from tests.identification.terms import simulated
+from tests.identification.terms.simulated import bodies, recorded
+
+SHARES = {"j2": 1.0, "j3": 1.0}
+
+
+def model() -> Model:
+    return Model((bodies(), CoupledMotor(bodies().joints, SHARES, "m")))
+
+
+def test_motors_of_one_joint_are_none() -> None:
+    alone = Model((bodies(), CoupledMotor(bodies().joints, {"j2": 6.0}, "m")))
+    assert motors_of(alone) == ()
+    assert [one.name for one in motors_of(model())] == ["m"]
+
+
+def test_its_friction_is_found() -> None:
+    motion = recorded(simulated.coulomb, 1)
+    dphi = motion.dq[:, 1] + motion.dq[:, 2]
+    more = 0.8 * np.sign(dphi) * np.abs(dphi) ** 0.3
+    motion = replace(motion, tau=motion.tau + np.outer(more, [0.0, 1.0, 1.0]))
+    choice = choose_terms(model(), [motion])
+    found = [one for one in choice.terms if isinstance(one, CoupledFriction)]
+    assert [(one.name, one.acts_on) for one in found] == [("m", ("j2", "j3"))]
+    tried = [one for one in choice.trials if one.kind == f"coupled {found[0].law}"]
+    assert any(one.outcome is Outcome.ENTERED for one in tried)
+
+
+def test_none_enters_without_it() -> None:
+    choice = choose_terms(model(), [recorded(simulated.coulomb, 1)])
+    assert not any(isinstance(one, CoupledFriction) for one in choice.terms)

@@ -1,0 +1,77 @@
+"""Friction of a coupled motor is that of a single joint, at the motor's coordinate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dynident.errors import ModelError
+from dynident.models import CoupledFriction, CoupledMotor, Joint, Power
+
+WRIST = tuple(map(Joint, ("a", "b", "c")))
+SHARES = {"b": 1.0, "c": -2.0}
+
+
+def test_it_does_the_work_of_the_motor() -> None:
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
+    dphi = dq @ [0.0, 1.0, -2.0]
+    f = Power((Joint("m"),), exponent=0.3).regressor(*(dphi[:, None],) * 3)[:, 0]
+    Y = CoupledFriction(WRIST, SHARES, "m", "power", {"exponent": 0.3}).regressor(q, dq, ddq)
+    assert np.allclose(Y[:, :, 0], f * [0.0, 1.0, -2.0])
+    assert np.allclose(np.sum(Y[:, :, 0] * dq, axis=1), f[:, 0] * dphi)
+
+
+def test_the_plain_law_is_that_of_the_motor() -> None:
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
+    motor = CoupledMotor(WRIST, SHARES, "m", inertia=False, viscous=False)
+    own = CoupledFriction(WRIST, SHARES, "m", "coulomb")
+    assert np.allclose(own.regressor(q, dq, ddq), motor.regressor(q, dq, ddq))
+    assert not {one.name for one in own.parameters} & {one.name for one in motor.parameters}
+
+
+@pytest.mark.parametrize(
+    ("law", "settings"),
+    [
+        ("power", {"exponent": 0.3}),
+        ("coulomb", {"width": 0.2}),
+        ("stribeck", {"velocity": 0.3}),
+        ("coulomb", {"dead_band": 0.4}),
+        ("asymmetric_viscous", {}),
+    ],
+)
+def test_its_text_for_numpy_gives_the_same(law: Any, settings: dict[str, float]) -> None:
+    term, theta = CoupledFriction(WRIST, SHARES, "m", law, settings), np.array([0.7])
+    space: dict[str, Any] = {"np": np}
+    exec(term.numpy_source("torque", theta), space)
+    q, dq, ddq = np.random.default_rng(0).normal(size=(3, 10, 3))
+    assert np.allclose(space["torque"](q, dq, ddq), term.regressor(q, dq, ddq) @ theta)
+
+
+def test_a_sharp_sign_becomes_smooth() -> None:
+    sharp = CoupledFriction(WRIST, SHARES, "m", "coulomb")
+    (smooth,) = sharp.with_smooth_sign(np.array([0.1, 0.3, 0.2]))
+    assert sharp.discontinuous
+    assert not smooth.discontinuous
+    assert dict(smooth.settings)["width"] == pytest.approx(0.5)
+    assert not CoupledFriction(WRIST, SHARES, "m", "asymmetric_viscous").discontinuous
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"law": "powers"}, "no law 'powers'; did you mean 'power'"),
+        (
+            {"settings": {"width": 0.1}, "law": "asymmetric_viscous"},
+            "asymmetric_viscous has no constant 'width'; leave it out",
+        ),
+        ({"settings": {"exponents": 0.1}}, "power has no constant 'exponents'; did you mean 'exponent'"),
+        ({"settings": {"exponent": 7.0}}, "exponent is 7.0"),
+        ({"coefficients": {"d": 1.0}}, "no joint 'd'"),
+    ],
+)
+def test_wrong_settings_are_named(arguments: dict[str, Any], message: str) -> None:
+    given = {"joints": WRIST, "coefficients": SHARES, "name": "m", "law": "power", "settings": {"exponent": 0.5}}
+    with pytest.raises(ModelError, match=message):
+        CoupledFriction(**given | arguments)

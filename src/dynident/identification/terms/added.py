@@ -10,7 +10,7 @@ import numpy as np
 from dynident.estimators import NamesParameters, among
 from dynident.identification.base_tilt import mounted
 from dynident.identification.recipe import Recipe
-from dynident.identification.terms.candidates import KINDS, kind_of_class
+from dynident.identification.terms.candidates import KINDS, Seen, kind_of_class
 from dynident.identification.terms.choice import NotChosen, TermChoice, TooFewSamplesError
 from dynident.identification.terms.choose import choose_terms
 from dynident.log import Motion
@@ -42,13 +42,21 @@ def first(model: Model, recipe: Recipe) -> tuple[Model, Recipe]:
 
 def with_choice(model: Model, recipe: Recipe, choice: TermChoice) -> tuple[Model, Recipe, tuple[NotChosen, ...]]:
     """Return model and recipe with terms and minimum speeds as chosen, and a note on the parameters that the recipe
-    names and the model then does not have."""
+    names, might have been chosen, and were not."""
     model = model.with_terms(*choice.terms)
     named = recipe.estimator.named if isinstance(recipe.estimator, NamesParameters) else ()
-    absent = tuple(name for name in named if name not in model.names)
-    estimator = among(recipe.estimator, model.names) if absent else recipe.estimator
+    absent = tuple(name for name in named if name not in model.names and name in _names(model))
+    known = [name for name in named if name not in absent]  # with those that are misspelt, which the estimator refuses
+    estimator = among(recipe.estimator, (*model.names, *known)) if absent else recipe.estimator
     recipe = replace(recipe, estimator=estimator, min_speed=_speeds(recipe, choice), terms=None)
     return model, recipe, (NotChosen(absent),) if absent else ()
+
+
+def _names(model: Model) -> set[str]:
+    """Return the names of the parameters that might be chosen."""
+    seen = [Seen(model.joints, joint, 1.0, 1.0, 1.0) for joint in model.joints]
+    terms = [kind.sizes(one)[0] for one in seen for kind in KINDS]
+    return {parameter.name for term in terms for parameter in term.parameters}
 
 
 def chosen(

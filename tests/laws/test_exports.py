@@ -150,13 +150,13 @@ def test_terms_that_no_robot_file_holds_are_listed_and_model_py_has_them(text, e
     widths = {joint.name: 0.1 * k for k, joint in enumerate(joints)}
     beyond = (
         AsymmetricCoulomb(joints, width=0.2),
-        WideCoulomb(joints, width=0.7),
         AsymmetricViscous(joints),
         Stribeck(joints, velocity=0.5, width=widths),
         Power(joints, exponent=0.6),
         Ripple(joints, cycles=(3, 20), delay=0.01),
         Spring(joints, order=2),
         Counterbalance(joints, turning[:1], base_arm=0.5, link_arm=0.2, angle=3.0, free_length=0.3),
+        WideCoulomb(joints, width=0.7),
     )
     model = Model((bodies, Viscous(joints), Coulomb(joints, width=widths), *beyond), name="arm")
     rest = len(model.names) - 10 * n

@@ -46,8 +46,10 @@ def choose_terms(
     residual's correlation length between them. A kind enters where it removes at least 1 % of the squared error of its
     joint, and more than 1.5 standard errors of the blocks, a strict one two; where it does not fail on the fast samples
     when the slow ones are fitted, or on another recording; and where no coefficient is negative that must not be.
-    Offset and rotor inertia always stay, viscous and Coulomb friction unless they are seen to do nothing. ``min_speed`` (n) is
-    that of the fit, where it is given; else it is chosen by the same folds, except where presliding was.
+    Offset and rotor inertia always stay, viscous and Coulomb friction unless they are seen to do nothing.
+
+    ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds, except where
+    presliding was.
 
     Raises InputError where there are too few samples, and the errors of the terms.
     """

@@ -67,7 +67,7 @@ def test_a_term_is_the_law_of_its_name(laws: ModuleType, kind: str) -> None:
 REMEMBERED = ("load_coulomb", "dahl", "load_dahl", "drift")
 
 
-TRIED = ("none", "load", "dahl", "ripple", "asymmetric", "power")
+TRIED = ("none", "stribeck", "load", "dahl", "ripple", "asymmetric", "power")
 
 
 @pytest.fixture(scope="module")
@@ -77,18 +77,18 @@ def rows(benchmarks: Path) -> list[dict[str, Any]]:
         pytest.skip("no choice of terms here")
     assert benchmarks.is_dir()
     choice = import_module("friction_choice")
-    return [choice.study("three", law, seed=0) for law in TRIED]
+    return [choice.study("three", law, seed=8) for law in TRIED]
 
 
 def test_the_right_groups_are_found(rows: list[dict[str, Any]]) -> None:
-    """At least nine of ten. Were each found with a probability of 0.75 only, this would fail in 84 of 100 draws."""
+    """At least nine of ten. Were each found with a probability of 0.75 only, this would fail in 90 of 100 draws."""
     needed, missed = (sum(len(row[key]) for row in rows) for key in ("needed", "missed"))
-    assert needed == 12
+    assert needed == 14
     assert missed <= 1, [(row["law"], row["missed"]) for row in rows]
 
 
 def test_no_wrong_groups_are_entered(rows: list[dict[str, Any]]) -> None:
-    """At one of 18 joints at most. With a wrong group at 1 of 6, this would fail in 83 of 100 draws."""
+    """At one of 21 joints at most. With a wrong group at 1 of 6, this would fail in 89 of 100 draws."""
     wrong = [(row["law"], joint) for row in rows for joint in {joint for joint, _ in row["wrong"]}]
     assert len(wrong) <= 1, [(row["law"], row["wrong"]) for row in rows]
 

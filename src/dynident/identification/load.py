@@ -29,8 +29,8 @@ def with_load(
 
     ``first`` is the model without the terms that remember the load, on its base as it is tilted, and the motions
     remember what it does; it is returned itself where ``model`` needs no load or has one. The load is the torque of its
-    bodies once the estimator, or its fast substitute, has fitted it to the motions, and again with that load. Raises the errors of ``Regression``
-    and the estimator.
+    bodies once the estimator, or its fast substitute, has fitted it to the motions, and again with that load.
+    Raises the errors of ``Regression`` and the estimator.
     """
     if not model.needs_load or model.load is not None:
         return first

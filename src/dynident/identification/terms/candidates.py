@@ -30,10 +30,8 @@ from dynident.models import (
 
 __all__ = ["KINDS", "PLAIN", "Kind", "Proposes", "Seen", "kind_of_class"]
 
-WIDTHS = tuple(
-    (0.005 * 1.25 ** np.arange(21)).tolist()
-)  # of the rms speed; coarser ones leave more than other kinds take
-WIDE = tuple(0.1 * 1.25 ** np.arange(12))  # likewise: beside the sign, over which friction still rises
+WIDTHS = tuple((0.005 * 1.25 ** np.arange(21)).tolist())  # of the rms speed; others make up for coarser ones
+WIDE = tuple((0.1 * 1.25 ** np.arange(12)).tolist())  # likewise: beside the sign, over which friction still rises
 VELOCITIES = (0.1, 0.14, 0.2, 0.3, 0.5)  # likewise; a smaller one is a width
 LENGTHS = tuple((1e-4 * 1.25 ** np.arange(28)).tolist())  # of the reach
 EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 3.0)

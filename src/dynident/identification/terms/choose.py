@@ -17,7 +17,7 @@ from dynident.identification.terms.combined import combined
 from dynident.identification.terms.grams import Folds, JointGrams, ridged, tried
 from dynident.identification.terms.motors import motor_search, motors_of
 from dynident.identification.terms.ripple import Residual, peaks
-from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, samples_of
+from dynident.identification.terms.samples import CLASSES, Rows, Samples, columns_of, correlation, samples_of
 from dynident.identification.terms.search import Division, Entered, Group, JointSearch, share
 from dynident.log import Motion
 from dynident.models import CoupledMotor, Loads, Model, Ripple, Term
@@ -46,10 +46,12 @@ def choose_terms(
 
     Forward selection among ``kinds``, by blocked cross-validation: the blocks are contiguous in time, with gaps of the
     residual's correlation length between them. A kind enters where it removes at least 1 % of the squared error of its
-    joint, and more than one standard error of the blocks, a strict one two; where it does not fail on the fast samples
-    when the slow ones are fitted, or on another recording; and where no coefficient is negative that must not be. The
-    plain set (offset, viscous and Coulomb friction) stays unless it is seen to do nothing. ``min_speed`` (n) is that
-    of the fit, where it is given; else it is chosen by the same folds, except where presliding was.
+    joint, and more than 1.5 standard errors of the blocks, a strict one two; where it does not fail on the fast samples
+    when the slow ones are fitted, or on another recording; and where no coefficient is negative that must not be.
+    Offset and rotor inertia always stay, viscous and Coulomb friction unless they are seen to do nothing.
+
+    ``min_speed`` (n) is that of the fit, where it is given; else it is chosen by the same folds, except where
+    presliding was.
 
     Raises TooFewSamplesError where there are too few samples, and the errors of the terms.
     """
@@ -115,7 +117,7 @@ class _Choosing:
         plain = [self._plain(j) for j in range(len(self.rows))]
         for _ in range(2):
             residuals = self._refit(plain, [list(range(len(one))) for one in plain])
-            lengths = [_correlation(one, len(one) // self.samples.blocks) for one in residuals]
+            lengths = [correlation(one, len(one) // self.samples.blocks) for one in residuals]
             self.independent = float(np.median(lengths))
         inside = self.samples.inside(2 * int(self.independent))
         self.block = np.where(inside, self.samples.block, -1)
@@ -354,12 +356,3 @@ def _renumbered(entered: Sequence[Entered]) -> list[Entered]:
         found.append(Entered(Group(one.group.kind, (one.term,), (at,)), 0))
         first += len(at)
     return found
-
-
-def _correlation(residual: Array, most: int) -> int:
-    """Return the lag (samples) at which the autocorrelation of a residual (N) falls below 1/e, ``most`` at most."""
-    size = len(residual)
-    spectrum = np.fft.rfft(residual - residual.mean(), 2 * size)
-    auto = np.fft.irfft(np.square(np.abs(spectrum)))[: max(most // 2, 2)]
-    below = np.flatnonzero(auto < np.exp(-1) * auto[0])
-    return int(below[0]) if len(below) else len(auto)

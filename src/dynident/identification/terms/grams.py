@@ -140,7 +140,7 @@ def tried(
     M[:, :k, :k] += rest[0][folds.others] / weight
     right[:, :k, 0] += rest[1][folds.others] / weight
     solved = np.linalg.solve(ridged(M), right)
-    x, X = solved[..., 0], solved[..., 1:]
+    x, X = solved[..., 0], np.asarray(solved[..., 1:], dtype=float)
     # the residual is y - base x; a unit of a candidate adds base X less its own column
     Hb, Hc = H[:, base][:, :, base], H[:, base][:, :, pool]
     left = H[:, base, y] - np.einsum("tij,tj->ti", Hb, x)
@@ -211,4 +211,4 @@ class _Beside:
 
 def _products(A: Array, B: Array) -> Array:
     """Return products (T, S, w, w) of the columns of each size of a group, A and B (T, k, S, w)."""
-    return np.einsum("tksi,tksj->tsij", A, B)
+    return np.asarray(np.einsum("tksi,tksj->tsij", A, B))

@@ -37,10 +37,9 @@ def motor_search(
     ``rows`` are the equations of these joints, of ``weights``, and ``block`` (N) is that of each sample.
     """
     c = dict(motor.coefficients)
-    names = [samples.model.joints[one.j].name for one in rows]
-    phi, dphi = (sum(c[name] * samples.states[key][:, one.j] for name, one in zip(names, rows, strict=True))
-                 for key in ("q", "dq"))  # fmt: skip
-    shapes, groups, at = [], [], sum(map(len, columns))
+    share = np.array([c.get(joint.name, 0.0) for joint in samples.model.joints])
+    phi, dphi = (np.asarray(samples.states[key] @ share) for key in ("q", "dq"))
+    shapes, groups, at = list[Array](), [], sum(map(len, columns))
     for kind, terms in _tried(motor, float(np.sqrt(np.mean(np.square(dphi)))) or 1e-9):
         groups.append(Group(kind, terms, tuple((at + len(shapes) + k,) for k in range(len(terms)))))
         for term in terms:
@@ -49,7 +48,14 @@ def motor_search(
             shapes.append(Y.T / size)
     grams = _together(rows, columns, np.stack(shapes), weights, block, samples.classes_of(phi, dphi))
     own = Group(Kind("own", lambda _: (), dry=True), (motor,), (tuple(range(at)),))
-    return JointSearch(names[0], grams, tuple(groups), Division.of(samples.of_block), 1.0, [Entered(own, 0)])
+    return JointSearch(
+        samples.model.joints[rows[0].j].name,
+        grams,
+        tuple(groups),
+        Division.of(samples.of_block),
+        1.0,
+        [Entered(own, 0)],
+    )
 
 
 def _tried(motor: CoupledMotor, speed: float) -> list[tuple[Kind, tuple[CoupledFriction, ...]]]:

@@ -57,10 +57,11 @@ class Residual:
         bins = int(2 ** np.ceil(np.log2(2.0 * span * most / np.pi)))
         at = ((u - u.min()) / span * bins).astype(int) % bins
         sums = np.bincount(self.block[use] * bins + at, self.r[use], self.blocks * bins).reshape(self.blocks, bins)
-        rate = 2.0 * np.pi * np.arange(bins // 2 + 1) / span
+        rate = np.asarray(2.0 * np.pi * np.arange(bins // 2 + 1) / span, dtype=float)
         few = rate <= most
         spectra = np.fft.rfft(sums, axis=1)[:, few]
-        return rate[few], np.square(np.abs(spectra.sum(axis=0) - spectra))
+        power: Array = np.square(np.abs(spectra.sum(axis=0) - spectra))
+        return rate[few], power
 
 
 def peaks(one: Residual, fastest: float) -> tuple[Line, ...]:

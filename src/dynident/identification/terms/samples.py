@@ -16,7 +16,7 @@ from dynident.log import Motion
 from dynident.models import HasMemory, Loads, Model, Past, Selective, Term, declares
 from dynident.regression import fitted_rows
 
-__all__ = ["BLOCKS", "Rows", "Samples", "columns_of", "samples_of"]
+__all__ = ["BLOCKS", "Rows", "Samples", "columns_of", "correlation", "samples_of"]
 
 Array = NDArray[np.float64]
 SAMPLES = 20_000  # of all motions together: the choice needs no more
@@ -169,3 +169,12 @@ class Rows:
         X = np.concatenate([self.entries, columns, self.tau[None]])
         parts = (X[:, order[first:last]] for first, last in pairwise(ends))
         return JointGrams(np.stack([one @ one.T for one in parts]).reshape(*shape, len(X), len(X)), self.maps)
+
+
+def correlation(residual: Array, most: int) -> int:
+    """Return the lag (samples) at which the autocorrelation of a residual (N) falls below 1/e, ``most`` at most."""
+    size = len(residual)
+    spectrum = np.fft.rfft(residual - residual.mean(), 2 * size)
+    auto = np.fft.irfft(np.square(np.abs(spectrum)))[: max(most // 2, 2)]
+    below = np.flatnonzero(auto < np.exp(-1) * auto[0])
+    return int(below[0]) if len(below) else len(auto)

@@ -197,7 +197,7 @@ class JointSearch:
         sized = [k for k, one in enumerate(self.entered) if len(one.group.at) > 1]
         for _ in range(TURNS):
             before = [one.size for one in self.entered]
-            for own in list(combinations(sized, 2)) or [(k,) for k in sized]:
+            for own in combinations(sized, min(2, len(sized))) if sized else ():
                 columns = [i for k, other in enumerate(self.entered) if k not in own for i in other.columns]
                 sizes = list(product(*(range(len(self.entered[k].group.at)) for k in own)))
                 at = [sum((self.entered[k].group.at[i] for k, i in zip(own, some, strict=True)), ()) for some in sizes]

@@ -59,6 +59,7 @@ class RecipeFields(TypedDict, total=False):
     outliers: Literal["mask", "keep"]
     rests: Literal["trim", "keep"]
     terms: Literal["auto"] | None
+    proposed: tuple[type, ...]
 
 
 def default_recipe(model: Model) -> Recipe:

@@ -87,6 +87,7 @@ class WideCoulomb(PerJoint):
     constants: ClassVar[Mapping[str, Constant]] = {"width": Constant()}
     width: Speed = field(kw_only=True)
     symbol = "Fw"
+    role = "coulomb"
 
     def meaning(self) -> str:
         """Return the meaning of the parameter."""

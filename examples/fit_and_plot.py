@@ -2,11 +2,11 @@
 
 $ .venv/bin/python examples/fit_and_plot.py
 monday, train: 1.96 % of the torque is left
-tuesday, validation: 1.68 % of the torque is left
+tuesday, validation: 1.67 % of the torque is left
 offset_elbow 0.529 +- 0.024 N m
 Fv_elbow 6.017 +- 0.021 N m s/rad
-Fc_elbow 2.199 +- 0.025 N m
-Ia_elbow 0.640 +- 0.0096 kg m^2
+Ia_elbow 0.640 +- 0.0097 kg m^2
+Fc_elbow 2.200 +- 0.025 N m
 measured and predicted torque: plot-out/elbow.html
 """
 

@@ -35,7 +35,7 @@ _LEAD = (
     f"and {LEAST:g} %, and where it is no loss on motion faster than fitted. To keep these terms, write them out: "
     "`dynident identify CONFIG --write-config FILE`."
 )
-_FIGURE = "With the plain set (offset, viscous and Coulomb friction), the cross-validated error is"
+_FIGURE = "With the plain set (offset, rotor inertia, viscous and Coulomb friction), the cross-validated error is"
 
 
 def term_section(found: Identification) -> Iterator[PageSection]:

@@ -98,7 +98,7 @@ class TestReproduce:
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + HANGS
             rows = tmp_path / "study.parquet.rows"
-            while not (rows.exists() and b"\n" in rows.read_bytes()) and time.monotonic() < deadline:
+            while not (rows.exists() and rows.read_bytes().count(b"\n") > 1) and time.monotonic() < deadline:
                 time.sleep(0.1)
             process.send_signal(getattr(signal, number))
             _, told = process.communicate(timeout=HANGS)

@@ -35,6 +35,7 @@ OTHERS: tuple[Any, ...] = (
 
 NEEDED: Mapping[str, Mapping[str, Any]] = {
     "asymmetric_coulomb": {"width": 0.1},
+    "wide_coulomb": {"width": 0.5},
     "stribeck": {"velocity": 0.1},
     "power": {"exponent": 2},
     "ripple": {"cycles": 10},

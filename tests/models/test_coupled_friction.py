@@ -75,3 +75,8 @@ def test_wrong_settings_are_named(arguments: dict[str, Any], message: str) -> No
     given = {"joints": WRIST, "coefficients": SHARES, "name": "m", "law": "power", "settings": {"exponent": 0.5}}
     with pytest.raises(ModelError, match=message):
         CoupledFriction(**given | arguments)
+
+
+def test_a_constant_that_is_missing_is_named() -> None:
+    with pytest.raises(ModelError, match="power needs its constant 'exponent'"):
+        CoupledFriction(WRIST, SHARES, "m", "power")

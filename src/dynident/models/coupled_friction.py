@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -38,7 +38,7 @@ class CoupledFriction:
 
     >>> import dynident as dy
     >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
-    >>> more = dy.models.CoupledFriction(wrist, {"joint_5": 1, "joint_6": 1}, name="m6", law="power")
+    >>> more = dy.models.CoupledFriction(wrist, {"joint_5": 1, "joint_6": 1}, name="m6", law="power", settings={"exponent": 0.3})
     >>> [one.name for one in more.parameters]
     ['power_m6']
     """
@@ -64,6 +64,9 @@ class CoupledFriction:
             if name not in known:
                 words = choices(name, known) if known else "leave it out."
                 raise ModelError(f"{where}: {self.law} has no constant {name!r}; {words}")
+        wanted = [one.name for one in fields(LAWS[self.law]) if one.name in known and one.default is MISSING]
+        if missing := [name for name in wanted if name not in dict(self._constants)]:
+            raise ModelError(f"{where}: {self.law} needs its constant {missing[0]!r} in `settings`.")
         _ = self._friction
 
     @property

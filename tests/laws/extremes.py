@@ -36,6 +36,7 @@ OTHERS: tuple[Any, ...] = (
 NEEDED: Mapping[str, Mapping[str, Any]] = {
     "asymmetric_coulomb": {"width": 0.1},
     "wide_coulomb": {"width": 0.5},
+    "coupled_friction": {"coefficients": {"slider": 1}, "name": "m", "law": "coulomb"},
     "stribeck": {"velocity": 0.1},
     "power": {"exponent": 2},
     "ripple": {"cycles": 10},

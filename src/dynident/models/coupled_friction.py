@@ -38,7 +38,8 @@ class CoupledFriction:
 
     >>> import dynident as dy
     >>> wrist = tuple(map(dy.Joint, ("joint_5", "joint_6")))
-    >>> more = dy.models.CoupledFriction(wrist, {"joint_5": 1, "joint_6": 1}, name="m6", law="power", settings={"exponent": 0.3})
+    >>> both = {"joint_5": 1, "joint_6": 1}
+    >>> more = dy.models.CoupledFriction(wrist, both, name="m6", law="power", settings={"exponent": 0.3})
     >>> [one.name for one in more.parameters]
     ['power_m6']
     """

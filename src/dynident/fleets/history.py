@@ -1,0 +1,67 @@
+"""What the statistics of a fleet work on: the base parameters of one robot from log to log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, brief
+
+__all__ = ["Group", "GroupKind", "History"]
+
+Array = NDArray[np.float64]
+
+
+class GroupKind(StrEnum):
+    """What of a robot can change: friction of a joint, what the last body carries, an offset of a sensor, a ripple of
+    a gear, or the drive of a joint as a whole."""
+
+    FRICTION = "friction"
+    PAYLOAD = "payload"
+    OFFSET = "offset"
+    RIPPLE = "ripple"
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One thing that can change by itself: the ``directions`` (b, k) in which it moves the base parameters.
+
+    ``joint`` is the joint whose friction, offset or ripple it is, of a payload the joint that moves its body;
+    ``names`` (k) say what the directions are, with ``units`` (k).
+    """
+
+    kind: GroupKind
+    joint: str
+    directions: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """The base parameters of one robot, from K logs in the order of their dates.
+
+    ``days`` (K) since the first log of the fleet; ``value`` (K, b) by least squares on each log alone; ``information``
+    (K, b, b), the inverse of its covariance (with correlated residuals accounted for), zero in directions that the log
+    does not show.
+    """
+
+    robot: str
+    logs: tuple[str, ...]
+    days: Array
+    value: Array
+    information: Array
+
+    __repr__ = brief
+
+    def __post_init__(self) -> None:
+        k, b = self.value.shape
+        if (len(self.logs), self.days.shape, self.information.shape) != (k, (k,), (k, b, b)):
+            raise InputError(f"{self.robot}: the shapes of the logs, days, values and information do not match.")
+        if np.any(np.diff(self.days) < 0):
+            raise InputError(f"{self.robot}: the logs are not in the order of their dates.")

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dynident.errors import InputError
 from dynident.jobs import Limits, Status, local_workers, run_jobs
-from dynident.jobs.batch import run_batch
-from tests.jobs.work import Noise, Trouble, by_job, process, threads
+from tests.jobs.work import Noise, Trouble, by_job
 
 EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
     "alone": nullcontext,

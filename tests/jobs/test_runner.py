@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from dynident.errors import InputError
 from dynident.jobs import Limits, Status, local_workers, run_jobs
-from dynident.jobs.processes import Start, Starter, starter
 from tests.jobs.work import Trouble, by_job
 
 needs_limits = pytest.mark.skipif(sys.platform != "linux", reason="this system does not limit the memory of a process")

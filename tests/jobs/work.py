@@ -113,3 +113,19 @@ def stuck(_: object) -> None:
     """Says that it runs, and never lets another thread of Python run."""
     told(_)
     sum(itertools.repeat(1))
+
+
+class Stranger:
+    """Cannot be loaded in another process."""
+
+    def __reduce__(self) -> Any:
+        return _load, (os.getpid(),)
+
+    def __call__(self, job: object) -> None:
+        """Nothing."""
+
+
+def _load(process: int) -> Stranger:
+    if process != os.getpid():
+        raise RuntimeError("not here")
+    return Stranger()

@@ -104,6 +104,7 @@ def test_a_process_of_a_daemon_has_limits() -> None:
 
 
 def _report(connection) -> None:
+    workers.HEAVY = ()
     connection.send([one.status for one in run_jobs(time.sleep, [HANGS], limits=Limits(seconds=0.5))])
 
 

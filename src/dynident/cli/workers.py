@@ -43,17 +43,23 @@ class Spread:
         return self.cluster is None and self.workers == 1 and self.seconds is None and self.memory is None
 
     @contextmanager
-    def executor(self, *preload: str) -> Iterator[Executor | None]:  # noqa: ARG002
-        """Give the executor, None where this process does the work alone; workers import the modules ``preload``.
+    def executor(self, *preload: str) -> Iterator[Executor | None]:
+        """Give the executor, None where this process does the work alone; ``preload`` are modules that workers import.
 
-        Raises InputError where a cluster cannot be used.
+        Raises InputError where the cluster cannot be used.
         """
-        if self.cluster is None:
+        if self.alone:
             yield None
             return
-        from dynident.jobs.cluster import cluster_workers
+        if self.cluster is None:
+            from dynident.jobs import local_workers
 
-        with cluster_workers(self.cluster) as executor:
+            workers = local_workers(self.workers, preload)
+        else:
+            from dynident.jobs.cluster import cluster_workers
+
+            workers = cluster_workers(self.cluster, preload)
+        with workers as executor:
             yield executor
 
 

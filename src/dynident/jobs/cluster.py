@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
@@ -13,6 +13,7 @@ from typing import Any
 
 from dynident.errors import InputError, install_command, listed
 from dynident.jobs.software import FEW, differences, software
+from dynident.jobs.workers import own_process
 
 __all__ = ["cluster_workers"]
 
@@ -22,9 +23,10 @@ LARGEST = "distributed.admin.large-graph-warning-threshold"
 
 
 @contextmanager
-def cluster_workers(address: str) -> Iterator[Executor]:
+def cluster_workers(address: str, preload: Iterable[str] = ()) -> Iterator[Executor]:
     """Give the workers of the Dask scheduler at ``address`` (``tcp://HOST:8786``) as an executor.
 
+    Each thread of a worker has a process for its jobs, as in ``local_workers``, which has imported ``preload``.
     Raises InputError where the extra ``cluster`` is not installed, no scheduler answers there, it has no worker, or one
     of them has other software than this process; a job of a worker that comes later is refused in that case. What
     Dask logs of it meanwhile is dropped.
@@ -43,7 +45,7 @@ def cluster_workers(address: str) -> Iterator[Executor]:
             raise InputError(_unanswered(address, error)) from error
         try:
             _require_workers(client, address)
-            yield _Cluster(client, address)
+            yield _Cluster(client, address, tuple(preload))
         finally:
             client.close(timeout=ANSWER)
 
@@ -51,17 +53,18 @@ def cluster_workers(address: str) -> Iterator[Executor]:
 class _Cluster(Executor):
     """Dask's own executor, which says so where the scheduler has gone, and whose workers are all compared."""
 
-    def __init__(self, client: Any, address: str) -> None:
-        self._client, self._address = client, address
+    def __init__(self, client: Any, address: str, preload: tuple[str, ...]) -> None:
+        self._client, self._address, self._preload = client, address, preload
         self._executor = client.get_executor(pure=False)
 
     @property
     def _max_workers(self) -> int:  # the name that the executors of the standard library have for it
-        return max(1, sum(self._client.nthreads().values()))
+        return int(sum(self._client.nthreads().values())) or 1
 
     def submit(self, function: Callable[..., Any], /, *given: Any, **named: Any) -> Future[Any]:
         """Let a worker call ``function``."""
-        inner = self._executor.submit(_compared, software(), partial(function, *given, **named))
+        call = partial(function, *given, **named)
+        inner = self._executor.submit(_on_worker, software(), self._preload, call)
         outer: Future[Any] = Future()
         outer.add_done_callback(lambda one: one.cancelled() and inner.cancel())
         inner.add_done_callback(partial(self._ended, outer))
@@ -84,11 +87,12 @@ class _Cluster(Executor):
         self._executor.shutdown(wait=wait and not cancel_futures)
 
 
-def _compared(expected: Mapping[str, str], function: Callable[[], Any]) -> Any:
-    """Call a function on a worker, if it has the software of who asks."""
-    if found := differences(software(), {"the client": expected}):
+def _on_worker(expected: Mapping[str, str], preload: tuple[str, ...], call: Callable[[], Any]) -> Any:
+    """Call a function on a worker, which has the software of who asks, and its jobs in a process of their own."""
+    if found := differences(expected, {socket.gethostname(): software()}):
         raise InputError(_different(found))
-    return function()
+    own_process(preload)
+    return call()
 
 
 @contextmanager
@@ -134,8 +138,8 @@ async def _identity(address: str) -> Mapping[str, Any]:
 def _unanswered(address: str, error: BaseException) -> str:
     why = f" ({error})" if str(error) else ""
     return (
-        f"no Dask scheduler answers at {address} within {ANSWER:g} s{why}; is it running (`dask scheduler`), is its port "
-        "open, and is this not that of its dashboard?"
+        f"no Dask scheduler answers at {address} within {ANSWER:g} s{why}; is it running (`dask scheduler`), is its "
+        "port open, and is this not that of its dashboard?"
     )
 
 
@@ -162,7 +166,7 @@ def _require_workers(client: Any, address: str) -> None:
 
 
 async def _asked(client: Any) -> Mapping[str, Any]:
-    return await asyncio.wait_for(client.run(software, on_error="return"), ANSWER)  # type: ignore[no-any-return]
+    return await asyncio.wait_for(client.run(software, on_error="return"), ANSWER)
 
 
 def _different(found: list[str]) -> str:

@@ -29,7 +29,7 @@ from dynident.io.text import unpanicked
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["RowStore"]
+__all__ = ["RowStore", "parts_folder"]
 
 T = TypeVar("T")
 Key = tuple[Any, ...]
@@ -87,7 +87,7 @@ class RowStore:
     @property
     def folder(self) -> Path | None:
         """The folder of the parts."""
-        return None if self.path is None else self.path.with_name(f"{self.path.name}.parts")
+        return None if self.path is None else parts_folder(self.path)
 
     def __enter__(self) -> RowStore:
         if self.path is None or self.folder is None:
@@ -290,6 +290,11 @@ class RowStore:
                 except (pl.exceptions.PolarsError, ValueError, OSError) as error:
                     raise _damaged(part.path, error) from error
             raise
+
+
+def parts_folder(table: Path) -> Path:
+    """Return the folder of the parts of a table."""
+    return table.with_name(f"{table.name}.parts")
 
 
 def _scan(*files: Path | None) -> pl.LazyFrame:

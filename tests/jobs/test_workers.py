@@ -109,12 +109,12 @@ def _report(connection) -> None:
 
 
 SCRIPT = """\
-import os, signal, sys, threading, time
+import itertools, os, signal, sys, threading
 from dynident.jobs import Limits, local_workers, run_jobs, workers
-from tests.jobs.work import stuck, told
+from tests.jobs import work
 workers.HEAVY = ()
 with local_workers(2) as executor:
-    for done in run_jobs(told if sys.argv[1] == "between" else stuck, iter(int, 1), executor):
+    for done in run_jobs(getattr(work, sys.argv[1]), itertools.count(), executor):
         if sys.argv[2] == "raise":
             raise ValueError("what the user does with a result")
 """
@@ -125,7 +125,7 @@ with local_workers(2) as executor:
     ("job", "way"),
     [
         *(("stuck", "SIGKILL"), ("stuck", "SIGTERM"), ("stuck", "SIGINT"), ("stuck", "group")),
-        *(("between", "SIGKILL"), ("between", "group"), ("between", "raise")),
+        *(("told", "SIGKILL"), ("told", "group"), ("soon_stuck", "raise")),
     ],
 )
 def test_workers_end_with_this_process(job: str, way: str) -> None:

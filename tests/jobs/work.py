@@ -43,6 +43,9 @@ class Trouble:
     def calls(self, number: int) -> int:
         return len((self.folder / f"{number}").read_text().splitlines())
 
+    def silent(self, number: int) -> int:
+        raise _SilentError
+
     def fine(self, number: int) -> int:
         return number**2
 
@@ -73,6 +76,11 @@ class Trouble:
 
     def unpicklable(self, number: int) -> Any:
         return _Odd()
+
+
+class _SilentError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("no words")
 
 
 class _Odd(int):
@@ -113,6 +121,12 @@ def stuck(_: object) -> None:
     """Says that it runs, and never lets another thread of Python run."""
     told(_)
     sum(itertools.repeat(1))
+
+
+def soon_stuck(number: int) -> None:
+    """The first job ends."""
+    if number:
+        stuck(number)
 
 
 class Stranger:

@@ -16,6 +16,7 @@ from threading import Thread
 from typing import Any, NamedTuple, NoReturn
 
 from dynident.jobs.attempt import attempt
+from dynident.jobs.job import Status
 from dynident.jobs.packed import unpacked
 
 __all__ = ["NUMBER", "Order", "fork_server", "serve"]
@@ -60,6 +61,8 @@ def serve(connection: Connection, parent: int) -> NoReturn:
             with _limited(order.memory):
                 ended = attempt(function, job)
             connection.send(tuple(ended))
+            if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
+                os._exit(0)
         sys.stdout.flush()  # what jobs have printed
 
 

@@ -229,16 +229,18 @@ class RowStore:
         self._parts.append(part)
         part.count = int(self._done(lambda: rows.select(pl.len()).collect().item()))
         afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
-        frame = self._done(rows.select(*self.key, self._unknown().alias("")).collect)
-        for name in self.key:
-            if frame[name].null_count():
-                raise _other(file, f"its column {name!r} has empty cells")
-        if frame.select(self.key).is_duplicated().any():
-            raise _other(file, "a row stands in it twice")
+        keys, number = rows.select(*self.key, self._unknown().alias("")), len(self._parts) - 1
         shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
-        for *values, unknown in frame.iter_rows():
-            key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
-            self._place(key, len(self._parts) - 1, known=not unknown)
+        for start in range(0, part.count, GROUP):
+            frame = self._done(keys.slice(start, GROUP).collect)
+            for name in self.key:
+                if frame[name].null_count():
+                    raise _other(file, f"its column {name!r} has empty cells")
+            for *values, unknown in frame.iter_rows():
+                key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
+                if self._latest.get(key) in (number, ~number):
+                    raise _other(file, "a row stands in it twice")
+                self._place(key, number, known=not unknown)
 
     def _unknown(self) -> pl.Expr:
         """Tell the rows that count as not known."""

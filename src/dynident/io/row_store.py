@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -106,16 +106,12 @@ class RowStore:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Save all rows and merge the parts into the table; after an error (not Ctrl-C) they stay as they are."""
-        with self._held:
+        """Save all rows and merge the parts into the table; where that fails after an error, they stay as they are."""
+        with self._held, suppress(InputError) if isinstance(error, Exception) else nullcontext():
             if self._timer is not None:
                 self._timer.cancel()
-            if isinstance(error, Exception):
-                with suppress(InputError):
-                    self.save()
-            else:
-                self.save()
-                self._merge()
+            self.save()
+            self._merge()
 
     def __contains__(self, key: object) -> bool:
         return self._latest.get(key, -1) >= 0  # type: ignore[call-overload,no-any-return]

@@ -41,7 +41,7 @@ KEY_BYTES = 300  # memory of a key
 PART = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Part:
     """Rows that belong together: a file, or a table in memory; ``replaced`` are the keys of which a later part has
     another row."""
@@ -208,24 +208,10 @@ class RowStore:
 
     def _read(self, file: Path) -> None:
         """Read the keys of a file."""
-        import polars as pl
-
-        with opened(file, remember=False):  # no pipe, and not too large
-            pass
-        try:
-            schema = unpanicked(lambda: dict(pl.read_parquet_schema(file)))
-        except (pl.exceptions.PolarsError, ValueError, OSError) as error:
-            raise _damaged(file, error) from error
-        if reason := self._foreign(schema):
-            raise _other(file, reason)
-        rows = _scan(file).select(
-            name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items()
-        )
-        part = _Part(rows, 0, file)
+        part, number = self._part(file), len(self._parts)
         self._parts.append(part)
-        part.count = int(self._done(lambda: rows.select(pl.len()).collect().item()))
         afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
-        keys, number = rows.select(*self.key, self._unknown().alias("")), len(self._parts) - 1
+        keys = part.rows.select(*self.key, self._unknown().alias(""))
         shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
         for start in range(0, part.count, GROUP):
             frame = self._done(keys.slice(start, GROUP).collect)
@@ -237,6 +223,21 @@ class RowStore:
                 if self._latest.get(key) in (number, ~number):
                     raise _other(file, "a row stands in it twice")
                 self._place(key, number, known=not unknown)
+
+    def _part(self, file: Path) -> _Part:
+        import polars as pl
+
+        with opened(file, remember=False):  # no pipe, and not too large
+            pass
+        try:
+            schema = unpanicked(lambda: dict(pl.read_parquet_schema(file)))
+            count = unpanicked(lambda: _scan(file).select(pl.len()).collect().item())
+        except (pl.exceptions.PolarsError, ValueError, OSError) as error:
+            raise _damaged(file, error) from error
+        if reason := self._foreign(schema):
+            raise _other(file, reason)
+        columns = (name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items())
+        return _Part(_scan(file).select(columns), int(count), file)
 
     def _unknown(self) -> pl.Expr:
         """Tell the rows that count as not known."""

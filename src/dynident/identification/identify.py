@@ -180,6 +180,7 @@ def by_role(
 def smoothed(
     model: Model, roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
 ) -> dict[str, dict[str, Motion]]:
+    """Return the motions of logs by role and name, with what the model remembers of them."""
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     every = [(role, *one) for role, logs in roles.items() for one in logs.items()]
     for k, (role, name, log) in enumerate(every):

@@ -266,7 +266,7 @@ def _finished(
     whole = replace(sample)
     whole.__dict__["triangular_factors"] = merged(parts())
     trained = tuple(replace(log, tau=one.tau) for log, one in zip(logs["train"].values(), fitted, strict=True))
-    problem = Problem(model, fitted, whole, trained, recipe.time_offset, progress)
+    problem = Problem(model, fitted, whole, trained, fitted[0].time_offset, progress)
     clustered = partial(clustered_std, parts)
     estimate, whole, more, noted = _unbiased(problem, sample, found, clustered, progress)
     validations = judged(model, estimate, roles, motions, recipe, progress)

@@ -123,7 +123,7 @@ class Pieces:
     def relative_error(self) -> Array:
         """The residual (n) of all pieces relative to the torque, in %; nan where a joint has no torque."""
         left, whole = (np.sqrt((self.rows * one**2).sum(axis=0)) for one in (self.residual, self.torque))
-        return 100.0 * np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0)
+        return np.asarray(100.0 * np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0))
 
 
 @dataclass(frozen=True)

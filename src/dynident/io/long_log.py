@@ -1,4 +1,4 @@
-"""Recordings too long for the memory: planned by footers and stamps of their Parquet files, read a few rows at a time."""
+"""Recordings too long for the memory: Parquet files, planned by their footers and stamps, read a few rows at a time."""
 
 from __future__ import annotations
 
@@ -74,9 +74,18 @@ class LongLog:
         table = self._table(rows, column_names(self.config, self.config.train[0]))
         first = 0 if table.rows is None else int(table.rows[0])
         log, kept = log_of(table, self.config, self.joints, self.label)
-        if self.config.time.rate is not None:
-            log = replace(log, t=log.t + rows.start / self.config.time.rate)
-        return log, kept - first
+        return replace(log, t=log.t + self._late(rows.start, log, table)), kept - first
+
+    def _late(self, row: int, log: Log, table: DataTable) -> float:
+        """Return what to add to the times (s) of a log from a row on, which are counted from another start."""
+        time = self.config.time
+        if time.rate is not None:
+            return row / time.rate
+        if table.units.get(time.column or "") != "s":
+            return 0.0
+        inside = next((one for one in self.stretches if one.start <= row < one.stop), None)
+        expected = log.t[0] if inside is None else inside.begins + (row - inside.start) * self.step
+        return DAY * round((expected - float(log.t[0])) / DAY)
 
     def _table(self, rows: slice, needed: set[str]) -> DataTable:
         tables, at = [], 0
@@ -225,7 +234,7 @@ def long_logs(
 
 
 def _opened(spec: LogSpec, config: Config, joints: tuple[Joint, ...], progress: Callable[[str], None]) -> LongLog:
-    files = [one for path in spec.file.values() for one in recording_parts(path)]
+    files = [one.absolute() for path in spec.file.values() for one in recording_parts(path)]
     other = next((one for one in files if one.suffix.lower() != PARQUET), None)
     if other is not None or list(spec.file) != [""]:
         raise InputError(

@@ -14,7 +14,7 @@ PARQUET = ".parquet"
 
 
 def is_divided(path: Path) -> bool:
-    """Return whether a path names the parts of a recording: a pattern, or a folder with Parquet files that is no bag."""
+    """Return whether a path names parts of a recording: a pattern, or a folder with Parquet files that is no bag."""
     if path.is_dir():
         return not (path / "metadata.yaml").exists() and any(one.suffix.lower() == PARQUET for one in path.iterdir())
     return glob.has_magic(path.name) and not path.exists()

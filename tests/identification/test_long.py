@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -50,10 +51,7 @@ class Held:
     @property
     def stretches(self) -> tuple[Stretch, ...]:
         edges = [0, *self.edges, len(self.log)]
-        return tuple(
-            Stretch(a, b, float(self.log.t[a]), float(self.log.t[b - 1]))
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
-        )
+        return tuple(Stretch(a, b, float(self.log.t[a]), float(self.log.t[b - 1])) for a, b in pairwise(edges))
 
     def read(self, rows: slice) -> tuple[Log, NDArray[np.intp]]:
         part = self.log.rows(rows, self.log.source)

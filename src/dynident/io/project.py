@@ -178,7 +178,8 @@ def model_source(file: Path) -> SourceFile:
 def run(path: str | Path, *, progress: Progress | None = None, executor: Executor | None = None) -> Identification:
     """Identify what a configuration describes, as the command ``dynident identify`` does.
 
-    Recordings too long for the memory are fitted in pieces, over the ``executor``. ``progress`` is called with a few words before each step. Raises ConfigError, ModelError, InputError.
+    Recordings too long for the memory are fitted in pieces, over the ``executor``. ``progress`` is called with a few
+    words before each step. Raises ConfigError, ModelError, InputError.
 
     >>> import numpy as np
     >>> import dynident as dy

@@ -383,6 +383,9 @@ def _excerpts(
             log, _ = one.read(slice(part.start, part.stop))
             yield log if len(each) == 1 else replace(log, source=f"{one.label} from {part.begins:.6g} s")
         return
+    longest = max(part.stop - part.start for _, part in each)
+    each = [(one, part) for one, part in each if part.stop - part.start >= min(division.excerpt, longest)]
+    total = sum(part.stop - part.start for _, part in each)
     places = np.linspace(0, total, division.excerpts * TRIES, endpoint=False).astype(int)
     for k, share in enumerate(places.reshape(division.excerpts, TRIES)):
         progress(Step("reading excerpts", k, division.excerpts))
@@ -403,7 +406,7 @@ def _excerpt(each: Sequence[tuple[LongRecording, Stretch]], place: int, samples:
 
 
 def _spans(recordings: Sequence[LongRecording], division: Division, around: int) -> tuple[tuple[Span, ...], int]:
-    """Return the pieces of all stretches, and the number of samples of those that are too short."""
+    """Return the pieces of all stretches, and the number of samples of those that are too short to be smoothed."""
     total = sum(part.stop - part.start for one in recordings for part in one.stretches)
     size = min(division.piece, max(total // division.pieces, division.shortest, LEAST * around))
     found: list[Span] = []
@@ -411,7 +414,7 @@ def _spans(recordings: Sequence[LongRecording], division: Division, around: int)
     for k, one in enumerate(recordings):
         for part in one.stretches:
             length = part.stop - part.start
-            if length <= 2 * around and len(one.stretches) > 1:
+            if length <= around // 2:
                 lost += length
                 continue
             count = max(1, round(length / size))

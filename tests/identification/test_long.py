@@ -1,0 +1,170 @@
+"""Identification in pieces finds what identification of the whole finds, and says how sure that is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+from dynident.identification import (
+    Division,
+    Identification,
+    InPieces,
+    Prepared,
+    Recipe,
+    Span,
+    Stretch,
+    finished,
+    identify,
+    prepared,
+)
+from dynident.jobs import run_jobs
+from dynident.log import Log
+from dynident.models import record, simulate
+from dynident.models.gallery import two_link_arm
+from dynident.regression import ParallelFilter
+from dynident.smoothers import Butterworth, Smoother, Spline
+
+ARM = two_link_arm()
+SMALL = Division(excerpts=3, excerpt=1500, piece=1000, pieces=10, shortest=500)
+assert ARM.values is not None
+THETA = ARM.values
+
+
+@dataclass(frozen=True)
+class Held:
+    """A recording in memory, with gaps between its stretches."""
+
+    log: Log
+    edges: tuple[int, ...] = ()
+
+    @property
+    def label(self) -> str:
+        return self.log.source
+
+    @property
+    def step(self) -> float:
+        return float(np.median(np.diff(self.log.t)))
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        edges = [0, *self.edges, len(self.log)]
+        return tuple(Stretch(a, b, float(self.log.t[a]), float(self.log.t[b - 1])) for a, b in pairwise(edges))
+
+    def read(self, rows: slice) -> tuple[Log, NDArray[np.intp]]:
+        part = self.log.rows(rows, self.log.source)
+        return part, np.arange(len(part))
+
+
+def recording(sigma_tau: float = 0.02, samples: int = 12_000, seed: int = 0) -> Log:
+    t = np.arange(samples) * 0.005
+    truth = simulate(
+        ARM, THETA, lambda s: (1.13 * np.sin(1.7 * s) + 0.3 * np.sin(0.3 * s), 0.78 * np.cos(2.3 * s)), t,
+        tolerance=1e-9,
+    )  # fmt: skip
+    return record(truth, 1e-5, sigma_tau, np.random.default_rng(seed), source="day").log
+
+
+LOG = recording()
+
+
+def in_pieces(ready: Prepared, validation: Sequence[Log] = ()) -> Identification:
+    done = {one.job: one.value for one in run_jobs(ready.reducer, ready.spans)}
+    pieces = [done[span] for span in ready.spans]
+    return finished(ready, [one for one in pieces if one is not None], validation)
+
+
+@pytest.mark.parametrize(
+    ("smoother", "estimator", "low"),
+    [
+        (Spline(sigma=1e-5), LeastSquares(), None),
+        (Spline(sigma=1e-5), LeastSquares(weights="per_joint"), ParallelFilter(cutoff=10.0)),
+        (Butterworth(cutoffs=(20, 15, 10)), PhysicallyConsistent(), None),
+    ],
+    ids=["spline", "filter", "butterworth"],
+)
+def test_the_estimate_is_that_of_the_whole_to_rounding(
+    smoother: Smoother, estimator: Estimator, low: ParallelFilter | None
+) -> None:
+    ready = prepared(ARM, [Held(LOG)], Recipe(smoother, estimator, low), SMALL)
+    assert len(ready.spans) == 12
+    found = in_pieces(ready)
+    whole = identify(ARM, [LOG], recipe=found.recipe)  # with all that was chosen
+    np.testing.assert_allclose(found.estimate.value, whole.estimate.value, rtol=1e-8)
+    np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
+    assert found.estimate.residual.samples == whole.estimate.residual.samples
+    assert found.pieces is not None
+    torque = np.sqrt((found.pieces.rows * found.pieces.torque**2).sum(axis=0) / found.pieces.rows.sum(axis=0))
+    np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
+    note = next(one for one in found.notes if isinstance(one, InPieces))
+    assert (note.samples, note.pieces, note.excerpts) == (12_000, 12, 3)
+
+
+def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
+    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
+    whole = identify(ARM, [LOG], recipe=found.recipe)
+    assert found.errors.std_hac is not None
+    assert whole.errors.std_hac is not None
+    ratio = found.errors.std_hac / whole.errors.std_hac
+    assert ((ratio > 0.4) & (ratio < 1.6)).all()  # twelve pieces tell a standard error to a fifth
+    assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std_hac).all()
+
+
+def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() -> None:
+    held = replace(recording(seed=1, samples=2000), source="tuesday")
+    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
+    *excerpts, last = found.validations
+    assert [one.role for one in found.validations] == ["train"] * 3 + ["validation"]
+    assert [len(one.motion) for one in excerpts] == [1500] * 3
+    assert all(one.name.startswith("day from ") for one in excerpts)
+    again = found.predict(held)
+    assert last.errors.relative_error == pytest.approx(again.errors.relative_error, rel=1e-12)
+
+
+def test_a_change_is_seen_in_the_pieces() -> None:
+    late = np.arange(len(LOG))[:, None] >= 9000
+    changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
+    found = in_pieces(prepared(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
+    assert found.pieces is not None
+    left = found.pieces.residual[:, 0]
+    assert left[found.pieces.begins > 46].min() > 2 * left[found.pieces.ends < 44].max()
+    assert found.pieces.relative_error[0] > 3 * found.pieces.relative_error[1]
+
+
+def test_gaps_end_pieces_and_short_stretches_are_left_out() -> None:
+    held = Held(LOG, (4000, 4100, 4130))
+    ready = prepared(ARM, [held, Held(replace(LOG, source="night"))], Recipe(Spline(sigma=1e-5)), SMALL)
+    assert ready.lost == 30
+    edges = {0, 4000, 4100, 4130, 12_000}
+    for span in ready.spans:
+        assert span.first <= span.start < span.stop <= span.last
+        if span.recording == 0:
+            assert not any(span.first < edge < span.last for edge in edges)
+    assert sum(span.stop - span.start for span in ready.spans) == 2 * len(LOG) - 30
+    assert {span.recording for span in ready.spans} == {0, 1}
+
+
+def test_excerpts_are_where_the_arm_moves_and_rests_are_not_fitted() -> None:
+    rest = np.arange(len(LOG)) % 3000 < 1400
+    still = replace(
+        LOG, q=np.where(rest[:, None], 0.3, LOG.q) + 1e-5 * np.random.default_rng(2).normal(size=LOG.q.shape)
+    )
+    ready = prepared(ARM, [Held(still)], Recipe(Spline(sigma=1e-5), outliers="keep"), replace(SMALL, excerpt=1000))
+    for one in ready.logs.values():
+        assert np.ptp(one.q, axis=0).min() > 0.1
+    resting = Span(0, 6050, 7050, 6000, 7100)
+    assert ready.reducer(resting).rows == (0, 0)
+    assert not ready.reducer.motion(still.rows(slice(6000, 7100), "rest")).keep.any()  # type: ignore[union-attr]
+
+
+def test_what_needs_all_samples_at_once_is_refused() -> None:
+    short = Held(LOG.rows(slice(0, 1500), "short"))
+    recipe = Recipe(Spline(sigma=1e-5), MaximumLikelihood())
+    with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples at once"):
+        prepared(ARM, [short], recipe, replace(SMALL, excerpt=300))
+    with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
+        prepared(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from dynident.fleets.history import Group, GroupKind
 from dynident.models import (
+    Counterbalance,
     CoupledFriction,
     CoupledMotor,
-    Counterbalance,
     Drift,
     JointTerm,
     Model,

@@ -4,8 +4,9 @@ Ten arms of six joints, twenty logs each, one a week: the demo arm with ripple a
 and no two logs: friction follows the temperature of the day, offsets wander, joints rub by their load, which the model
 does not know, and the torque's noise is coloured. On five robots something changes. Printed is what was found, and of
 ``--quiet`` further robots without any change how many were flagged. Then the torque error of new robots on another
-motion, from one short log: by their own estimate, by the fleet's mean, and by what borrows from both. Each log is fitted by least squares on the exact motion (0.05 s); ``--out FOLDER`` writes the logs as
-files with a configuration for ``dynident fleet``.
+motion, from one short log: by their own estimate, by the fleet's mean, and by what borrows from both. Each log is
+fitted by least squares on the exact motion (0.05 s). With ``--run FOLDER`` the logs are written there as encoders and
+drives would report them, and all is done by ``dynident fleet``.
 """
 
 from __future__ import annotations

@@ -105,14 +105,15 @@ def find_changes(
         raise ConfigError(f"rate of false alarms is {rate}; give a share of robots between 0 and 1, such as 0.01.")
     if draws < 2 / rate:
         raise ConfigError(f"{draws} draws do not tell a rate of false alarms of {rate}; give at least {2 / rate:.0f}.")
+    seeds = rng.integers(2**63, size=len(histories))  # the same draws in each round
     scatter, found = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
     chances = dict[str, float]()
     for _ in range(ROUNDS):
         before = _named(found)
-        for history in histories:
+        for history, seed in zip(histories, seeds, strict=True):
             if scatter.dof >= FEWEST and len(history.logs) > 1:
                 found[history.robot], chances[history.robot] = changes_of(
-                    history, groups, scatter, rng, rate=rate, draws=draws
+                    history, groups, scatter, np.random.default_rng(seed), rate=rate, draws=draws
                 )
         if _named(found) == before:
             break

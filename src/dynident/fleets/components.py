@@ -73,12 +73,12 @@ class Solved:
 
 def measured(value: Array, information: Array, design: Array | None = None) -> Measured:
     """Return values (K, b) with information (K, b, b) as whitened rows; ``design`` (K, b, q) is one mean by default."""
-    scale = np.sqrt(np.einsum("kii->ki", information))
-    scale = np.where(scale > 0, scale, 1.0)
+    told = np.sqrt(np.einsum("kii->ki", information))
+    scale = np.where(told > 0, told, 1.0)
     roots, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
     shown = roots > SHOWN * roots[:, -1:].clip(min=0.0)
     size = np.sqrt(np.where(shown, roots, 0.0))
-    factor = size[:, :, None] * vectors.swapaxes(1, 2) * scale[:, None, :]
+    factor = size[:, :, None] * vectors.swapaxes(1, 2) * told[:, None, :]
     mean = np.broadcast_to(np.eye(value.shape[1]), information.shape)
     return Measured(factor, np.einsum("kij,kj->ki", factor, value), shown, mean if design is None else design)
 
@@ -168,10 +168,13 @@ def _owners(runs: Sequence[Solved]) -> list[_Owner]:
     ]
 
 
-def _bounded(pairs: Array, dof: Array) -> float:
-    """Return the sum of squares over its expectation, for rows (square, expected), each no more than chance allows."""
-    most = pairs[:, 1] * (1 + CAP * np.sqrt(2.0 / np.maximum(dof, 1.0)))
-    return float(np.minimum(pairs[:, 0], most).sum() / max(pairs[:, 1].sum(), 1e-300))
+def _bound(dof: Array) -> tuple[Array, Array]:
+    """Return how large a mean square, one on average, may be by chance, and its average where it is bounded there."""
+    from scipy.special import gammainc, gammaincc
+
+    half = 0.5 * np.maximum(dof, 1.0)
+    most = 1 + CAP / np.sqrt(half)
+    return most, gammainc(half + 1, half * most) + most * gammaincc(half, half * most)
 
 
 def _next(owners: Sequence[_Owner], now: Components, inflate: bool, few: bool) -> Components:
@@ -181,19 +184,22 @@ def _next(owners: Sequence[_Owner], now: Components, inflate: bool, few: bool) -
         covariance[place] = _block(owners, block, now.covariance[place], few)
     if not inflate:
         return Components(now.blocks, covariance, now.inflation)
-    noise = np.array([one.noise for one in owners])
-    ratio = _bounded(noise, noise[:, 1] * now.inflation)
-    return Components(now.blocks, covariance, max(1.0, now.inflation * np.sqrt(ratio)))
+    square, expected = np.array([one.noise for one in owners]).T
+    most, mean = _bound(expected * now.inflation)
+    ratio = np.minimum(square, most * expected).sum() / max((mean * expected).sum(), 1e-300)
+    return Components(now.blocks, covariance, max(1.0, float(now.inflation * np.sqrt(ratio))))
 
 
 def _block(owners: Sequence[_Owner], block: Block, V: Array, few: bool) -> Array:
     """Return W (m, m), the next V: the matrix with W M W = V R V, of squares R and their expectation M."""
     place = np.ix_(block, block)
-    squares, expected = (np.array([x[place] for x in y]) for y in _both(owners))
-    pairs = np.stack([np.einsum("kij,ji->k", x, V) for x in (squares, expected)], axis=1)
-    most = 1 + CAP * np.sqrt(2.0 / (len(block) * np.array([one.count for one in owners])))
-    share = np.minimum(1.0, most * pairs[:, 1] / np.maximum(pairs[:, 0], 1e-300))
-    R, M = np.einsum("k,kij->ij", share, squares), expected.sum(axis=0)
+    squares, expected = (
+        np.array(one) for one in zip(*((x.square[place], x.expected[place]) for x in owners), strict=True)
+    )
+    most, mean = _bound(len(block) * np.array([one.count for one in owners]))
+    found, wanted = (np.einsum("kij,ji->k", x, V) for x in (squares, expected))
+    share = np.minimum(1.0, most * wanted / np.maximum(found, 1e-300))
+    R, M = np.einsum("k,kij->ij", share, squares), np.einsum("k,kij->ij", mean, expected)
     scale = np.sqrt(np.diag(V))
     if not (scale > 0).all() or not (np.diag(M) > 0).all():
         return np.zeros_like(V)
@@ -206,10 +212,6 @@ def _block(owners: Sequence[_Owner], block: Block, V: Array, few: bool) -> Array
     return np.asarray(half @ half.T * np.outer(scale, scale))
 
 
-def _both(owners: Sequence[_Owner]) -> tuple[list[Array], list[Array]]:
-    return [one.square for one in owners], [one.expected for one in owners]
-
-
 def _moved(before: Components, now: Components, runs: Sequence[Solved]) -> float:
     """Return the largest relative change of a standard deviation, as far as the data tell it from zero."""
     old, new = np.diag(before.covariance), np.diag(now.covariance)
@@ -219,13 +221,13 @@ def _moved(before: Components, now: Components, runs: Sequence[Solved]) -> float
 
 
 def _start(sets: Sequence[Measured], blocks: tuple[Block, ...]) -> Components:
-    """Return the variances of the values about their robot's mean, from which the iteration falls."""
+    """Return the variances of the values about their robot's mean and of their errors, from which all fall."""
     total, weight = 0.0, 0.0
     for one in sets:
         told = np.einsum("kij,kij->kj", one.factor, one.factor)  # how much each vector shows of a parameter
-        y = np.array([np.linalg.pinv(G, rcond=1e-5) @ z for G, z in zip(one.factor, one.value, strict=True)])
+        y = np.array([pseudo_inverse(G.T @ G) @ G.T @ z for G, z in zip(one.factor, one.value, strict=True)])
         mean = (told * y).sum(axis=0) / np.maximum(told.sum(axis=0), 1e-300)
-        total = total + (told * (y - mean) ** 2).sum(axis=0)
+        total = total + (told * (y - mean) ** 2 + (told > 0)).sum(axis=0)
         weight = weight + told.sum(axis=0) * (1 - 1 / max(len(y), 2))
     variance = np.asarray(total) / np.maximum(np.asarray(weight), 1e-300)
     return Components(blocks, np.diag(variance))

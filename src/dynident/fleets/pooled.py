@@ -72,11 +72,7 @@ class Pooled:
 
         Where they show nothing it is the mean of the type with the spread, where they show all it is the value.
         """
-        prior = self.spread + self.covariance
-        one = measured(value[None], information[None])
-        G, z = one.factor[0], one.value[0]
-        gain = prior @ G.T @ np.linalg.inv(np.eye(len(z)) + G @ prior @ G.T)
-        return Posterior(robot, self.mean + gain @ (z - G @ self.mean), prior - gain @ G @ prior)
+        return _posterior(robot, value, information, self.mean, self.spread + self.covariance)[0]
 
 
 def pooled(
@@ -95,13 +91,12 @@ def pooled(
     parts = components([together], blocks_of(groups, values.shape[1]), few=True)
     weights = weights_of(together, parts)
     run = solved(together, parts, weights)
-    here = Pooled(run.value, run.covariance, parts.covariance, (), weights)
-    # the posterior of a robot that is among them knows the mean, which rests on it too
-    alone = Pooled(run.value, np.zeros_like(run.covariance), parts.covariance, (), weights)
-    robots = tuple(
-        alone.borrow(one.robot, value, told) for one, value, told in zip(histories, values, information, strict=True)
-    )
-    return Pooled(here.mean, here.covariance, here.spread, robots, weights)
+    robots = []
+    for history, value, told in zip(histories, values, information, strict=True):
+        one, share = _posterior(history.robot, value, told, run.value, parts.covariance)
+        rest = np.eye(len(value)) - share  # of the mean, whose error counts as well
+        robots.append(Posterior(one.robot, one.value, one.covariance + rest @ run.covariance @ rest.T))
+    return Pooled(run.value, run.covariance, parts.covariance, tuple(robots), weights)
 
 
 def baseline(history: History, scatter: Scatter, changes: Sequence[Change] = ()) -> tuple[Array, Array]:
@@ -109,3 +104,11 @@ def baseline(history: History, scatter: Scatter, changes: Sequence[Change] = ())
     b = history.value.shape[1]
     run = solved(measured(history.value, history.information, design(history, changes)), scatter.parts)
     return run.value[:b], pseudo_inverse(run.covariance[:b, :b])
+
+
+def _posterior(robot: str, value: Array, information: Array, mean: Array, prior: Array) -> tuple[Posterior, Array]:
+    """Return the posterior for a prior covariance (b, b) about a mean (b), and the share (b, b) of what is measured."""
+    one = measured(value[None], information[None])
+    G, z = one.factor[0], one.value[0]
+    gain = np.linalg.solve(np.eye(len(z)) + G @ prior @ G.T, G @ prior).T
+    return Posterior(robot, mean + gain @ (z - G @ mean), prior - gain @ G @ prior), gain @ G

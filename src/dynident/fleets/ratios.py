@@ -16,6 +16,8 @@ __all__ = ["Ratios", "evidence"]
 
 Array = NDArray[np.float64]
 Candidate = tuple[int, int]  # the number of a group, and that of a course in time
+CHUNK = 10_000_000  # numbers that are drawn at once
+ROUNDING = 1e-7  # of a direction that no log shows, from the square root of its information
 ALONE = 1e-8  # a direction with less information of its own, as a share, is that of what is already known
 
 
@@ -47,7 +49,9 @@ class Ratios:
         ends = np.cumsum([0, *(group.directions.shape[1] for group in groups)])
         directions = np.hstack([np.zeros((b, 0)), *(group.directions for group in groups)])
         places = tuple(slice(*ends[k : k + 2]) for k in range(len(groups)))
-        return cls(rows, value, rows @ directions, places, courses, dof)
+        columns, most = rows @ directions, np.abs(rows) @ np.abs(directions)
+        columns[:, :, np.linalg.norm(columns, axis=(0, 1)) <= ROUNDING * np.linalg.norm(most, axis=(0, 1))] = 0.0
+        return cls(rows, value, columns, places, courses, dof)
 
     def clearest(
         self, taken: Sequence[Candidate], rng: np.random.Generator, draws: int
@@ -57,21 +61,34 @@ class Ratios:
         None where no candidate is left. The p-value is the share of draws without a further change whose least tail
         probability is no larger, counting the data as one of them.
         """
-        noise = rng.standard_normal((draws, *self.value.shape))
-        known = self._known(taken)
-        scores, top = self._scores(known, np.concatenate([self.value[None], noise])), np.full(draws + 1, -np.inf)
-        best: Candidate | None = None
+        known, many = self._known(taken), max(1, CHUNK // self.value.size)
+        told, best = self._told(known, self.value[None], np.ones((1, len(self.parts))))
+        least = []
+        for start in range(0, draws, many):
+            count = min(many, draws - start)
+            noise, heavy = rng.standard_normal((count, *self.value.shape)), self._heavy(rng, count)
+            least.append(self._told(known, noise, heavy)[0])
+        chance = float((1 + (np.concatenate(least) >= told[0]).sum()) / (draws + 1))
+        return (best, chance) if best else (None, 1.0)
+
+    def _heavy(self, rng: np.random.Generator, draws: int) -> Array:
+        """Return factors (N, groups) on the gains, as of variances that were estimated: F instead of chi-square."""
+        sizes = np.array([part.stop - part.start for part in self.parts])
+        dof = np.maximum(self.dof - sizes + 1, 1.0)
+        return np.asarray(dof / rng.chisquare(dof, (draws, len(sizes))))
+
+    def _told(self, known: Array, values: Array, heavy: Array) -> tuple[Array, Candidate | None]:
+        """Return the evidence (N) of the clearest change in values (N, K, b), and which it is in the first of them."""
+        scores, top, best = self._scores(known, values), np.full(len(values), -np.inf), None
         for g, part in enumerate(self.parts):
             gains, rank = self._gains(known, scores, part)
-            m = max(self.dof - (part.stop - part.start) + 1, 1.0)
-            heavy = np.concatenate([[1.0], m / rng.chisquare(m, draws)])  # as of a variance that is estimated
             for r in np.unique(rank[rank > 0]):
                 some = np.flatnonzero(rank == r)
-                told = evidence(gains[some].max(axis=0) * heavy, int(r))
+                told = evidence(gains[some].max(axis=0) * heavy[:, g], int(r))
                 if told[0] > top[0]:
                     best = g, int(some[np.argmax(gains[some, 0])])
                 top = np.maximum(top, told)
-        return best, float((1 + (top[1:] >= top[0]).sum()) / (draws + 1)) if best else 1.0
+        return top, best
 
     def refined(self, taken: Sequence[Candidate]) -> list[Candidate]:
         """Return the same changes, each with the course that fits best beside the others."""

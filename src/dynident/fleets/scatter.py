@@ -87,7 +87,7 @@ def scatter_of(
             for run in _runs(len(known[k]), len(histories) < FEW and designs is None):
                 sets.append(measured(histories[k].value[run], histories[k].information[run], known[k][run]))
                 dof += max(len(known[k][run]) - known[k].shape[2] / b, 0.0)
-    blocks = blocks_of(groups, b)
+    blocks = blocks_of(groups, b) if b else ()
     sets = [one for one in sets if len(one.value) > 1]
     if not sets:
         return Scatter(Components(blocks, np.zeros((b, b))), 0.0)

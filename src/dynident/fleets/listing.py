@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -185,11 +184,12 @@ def parse_date(given: object, format_: str | None = None) -> datetime | None:
     if isinstance(given, date):
         return datetime.combine(given, time())
     text = str(given).strip() if given is not None else ""
-    reads = [lambda: datetime.fromisoformat(text)] if format_ is None else []
-    reads += [partial(datetime.strptime, text, one) for one in ((format_,) if format_ else FORMATS)]
-    for read in reads:
+    if format_ is None:
         with suppress(ValueError):
-            return _plain(read())
+            return _plain(datetime.fromisoformat(text))
+    for one in (format_,) if format_ else FORMATS:
+        with suppress(ValueError):
+            return _plain(datetime.strptime(text, one))
     return None
 
 

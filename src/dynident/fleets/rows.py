@@ -46,7 +46,7 @@ def schema() -> dict[str, Any]:
 
 def packed(matrix: Array) -> list[float]:
     """Return the lower triangle of a symmetric matrix (b, b), row by row: b (b + 1) / 2 numbers."""
-    return np.asarray(matrix)[np.tril_indices(len(matrix))].tolist()
+    return list(map(float, matrix[np.tril_indices(len(matrix))]))
 
 
 def unpacked(numbers: Array, size: int) -> Array:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynident.errors import InputError, Step
 from dynident.fleets.fit import Fitted, LogFit, LogJob, Pages, built, empty_row

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dynident.errors import listed
@@ -12,7 +13,20 @@ from dynident.report.fleet_courses import RobotCourses
 from dynident.report.fleet_logs import failed, failed_table, failure_words, log_section, robot_table, rows_of
 from dynident.report.fleet_pooled import pooled_sections
 from dynident.report.fleet_words import change_table, change_words, changed_in, group_words, worst_first
-from dynident.report.page import Badge, Column, Facts, Figure, Fold, Gallery, PageBlock, PageSection, PageTable, number, pairs, render
+from dynident.report.page import (
+    Badge,
+    Column,
+    Facts,
+    Figure,
+    Fold,
+    Gallery,
+    PageBlock,
+    PageSection,
+    PageTable,
+    number,
+    pairs,
+    render,
+)
 from dynident.report.terminal import terminal
 from dynident.report.words import count, percent
 
@@ -30,12 +44,12 @@ IN_TERMINAL = 20  # rows of a table in a terminal
 _CHANGES = (
     "A change is reported where it is larger than what standard errors and the scatter from log to log explain. Of "
     "{tested}, in which nothing changes, {expected} would be listed here by chance ({rate}). A step comes at once, "
-    "a drift grows with time; +- is one standard error, and a p-value the share of robots without a change that would "
+    "a drift with time; +- is one standard error, and a p-value the share of robots without a change that would "
     "show as much."
 )
 _COURSES = (
-    "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the mean "
-    "of the robot's logs. The line is what was found, dashed where it begins."
+    "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
+    "mean of the robot's logs. The line is what was found, dashed where it begins."
 )
 
 
@@ -104,7 +118,7 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     rows = rows_of(found)
     robots, lost = len({row["robot"] for row in rows}), len(failed(rows))
     tested = sum(len(one.p_values) for one in found.changes)
-    facts = [
+    facts: list[tuple[str, ...]] = [
         (f"{len({one.robot for one in changes})} of {robots}", "robots that changed"),
         (f"{len(rows) - lost} of {len(rows)}", "logs with a result"),
     ]
@@ -113,11 +127,17 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     yield Facts(tuple(facts))
     yield tuple(fleet_findings(found))
     if changes:
-        yield change_table(changes, found.start, IN_TABLE)
+        table = change_table(changes, found.start, IN_TABLE)
+        table = replace(table, rows=tuple(tuple(map(_typeset, row)) for row in table.rows))
+        yield table if len(changes) > IN_WORDS else Fold("With p-values and logs", (table,))
     if found.changes:
         rate = found.changes[0].rate
         expected, words = number(tested * rate, 2), percent(100 * rate)
         yield _CHANGES.format(tested=count(tested, "robot"), expected=expected, rate=words)
+
+
+def _typeset(text: str) -> str:
+    return text.replace(" +- ", " ± ")
 
 
 def _robots(found: FleetResult, changes: Sequence[Change]) -> dict[str, RobotCourses]:
@@ -152,22 +172,35 @@ def _drawn(one: RobotCourses, found: FleetResult) -> Iterator[PageBlock]:
     for changes in groups.values():
         courses = one.of(changes[0].group)
         shown = list(dict.fromkeys(k for change in changes for k in changed_in(change)))[:PANELS]
-        caption = " ".join(change_words(change, found.start) for change in changes)
+        caption = _typeset(" ".join(change_words(change, found.start) for change in changes))
         yield Figure(figures.course_figure([courses[k] for k in sorted(shown)], found.start), caption)
 
 
 def _all_section(found: FleetResult, robots: Mapping[str, RobotCourses]) -> Iterator[PageSection]:
-    """Yield the section with all robots side by side, one view for each group, the one that changed most first."""
-    some = list(robots.values())[:SIDE_BY_SIDE]
-    if not some or not found.groups:
+    """Yield the section with robots side by side, a view for each type and group, what changed most first."""
+    types = {kind: [robots[name] for name in robots if name in names] for kind, names in _types(found).items()}
+    types = {kind: some for kind, some in types.items() if some}
+    each = max(SIDE_BY_SIDE // max(len(types), 1), 1)
+    drawn = {kind: some[:each] for kind, some in list(types.items())[:SIDE_BY_SIDE]}
+    words = list(dict.fromkeys([group_words(one.group) for one in worst_first(_changes(found))]))
+    groups = sorted(
+        found.groups, key=lambda one: words.index(word) if (word := group_words(one)) in words else len(words)
+    )
+    views = tuple(
+        ((kind, group_words(group)), tuple(_side_by_side(group, some, found)))
+        for kind, some in drawn.items()
+        for group in groups
+    )
+    if not views:
         return
-    changed = [group_words(one.group) for one in worst_first(_changes(found))]
-    order = sorted(found.groups, key=lambda one: changed.index(group_words(one)) if group_words(one) in changed else len(changed))
-    views = tuple(((group_words(group),), tuple(_side_by_side(group, some, found))) for group in order)
     lead = f"All have the same axes; robots that changed in this are red. {_COURSES}"
-    if len(robots) > len(some):
-        lead += f" Drawn are {len(some)} of {len(robots)} robots, those that changed first."
-    yield PageSection("All robots", (lead, Gallery(("group",), views)))
+    if (number_of := sum(map(len, drawn.values()))) < len(robots):
+        lead += f" Drawn are {number_of} of {len(robots)} robots, those that changed first."
+    yield PageSection("All robots", (lead, Gallery(("type", "group"), views)))
+
+
+def _types(found: FleetResult) -> dict[str, frozenset[str]]:
+    return {kind: frozenset(names) for kind, names in found.types.items()}
 
 
 def _side_by_side(group: Group, robots: Sequence[RobotCourses], found: FleetResult) -> Iterator[PageBlock]:

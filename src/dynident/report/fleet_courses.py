@@ -62,7 +62,8 @@ class RobotCourses:
         """Return the mean (b) of the logs by their information, without the changes found."""
         quiet = self.history.value - _effect(self.changes, self.history.days, self.history)
         right = np.einsum("kij,kj->i", self.information, quiet)
-        return _solved(self.information.sum(axis=0)[None], right[None])[0][0]
+        mean: Array = _solved(self.information.sum(axis=0)[None], right[None])[0][0]
+        return mean
 
     def _zero(self, group: Group) -> Array:
         """Return the value (k) of each direction in the mean, nan where it has none of its own."""
@@ -119,7 +120,7 @@ def _solved(matrix: Array, right: Array) -> tuple[Array, Array]:
     """Return x (K, k) of A x = right for information matrices A (K, k, k), with standard errors, infinite if free."""
     scale = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2).max(axis=0))
     scale = np.where(scale > 0, scale, 1.0)
-    scaled = matrix / np.outer(scale, scale)
+    scaled: Array = matrix / np.outer(scale, scale)
     inverse = np.linalg.pinv(scaled, SINGULAR, hermitian=True)
     shown = np.diagonal(inverse @ scaled, axis1=1, axis2=2) > 1 - SHOWN
     std = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 0.0)) / scale

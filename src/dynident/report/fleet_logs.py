@@ -22,7 +22,7 @@ LONGEST = 200  # letters of a reason
 Row = Mapping[str, Any]
 
 
-def rows_of(found: FleetResult) -> list[Row]:
+def rows_of(found: FleetResult) -> Sequence[Row]:
     """Return the rows of the logs, without what is for computing only."""
     return found.rows.drop("value", "information").to_dicts()
 
@@ -36,7 +36,8 @@ def failure_words(rows: Sequence[Row]) -> str:
     """Say how many logs have no result, by what became of them; "" where all have."""
     lost = Counter(row["status"] for row in failed(rows))
     parts = [f"{times} {status}" for status, times in lost.most_common()]
-    return f"{count(lost.total(), 'log')} of {len(rows)} without a result: {', '.join(parts)}." if lost else ""
+    have = "has" if lost.total() == 1 else "have"
+    return f"{lost.total()} of {count(len(rows), 'log')} {have} no result: {', '.join(parts)}." if lost else ""
 
 
 def failed_table(rows: Sequence[Row], most: int = FAILED) -> Iterator[PageTable]:
@@ -63,8 +64,8 @@ def robot_table(rows: Sequence[Row], changes: Mapping[str, int], most: int) -> P
     """Return the table of robots, those with most changes first: logs, failures, the last log and its error."""
     logs = _by_robot(rows)
     order = sorted(logs, key=lambda robot: (-changes.get(robot, 0), -len(failed(logs[robot]))))
-    heads = (Column("robot", numeric=False), Column("type", numeric=False), Column("changes"), Column("logs"))
-    heads += (Column("failed"), Column("last log", numeric=False), Column("its error, %"))
+    heads = [Column("robot", numeric=False), Column("type", numeric=False), Column("changes"), Column("logs")]
+    heads += [Column("failed"), Column("last log", numeric=False), Column("its error, %")]
     cells = []
     for robot in order[:most]:
         good = [row for row in logs[robot] if row["status"] == Status.OK]
@@ -72,7 +73,7 @@ def robot_table(rows: Sequence[Row], changes: Mapping[str, int], most: int) -> P
         counts = map(str, (changes.get(robot, 0), len(logs[robot]), len(logs[robot]) - len(good)))
         cells.append((robot, logs[robot][0]["type"] or "", *counts, _date(last), number(last.get("error"), 3)))
     more = f", {most} of {len(order)}" if len(order) > most else ""
-    return PageTable(heads, tuple(cells), f"Robots{more}")
+    return PageTable(tuple(heads), tuple(cells), f"Robots{more}")
 
 
 def log_section(found: FleetResult) -> PageSection:

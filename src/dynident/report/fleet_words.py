@@ -25,12 +25,12 @@ GROUPS = {
     GroupKind.RIPPLE: "ripple of {}",
 }
 VERBS = {
-    (Shape.STEP, 1): "rose at once",
-    (Shape.STEP, -1): "fell at once",
-    (Shape.STEP, 0): "changed at once",
-    (Shape.DRIFT, 1): "rises",
-    (Shape.DRIFT, -1): "falls",
-    (Shape.DRIFT, 0): "drifts",
+    (Shape.STEP, 1): "rose",
+    (Shape.STEP, -1): "fell",
+    (Shape.STEP, 0): "changed",
+    (Shape.DRIFT, 1): "has been rising",
+    (Shape.DRIFT, -1): "has been falling",
+    (Shape.DRIFT, 0): "has been drifting",
 }
 SURE, FEW = 2.0, 3  # standard errors from which on a part of a change is named, and how many are
 RATE = 100.0  # days
@@ -67,8 +67,8 @@ def _ratios(change: Change) -> Array:
 
 def change_words(change: Change, start: datetime | None) -> str:
     """Return a change as a sentence."""
-    since = f"{'since' if change.shape is Shape.STEP else 'from'} {day_words(change.day, start)}"
-    what = f"{group_words(change.group)} {_verb(change)} {since}"
+    join = "on" if change.shape is Shape.STEP else "since"
+    what = f"{group_words(change.group)} {_verb(change)} {join} {day_words(change.day, start)}"
     return f"{change.robot}: {what}: {listed(_sizes(change), FEW)}."
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,6 @@ from dynident.errors import brief
 from dynident.report.figures.canvas import (
     AMBER,
     BLUE,
-    INK,
-    PALE,
     RED,
     TEMPLATE,
     Array,
@@ -30,6 +29,7 @@ __all__ = ["MOST_POINTS", "SMALL_POINTS", "Course", "Mark", "course_figure", "po
 MOST_POINTS, SMALL_POINTS = 300, 60  # of one panel: of a robot alone, and of many side by side
 COLUMNS, SMALL = 4, 130  # panels beside each other, and their height
 DAY = 86_400_000.0  # ms
+WIDE = 5.0  # median standard errors of a course, beyond which a log's interval may leave its panel
 FAR = 3.0  # spreads of the robots at which the colours of a deviation end
 
 
@@ -45,8 +45,8 @@ class Mark:
 class Course:
     """One parameter of one robot from log to log: ``value`` with its standard error ``std``, both (K), at ``days`` (K).
 
-    ``std`` is not finite where a log does not show the parameter; ``fitted``, days and values, is the line of the changes
-    found, which begin at the ``marks``.
+    ``std`` is not finite where a log does not show the parameter; ``fitted``, days and values, is the line of the
+    changes found, which begin at the ``marks``.
     """
 
     robot: str
@@ -62,10 +62,10 @@ class Course:
     __repr__ = brief
 
 
-def course_figure(courses: Sequence[Course], start: float | None = None) -> Drawing:
+def course_figure(courses: Sequence[Course], start: datetime | None = None) -> Drawing:
     """Draw parameters of one robot over time, one panel each, with 95 % intervals and a line where a change begins.
 
-    ``start`` is the date of day 0 (s since 1970), None where logs have none. Neighbouring logs are drawn as their
+    ``start`` is the date of day 0, None where there is none. Neighbouring logs are drawn as their
     weighted mean where there are more than ``MOST_POINTS``.
     """
     figure = panels(
@@ -75,6 +75,7 @@ def course_figure(courses: Sequence[Course], start: float | None = None) -> Draw
     for row, one in enumerate(courses, start=1):
         for curve in _course(one, start, MOST_POINTS):
             figure.add(curve | {"showlegend": row == 1}, row=row)
+        figure.layout[f"yaxis{row if row > 1 else ''}"]["range"] = _range([one])
     shapes = [_line(mark, start, row) for row, one in enumerate(courses, start=1) for mark in one.marks]
     words = [_word(mark, start) for mark in (courses[0].marks if courses else ())]
     for heading in figure.layout["annotations"]:
@@ -84,20 +85,22 @@ def course_figure(courses: Sequence[Course], start: float | None = None) -> Draw
     return figure
 
 
-def robots_figure(courses: Sequence[Course], start: float | None = None) -> Drawing:
+def robots_figure(courses: Sequence[Course], start: datetime | None = None) -> Drawing:
     """Draw one parameter of many robots, a small panel each, all with the same axes; marked robots in red."""
     figure = _grid([one.robot for one in courses])
     for k, one in enumerate(courses, start=1):
         for curve in _course(one, start, SMALL_POINTS, RED if one.marks else BLUE, size=3):
             figure.add(curve | {"showlegend": False}, row=k)
     _time_axis(figure, start, title="")
-    figure.axes("y", range=_common(courses))
+    figure.axes("y", range=_range(courses))
     figure.layout["shapes"] = [_line(mark, start, k) for k, one in enumerate(courses, start=1) for mark in one.marks]
     figure.layout["hovermode"] = "closest"
     return figure
 
 
-def pooled_figure(names: Sequence[str], robots: Sequence[str], deviation: Array, words: Sequence[Sequence[str]]) -> Drawing:
+def pooled_figure(
+    names: Sequence[str], robots: Sequence[str], deviation: Array, words: Sequence[Sequence[str]]
+) -> Drawing:
     """Draw how far each robot (R) is from the mean of its type in each parameter (b), in spreads of the robots.
 
     ``deviation`` is (R, b), ``words`` the text of each field; blue is below the mean, red above.
@@ -127,7 +130,7 @@ def pooled_figure(names: Sequence[str], robots: Sequence[str], deviation: Array,
     return figure
 
 
-def _course(one: Course, start: float | None, most: int, colour: str = BLUE, size: int = 6) -> list[Trace]:
+def _course(one: Course, start: datetime | None, most: int, colour: str = BLUE, size: int = 6) -> list[Trace]:
     """Return the marks of a course with their intervals, and the line of what was found."""
     names, days, value, std = _merged(one, most)
     marks = trace(
@@ -159,23 +162,23 @@ def _merged(one: Course, most: int) -> tuple[list[str], Array, Array, Array]:
     """Return names, days, values and standard errors of at most ``most`` points: neighbouring logs by their weights."""
     seen = np.flatnonzero(np.isfinite(one.std) & np.isfinite(one.value))
     if len(seen) <= most:
-        return [plain(one.logs[k]) for k in seen], one.days[seen], one.value[seen], one.std[seen]
+        return [plain(one.logs[int(k)]) for k in seen], one.days[seen], one.value[seen], one.std[seen]
     parts = np.array_split(seen, most)
     weights = [1 / np.maximum(one.std[part], 1e-12 * one.std[seen].max()) ** 2 for part in parts]
     means = [
         [np.average(values[part], weights=weight) for part, weight in zip(parts, weights, strict=True)]
         for values in (one.days, one.value)
     ]
-    names = [f"{plain(one.logs[part[0]])} to {plain(one.logs[part[-1]])}" for part in parts]
+    names = [" to ".join(plain(one.logs[int(k)]) for k in part[[0, -1]]) for part in parts]
     return names, np.array(means[0]), np.array(means[1]), np.array([weight.sum() ** -0.5 for weight in weights])
 
 
-def _at(days: Array, start: float | None) -> Array:
+def _at(days: Array, start: datetime | None) -> Array:
     """Return the places of days at the axis: of dates, ms since 1970."""
-    return days if start is None else 1000 * start + DAY * days
+    return days if start is None else 1000 * start.replace(tzinfo=start.tzinfo or UTC).timestamp() + DAY * days
 
 
-def _time_axis(figure: Drawing, start: float | None, title: str | None = None) -> None:
+def _time_axis(figure: Drawing, start: datetime | None, title: str | None = None) -> None:
     name = "" if start is not None else "day"
     for key in [key for key in figure.layout if key.startswith("xaxis")]:
         figure.layout[key].pop("title", None)
@@ -184,27 +187,32 @@ def _time_axis(figure: Drawing, start: float | None, title: str | None = None) -
     figure.layout[last]["title"] = {"text": name if title is None else title}
 
 
-def _line(mark: Mark, start: float | None, row: int) -> dict[str, Any]:
+def _line(mark: Mark, start: datetime | None, row: int) -> dict[str, Any]:
     x, number = _at(np.array([mark.day]), start)[0], row if row > 1 else ""
     place = {"xref": f"x{number}", "yref": f"y{number} domain", "x0": x, "x1": x, "y0": 0, "y1": 1}
     return {"type": "line", **place, "line": {"color": AMBER, "width": 1.5, "dash": "dash"}}
 
 
-def _word(mark: Mark, start: float | None) -> dict[str, Any]:
+def _word(mark: Mark, start: datetime | None) -> dict[str, Any]:
     place = {"xref": "x", "yref": "y domain", "x": _at(np.array([mark.day]), start)[0], "y": 1.0}
     sides = {"xanchor": "left", "xshift": 4, "yanchor": "top"}
     return {**place, **sides, "text": plain(mark.word), "showarrow": False, "font": {"size": 12}}
 
 
-def _common(courses: Sequence[Course]) -> list[float] | None:
-    """Return the range of the values of all courses; intervals that are far wider leave the panels."""
-    known = [one.value[np.isfinite(one.std) & np.isfinite(one.value)] for one in courses]
-    every = np.concatenate([np.empty(0), *known])
+def _range(courses: Sequence[Course]) -> list[float] | None:
+    """Return the range of what the logs show well and of the lines; intervals that are far wider leave the panel."""
+    ends = [np.empty(0)]
+    for one in courses:
+        known = np.isfinite(one.std) & np.isfinite(one.value)
+        sure = known & (one.std <= WIDE * np.median(one.std[known])) if known.any() else known
+        ends += [one.value[sure] - NORMAL_95 * one.std[sure], one.value[sure] + NORMAL_95 * one.std[sure]]
+        ends += [one.fitted[1]] if one.fitted else []
+    every = np.concatenate(ends)
     if not every.size:
         return None
-    low, high = np.quantile(every, [0.002, 0.998]) if every.size > 500 else (every.min(), every.max())
-    pad = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
-    return [float(low - pad), float(high + pad)]
+    low, high = float(every.min()), float(every.max())
+    pad = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+    return [low - pad, high + pad]
 
 
 def _grid(titles: Sequence[str]) -> Drawing:

@@ -5,6 +5,7 @@ from dynident.fleets.groups import groups_of
 from dynident.fleets.history import Group, GroupKind, History
 from dynident.fleets.pooled import Pooled, pooled
 from dynident.fleets.result import FleetBase, FleetResult
+from dynident.fleets.run import run_fleet
 from dynident.fleets.scatter import Scatter
 
 __all__ = [
@@ -21,4 +22,5 @@ __all__ = [
     "find_changes",
     "groups_of",
     "pooled",
+    "run_fleet",
 ]

@@ -43,7 +43,7 @@ class RobotChanges(Section):
     """
 
     type: Name | None = None
-    model: Settings | str = {}
+    model: str | Settings = {}  # noqa: RUF012 -- pydantic copies it
     position: Mapping[Name, Settings] = {}
     torque: Mapping[Name, Settings] = {}
     transmission: Mapping[Name, Mapping[Name, Number]] = {}

@@ -16,8 +16,8 @@ LONGEST = 80  # letters
 def folder_names(names: Iterable[str]) -> dict[str, str]:
     """Return a folder for each name, by name: readable, the same in every run, and never one for two names.
 
-    Other characters than letters, digits, points and hyphens are written as =xx, which links take as they are. Names that then are too long, or
-    alike on a system that ignores case, end with a digest.
+    Other characters than letters, digits, points and hyphens are written as =xx, which links take as they are. Names
+    that then are too long, or alike on a system that ignores case, end with a digest.
 
     >>> folder_names(["arm 1", "../etc"])
     {'arm 1': 'arm=201', '../etc': '=2E.=2Fetc'}

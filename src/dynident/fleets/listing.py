@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
-from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dynident.errors import ConfigError, InputError, choices, listed
 from dynident.fleets.settings import FleetSettings
 from dynident.io.opener import content, keep
-from dynident.io.places import is_address, local_file, matching, placed, status_of
+from dynident.io.places import is_address, local_file, matching, placed, stamp_of
 from dynident.io.results import read_table, table_kind
 from dynident.io.text import unpanicked
 
@@ -39,15 +38,14 @@ OTHERWISE = "give `date_format`, such as %d.%m.%Y, if they are written in anothe
 class FleetLog:
     """One recording of one robot: ``log`` is its path, as seen from the fleet's configuration, or its address.
 
-    ``size`` (bytes) and ``stamp`` tell whether the file is as it was, None and "" where there is none. ``hold_out`` is
-    the recording to judge the model by. ``fault`` says why the log cannot be identified, before it is read.
+    ``stamp`` tells whether the file is as it was, "" where there is none. ``hold_out`` is the recording to judge the
+    model by. ``fault`` says why the log cannot be identified, before it is read.
     """
 
     robot: str
     log: str
     date: datetime | None
     type: str
-    size: int | None = None
     stamp: str = ""
     hold_out: str = ""
     fault: str = ""
@@ -69,7 +67,7 @@ def fleet_logs(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], t
     if absent:
         warnings = (*warnings, f"robots: there is no log of {listed(absent)}; {choices(absent[0], robots)}")
     for one in found:
-        if one.size is not None and not is_address(one.log):
+        if one.stamp and not is_address(one.log):
             keep(folder / one.log)
     return sorted(found, key=lambda one: (one.robot, one.date or datetime.max, one.log)), warnings
 
@@ -87,7 +85,7 @@ def _by_pattern(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], 
     for file in matching(_glob(pattern), folder):
         if fields := named.fullmatch(file.matched):
             given = {"log": file.name, **fields.groupdict()}
-            found.append(_log(given, settings, (file.size, file.stamp)))
+            found.append(_log(given, settings, file.stamp))
     return found, ()
 
 
@@ -138,7 +136,7 @@ def _by_table(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], tu
         for column in ("log", "robot"):
             if given[column] is None or not str(given[column]).strip():
                 raise ConfigError(f"{name}: row {row} has no {column}.")
-        found.append(_log(given, settings, status_of(str(given["log"]), folder)))
+        found.append(_log(given, settings, stamp_of(str(given["log"]), folder)))
     count = Counter((one.robot, one.log) for one in found)
     if twice := [key for key, times in count.items() if times > 1]:
         raise ConfigError(f"{name}: lists the log {twice[0][1]!r} of robot {twice[0][0]!r} twice.")
@@ -158,20 +156,17 @@ def _read(path: Path, name: str) -> pl.DataFrame:
         raise ConfigError(f"{name}: is no table of texts between commas ({error}).") from error
 
 
-def _log(given: Mapping[str, Any], settings: FleetSettings, status: tuple[int, str] | None) -> FleetLog:
+def _log(given: Mapping[str, Any], settings: FleetSettings, stamp: str) -> FleetLog:
     robot, log = str(given["robot"]).strip(), str(given["log"]).strip()
     own = settings.robots.get(robot)
     kind = str(given.get("type") or (own.type if own else None) or settings.type)
     day = parse_date(given["date"], settings.date_format)
-    faults = list(_faults(given, day, status, settings.date_format))
-    size, stamp = status or (None, "")
-    return FleetLog(robot, log, day, kind, size, stamp, str(given.get("hold_out") or ""), "; ".join(faults))
+    faults = list(_faults(given, day, stamp, settings.date_format))
+    return FleetLog(robot, log, day, kind, stamp, str(given.get("hold_out") or ""), "; ".join(faults))
 
 
-def _faults(
-    given: Mapping[str, Any], day: datetime | None, status: tuple[int, str] | None, format_: str | None
-) -> Iterator[str]:
-    if status is None:
+def _faults(given: Mapping[str, Any], day: datetime | None, stamp: str, format_: str | None) -> Iterator[str]:
+    if not stamp:
         yield f"{given['log']}: there is no such file"
     if day is None:
         how = f"it is not as date_format {format_!r} says" if format_ else OTHERWISE
@@ -189,11 +184,12 @@ def parse_date(given: object, format_: str | None = None) -> datetime | None:
     if isinstance(given, date):
         return datetime.combine(given, time())
     text = str(given).strip() if given is not None else ""
-    reads = [lambda: datetime.fromisoformat(text)] if format_ is None else []
-    reads += [partial(datetime.strptime, text, one) for one in ((format_,) if format_ else FORMATS)]
-    for read in reads:
+    if format_ is None:
         with suppress(ValueError):
-            return _plain(read())
+            return _plain(datetime.fromisoformat(text))
+    for one in (format_,) if format_ else FORMATS:
+        with suppress(ValueError):
+            return _plain(datetime.strptime(text, one))
     return None
 
 

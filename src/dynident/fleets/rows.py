@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 __all__ = ["KEY", "histories_of", "packed", "schema", "unpacked"]
 
 Array = NDArray[np.float64]
-KEY = ("robot", "log", "recipe")
+KEY = ("robot", "log", "recipe", "stamp")
 DAY = 86_400.0  # s
 
 
 def schema() -> dict[str, Any]:
     """Return the columns of the table, and their types.
 
-    ``robot``, ``type``, ``log`` (its file as the fleet names it), ``date``; ``recipe``: digest of the recipe of that
-    robot; ``size`` (bytes) and ``stamp`` of the file: of another one the log is identified anew; ``status`` (a
-    ``Status`` of jobs), ``reason`` why there is no result; ``seconds`` it took, ``version`` of dynident; ``samples`` in
-    use, ``verdict`` (a ``Use``); torque ``error`` (%) of all joints, ``errors`` (n) by joint, ``held_out`` (n) those on
-    a log that was held out, empty without; ``value`` (b) and ``information`` (b (b + 1) / 2, ``packed``) of the base
-    parameters; ``folder`` of the run's result and report in that of the fleet, empty without.
+    ``robot``, ``type``, ``log`` (its path or address as the fleet names it), ``date``; ``recipe``: digest of the recipe
+    of that robot; ``stamp`` of the file, another one where it has changed; ``status`` (a ``Status`` of jobs),
+    ``reason`` why there is no result; ``seconds`` it took, ``version`` of dynident; ``samples`` in use, ``verdict`` (a
+    ``Use``); torque ``error`` (%) of all joints, ``errors`` (n) by joint, ``held_out`` (n) those on a log that was held
+    out, empty without; ``value`` (b) and ``information`` (b (b + 1) / 2, ``packed``) of the base parameters; ``folder``
+    of the run's result and report in that of the fleet, empty without.
     """
     import polars as pl
 
     floats = pl.List(pl.Float64)
     return {
         "robot": pl.String, "type": pl.String, "log": pl.String, "date": pl.Datetime("us"), "recipe": pl.String,
-        "size": pl.Int64, "stamp": pl.String, "status": pl.String, "reason": pl.String, "seconds": pl.Float64,
+        "stamp": pl.String, "status": pl.String, "reason": pl.String, "seconds": pl.Float64,
         "version": pl.String, "samples": pl.Int64, "verdict": pl.String, "error": pl.Float64, "errors": floats,
         "held_out": floats, "value": floats, "information": floats, "folder": pl.String,
     }  # fmt: skip
@@ -46,7 +46,7 @@ def schema() -> dict[str, Any]:
 
 def packed(matrix: Array) -> list[float]:
     """Return the lower triangle of a symmetric matrix (b, b), row by row: b (b + 1) / 2 numbers."""
-    return np.asarray(matrix)[np.tril_indices(len(matrix))].tolist()
+    return list(map(float, matrix[np.tril_indices(len(matrix))]))
 
 
 def unpacked(numbers: Array, size: int) -> Array:

@@ -84,12 +84,11 @@ def relocated(settings: Mapping[str, Any], was: Path, folder: Path) -> dict[str,
         return moved | {"kind": f"{_files(place, was, folder)}{colon}{name}"} if place.endswith(".py") else moved
 
     data = {key: placed(value) for key, value in settings.items()}
-    model = data.get("model")
-    data["model"] = (
-        data["model"] | {"file": _files(model["file"], was, folder)}
-        if isinstance(model, dict)
-        else (_function(str(model), was, folder))
-    )
+    model = data["model"]
+    if isinstance(model, dict):
+        data["model"] = model | {"file": _files(model["file"], was, folder)}
+    else:
+        data["model"] = _function(str(model), was, folder)
     for role in ("train", "validation"):
         if role in data:
             data[role] = [{**log, "file": _files(log["file"], was, folder)} for log in data[role]]

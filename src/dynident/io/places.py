@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from dynident.errors import InputError
 from dynident.errors.install import install_command
 
-__all__ = ["PlacedFile", "is_address", "local_file", "matching", "placed", "status_of"]
+__all__ = ["PlacedFile", "is_address", "local_file", "matching", "placed", "stamp_of"]
 
 T = TypeVar("T")
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")  # one letter would be a drive
@@ -24,12 +24,11 @@ STAMPS = ("ETag", "etag", "md5Hash", "generation", "mtime", "LastModified", "las
 
 @dataclass(frozen=True)
 class PlacedFile:
-    """A file, or a folder that stands for one recording: its path or address, ``size`` (bytes), and a ``stamp`` that
-    changes with its content; ``matched`` is what a pattern of ``placed`` is compared with."""
+    """A file, or a folder that stands for one recording: its path or address, and a ``stamp`` that changes with its
+    content; ``matched`` is what a pattern of ``placed`` is compared with."""
 
     name: str
     matched: str
-    size: int
     stamp: str
 
 
@@ -53,26 +52,26 @@ def matching(pattern: str, folder: Path) -> list[PlacedFile]:
         store, path = _store(pattern)
         found = _asked(pattern, lambda: store.glob(path, detail=True))
         files = sorted((name, of) for name, of in found.items() if of.get("type") != "directory")
-        return [PlacedFile(store.unstrip_protocol(name), name, *_status(of)) for name, of in files]
+        return [PlacedFile(store.unstrip_protocol(name), name, _stamp(of)) for name, of in files]
     names = sorted(Path(name).as_posix() for name in glob.glob(pattern, root_dir=folder, recursive=True))
-    files = [(name, status_of(name, folder)) for name in names]
-    return [PlacedFile(name, name, *of) for name, of in files if of is not None]
+    return [PlacedFile(name, name, stamp) for name in names if (stamp := stamp_of(name, folder))]
 
 
-def status_of(name: str, folder: Path) -> tuple[int, str] | None:
-    """Return size (bytes) and stamp of a file, None where there is none; InputError where a store cannot be asked."""
+def stamp_of(name: str, folder: Path) -> str:
+    """Return the stamp of a file, empty where there is none; InputError where a store cannot be asked."""
     if is_address(name):
         store, path = _store(name)
         try:
-            return _status(_asked(name, lambda: store.info(path)))
+            return _stamp(_asked(name, lambda: store.info(path)))
         except FileNotFoundError:
-            return None
+            return ""
     try:
         found = os.stat(folder / name)
         inside = [one.stat() for one in os.scandir(folder / name)] if os.path.isdir(folder / name) else [found]
     except (OSError, ValueError):
-        return None
-    return sum(one.st_size for one in inside), str(max((one.st_mtime_ns for one in inside), default=0))
+        return ""
+    newest = max((one.st_mtime_ns for one in inside), default=0)
+    return f"{sum(one.st_size for one in inside)} {newest}"
 
 
 @contextmanager
@@ -117,6 +116,6 @@ def _asked(name: str, ask: Callable[[], T]) -> T:
         raise InputError(f"{name}: the store does not answer: {type(error).__name__}: {error}") from error
 
 
-def _status(found: Mapping[str, Any]) -> tuple[int, str]:
-    stamp = next((str(found[key]) for key in STAMPS if found.get(key) is not None), "")
-    return int(found.get("size") or 0), stamp
+def _stamp(found: Mapping[str, Any]) -> str:
+    """Return size and version of a file, as stores say them."""
+    return " ".join(str(found[key]) for key in ("size", *STAMPS) if found.get(key) is not None)

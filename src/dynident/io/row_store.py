@@ -29,7 +29,7 @@ from dynident.io.text import unpanicked
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["RowStore"]
+__all__ = ["RowStore", "parts_folder"]
 
 T = TypeVar("T")
 Key = tuple[Any, ...]
@@ -87,7 +87,7 @@ class RowStore:
     @property
     def folder(self) -> Path | None:
         """The folder of the parts."""
-        return None if self.path is None else self.path.with_name(f"{self.path.name}.parts")
+        return None if self.path is None else parts_folder(self.path)
 
     def __enter__(self) -> RowStore:
         if self.path is None or self.folder is None:
@@ -160,10 +160,30 @@ class RowStore:
             self._parts.append(_Part(frame.lazy() if path is None else _scan(path), len(frame), path))
             self._new = {}
 
+    def scan(self) -> pl.LazyFrame:
+        """Return all rows, to be read when they are collected."""
+        import polars as pl
+
+        self.save()
+        frames = [pl.LazyFrame(schema=self.schema)]
+        for whole, parts in groupby(
+            list(self._parts), lambda part: not part.replaced and part.path not in (None, self.path)
+        ):
+            if whole:
+                frames.append(_scan(*(part.path for part in parts)))
+                continue
+            for part in parts:
+                if not part.replaced:
+                    frames.append(part.rows)
+                elif len(part.replaced) < part.count:
+                    kinds = {name: self.schema[name] for name in self.key}
+                    gone = pl.LazyFrame(part.replaced, schema=kinds, orient="row")
+                    frames.append(part.rows.join(gone, on=self.key, how="anti"))
+        return pl.concat(frames)
+
     def table(self, keys: pl.DataFrame | None = None) -> pl.DataFrame:
         """Return all rows, or those whose keys are among ``keys`` (a table of the columns of the key)."""
-        self.save()
-        rows = self._rows()
+        rows = self.scan()
         if keys is None:
             count = sum(part.count for part in self._parts)
             afford(16 * count * len(self.schema), f"{self.path}: its {count} rows would take")
@@ -237,24 +257,6 @@ class RowStore:
         more = [name for name in schema if name not in self.schema]
         return f"its column {more[0]!r} is not known (columns {listed(self.schema)})" if more else ""
 
-    def _rows(self) -> pl.LazyFrame:
-        """Return the rows that count."""
-        import polars as pl
-
-        frames = [pl.LazyFrame(schema=self.schema)]
-        for whole, parts in groupby(self._parts, lambda part: not part.replaced and part.path not in (None, self.path)):
-            if whole:
-                frames.append(_scan(*(part.path for part in parts)))
-                continue
-            for part in parts:
-                if not part.replaced:
-                    frames.append(part.rows)
-                elif len(part.replaced) < part.count:
-                    kinds = {name: self.schema[name] for name in self.key}
-                    gone = pl.LazyFrame(part.replaced, schema=kinds, orient="row")
-                    frames.append(part.rows.join(gone, on=self.key, how="anti"))
-        return pl.concat(frames)
-
     def _merge(self) -> None:
         """Write all rows to the table, a piece at a time, and remove the parts."""
         import polars as pl
@@ -264,7 +266,7 @@ class RowStore:
             return
         try:
             with whole_file(self.path) as temporary:
-                self._done(lambda: self._rows().sink_parquet(temporary, row_group_size=GROUP))
+                self._done(lambda: self.scan().sink_parquet(temporary, row_group_size=GROUP))
         except (pl.exceptions.PolarsError, ValueError, OSError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(
@@ -288,6 +290,11 @@ class RowStore:
                 except (pl.exceptions.PolarsError, ValueError, OSError) as error:
                     raise _damaged(part.path, error) from error
             raise
+
+
+def parts_folder(table: Path) -> Path:
+    """Return the folder of the parts of a table."""
+    return table.with_name(f"{table.name}.parts")
 
 
 def _scan(*files: Path | None) -> pl.LazyFrame:

@@ -13,21 +13,26 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from datetime import date, timedelta
 from pathlib import Path
 
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
+import polars as pl
 from scipy.signal import lfilter
 
-from dynident.demo.arm import JOINTS, true_model, true_values
-from dynident.demo.recording import Day, fourier
+from dynident.cli.workers import Spread
+from dynident.demo.arm import JOINTS, TILT, true_model, true_values, urdf
+from dynident.demo.recording import ENCODER, Day, fourier
 from dynident.errors import ModelError
 from dynident.fleets import Group, GroupKind, History, groups_of
 from dynident.fleets.changes import Changes, find_changes
 from dynident.fleets.pooled import Pooled, pooled
+from dynident.fleets.run import fleet
 from dynident.log import Motion
 from dynident.models import Model, Ripple
 from dynident.regression import BaseParameters, Regression, structural_base_parameters
@@ -184,11 +189,13 @@ def main() -> None:
     parser.add_argument("--quiet", type=int, default=0, help="robots without a change, in fleets of ten")
     parser.add_argument("--new", type=int, default=20, help="new robots with one short log")
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--run", type=Path, metavar="FOLDER", help="by `dynident fleet`, in this folder")
+    parser.add_argument("--workers", type=int, default=2, help="processes of --run")
     given = parser.parse_args()
     rng, model = np.random.default_rng(given.seed), arm()
-    if given.out:
-        write(given.out, model, rng)
+    if given.run:
+        write(given.run, model, rng)
+        run(given.run, given.workers)
         return
     basis = structural_base_parameters(model)
     bench = Bench(model, basis, groups_of(model, basis))
@@ -246,7 +253,41 @@ def _errors(
 
 
 def write(folder: Path, model: Model, rng: np.random.Generator) -> None:
-    """Write the logs of a fleet with faults, and a configuration for ``dynident fleet``."""
+    """Write the logs of a fleet with faults, as encoders and drives report them, and what ``dynident fleet`` needs."""
+    known, monday = {fault.robot: fault for fault in FAULTS}, date(2026, 1, 5)
+    for r in range(ROBOTS):
+        place = folder / "logs" / f"robot{r}"
+        place.mkdir(parents=True, exist_ok=True)
+        for k, motion in enumerate(motions(model, built(model, rng), rng, known.get(r))):
+            q = ENCODER * np.round(motion.q / ENCODER)
+            columns = {"time": motion.t} | {
+                f"{name}.{kind}": x[:, j]
+                for j, name in enumerate(motion.joints)
+                for kind, x in (("position", q), ("torque", motion.tau))
+            }
+            pl.DataFrame(columns).write_parquet(place / f"{monday + timedelta(days=EVERY * k)}.parquet")
+    (folder / "arm.urdf").write_text(urdf())
+    channels = "".join(
+        f"{kind}:\n" + "".join(f"  {joint.name}: {{ column: {joint.name}.{kind}, unit: {unit} }}\n" for joint in JOINTS)
+        for kind, unit in (("position", "rad"), ("torque", "N m"))
+    )
+    ripple = f"{{ kind: ripple, on: [{', '.join(RIPPLED)}], cycles: [{CYCLES:g}] }}"
+    (folder / "arm.yaml").write_text(
+        f"model:\n  file: arm.urdf\n  base_tilt: [{TILT[0]}, {TILT[1]}]\n"
+        f"  terms: [rotor, viscous, coulomb, offset, {ripple}]\n"
+        f"time: {{ column: time, unit: s }}\n{channels}"
+    )
+    (folder / "fleet.yaml").write_text("recipe: arm.yaml\nlogs: logs/{robot}/{date}.parquet\nreports: false\n")
+
+
+def run(folder: Path, workers: int) -> None:
+    """Identify all logs by ``dynident fleet``, and print what it found."""
+    start = time.perf_counter()
+    with Spread(workers=workers).executor("dynident.fleets.fit") as executor:
+        found = fleet(folder / "fleet.yaml", folder / "out", executor=executor)
+    failed = found.rows.filter(pl.col("status") != "ok")
+    print(f"{len(found.rows)} logs, {len(failed)} failed, {time.perf_counter() - start:.0f} s")
+    print_changes(found.changes[0])
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from dynident.fleets.changes import Change, Changes, Shape, find_changes
 from dynident.fleets.groups import groups_of
 from dynident.fleets.history import Group, GroupKind, History
-from dynident.fleets.pooled import Pooled, pooled
+from dynident.fleets.pooled import Pooled
 from dynident.fleets.result import FleetBase, FleetResult
 from dynident.fleets.run import run_fleet
 from dynident.fleets.scatter import Scatter
@@ -21,6 +21,5 @@ __all__ = [
     "Shape",
     "find_changes",
     "groups_of",
-    "pooled",
     "run_fleet",
 ]

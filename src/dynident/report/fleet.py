@@ -83,7 +83,7 @@ def fleet_tables(found: FleetResult) -> list[PageTable]:
     """Return for a terminal: the changes, the robots, and the logs without a result."""
     changes = worst_first(_changes(found))
     rows, times = rows_of(found), Counter(one.robot for one in changes)
-    tables = [change_table(changes, found.start, IN_TERMINAL)] if changes else []
+    tables = [change_table(found, changes, IN_TERMINAL)] if changes else []
     return [*tables, robot_table(rows, times, IN_TERMINAL), *failed_table(rows, IN_TERMINAL)]
 
 
@@ -127,7 +127,7 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     yield Facts(tuple(facts))
     yield tuple(fleet_findings(found))
     if changes:
-        table = change_table(changes, found.start, IN_TABLE)
+        table = change_table(found, changes, IN_TABLE)
         table = replace(table, rows=tuple(tuple(map(_typeset, row)) for row in table.rows))
         yield table if len(changes) > IN_WORDS else Fold("With p-values and logs", (table,))
     if found.changes:

@@ -42,7 +42,7 @@ class RobotCourses:
         value, std = _along(group.directions, self.information, rest)
         zero = self._zero(group)
         line = self._line(own, zero) if own else None
-        marks = [Mark(one.day, one.shape.value) for one in own]
+        marks = [Mark(one.day, one.shape.value, self.between(one)) for one in own]
         return [
             Course(
                 self.history.robot,
@@ -57,6 +57,11 @@ class RobotCourses:
             )
             for k, name in enumerate(group.names)
         ]
+
+    def between(self, change: Change) -> tuple[float, float]:
+        """Return the first and the last day that a change may have begun."""
+        first, last = (self.history.days[self.history.logs.index(log)] for log in change.between)
+        return float(first), float(last)
 
     def _mean(self) -> Array:
         """Return the mean (b) of the logs by their information, without the changes found."""

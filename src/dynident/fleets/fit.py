@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -24,11 +24,11 @@ from dynident.io.places import is_address, local_file
 from dynident.io.project import Project, parse_project
 from dynident.io.settings import LogSpec
 from dynident.jobs import Status
+from dynident.models import Model
 from dynident.regression import BaseParameters, structural_base_parameters
 
-__all__ = ["Fitted", "LogFit", "LogJob", "built", "empty_row"]
+__all__ = ["Fitted", "LogFit", "LogJob", "empty_row", "model_of"]
 
-Pages = Callable[[Identification], Mapping[str, str]]
 CONFIG = "config.yaml"
 
 
@@ -70,15 +70,14 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
 class LogFit:
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
-    ``names`` are those of the base parameters, which all robots must have. ``pages`` makes the files of a run, to lie
-    below ``out``; none are made where one of both is None.
+    ``names`` are those of the base parameters, which all robots must have. With ``out``, the folder of the fleet's
+    results, each run has files.
     """
 
     recipe: FleetRecipe
     folder: Path
     names: tuple[str, ...]
     out: Path | None = None
-    pages: Pages | None = None
 
     __repr__ = brief
 
@@ -92,7 +91,7 @@ class LogFit:
     def _fitted(self, job: LogJob) -> Fitted:
         if job.log.fault:
             raise InputError(job.log.fault)
-        project, basis = built(self.recipe, job.log.robot, job.recipe)
+        project, basis = _built(self.recipe, job.log.robot, job.recipe)
         if names_of(basis) != self.names:
             other = listed(sorted(set(names_of(basis)) ^ set(self.names)))
             raise ModelError(f"robot {job.log.robot}: its model has not the base parameters of the recipe: {other}.")
@@ -124,28 +123,34 @@ class LogFit:
         return replace(found, provenance=replace(found.provenance, logs=logs))
 
     def _files(self, found: Identification) -> dict[str, bytes]:
-        """Return the files of a run: those of ``pages``, and the configuration that repeats it."""
+        """Return the files of a run: result, report, and the configuration that repeats it."""
         source = found.provenance.configuration
-        if self.out is None or self.pages is None or source is None:
+        if self.out is None or source is None:
             return {}
-        files = {**self.pages(found), CONFIG: source.text}
+        from dynident.report.run_files import run_files
+
+        files = {**run_files(found), CONFIG: source.text}
         return {name: zlib.compress(text.encode("utf-8", "backslashreplace")) for name, text in files.items()}
 
 
-def built(recipe: FleetRecipe, robot: str, digest: str) -> tuple[Project, BaseParameters]:
-    """Return the project of a robot, whose logs are still to be named, and the base parameters of its model.
+def model_of(recipe: FleetRecipe) -> tuple[Model, BaseParameters]:
+    """Return the model of a recipe, and its base parameters; raises ConfigError and ModelError."""
+    project, basis = _built(recipe, "", recipe.digest(""))
+    return project.model, basis
 
-    ``digest`` is that of its recipe. Raises ConfigError and ModelError where they cannot be built.
-    """
+
+def _built(recipe: FleetRecipe, robot: str, digest: str) -> tuple[Project, BaseParameters]:
+    """Return the project of a robot, whose logs are still to be named, and the base parameters of its model."""
     settings = recipe.of(robot) | {"train": [{"file": "-"}], "validation": []}
-    return _built(settings_text(settings, {}), recipe.folder / CONFIG, robot, digest)
+    source = f"the recipe of {robot}" if robot else "the recipe"
+    return _known(settings_text(settings, {}), recipe.folder / CONFIG, source, digest)
 
 
 @lru_cache(maxsize=16)
-def _built(text: str, path: Path, robot: str, digest: str) -> tuple[Project, BaseParameters]:  # noqa: ARG001
-    project = parse_project(text, path, f"the recipe of {robot}" if robot else "the recipe")
-    model = project.model
-    return project, structural_base_parameters(model)
+def _known(text: str, path: Path, source: str, digest: str) -> tuple[Project, BaseParameters]:  # noqa: ARG001
+    """Return the same; the digest tells files of one name apart."""
+    project = parse_project(text, path, source)
+    return project, structural_base_parameters(project.model)
 
 
 def names_of(basis: BaseParameters) -> tuple[str, ...]:

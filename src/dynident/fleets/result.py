@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynident.errors import brief
+from dynident.fleets.changes import Changes
 from dynident.fleets.history import Group, History
+from dynident.fleets.pooled import Pooled
 from dynident.models import Joint, Model
 from dynident.regression import BaseParameters
 
@@ -46,7 +48,8 @@ class FleetResult:
     ``rows`` has a row for each log (``dynident.fleets.rows.schema``), of the present recipe, by robot and date.
     ``histories`` are those of robots with a result; their days count from ``start``, the first date of all. ``groups``
     are what can change. ``types`` has the robots of each type. ``folder`` holds the results, None where nothing was
-    written; ``fitted`` counts the logs that this run has identified, the others were known.
+    written; ``fitted`` counts the logs that this run has identified, the others were known. ``changes`` are those of
+    each type of which a log has a result, ``pooled`` by type what its robots share, where there are at least three.
     """
 
     name: str
@@ -59,13 +62,14 @@ class FleetResult:
     folder: Path | None = None
     fitted: int = 0
     warnings: tuple[str, ...] = ()
-    changes: tuple[Any, ...] = ()
-    pooled: Mapping[str, Any] = field(default_factory=dict)
+    changes: tuple[Changes, ...] = ()
+    pooled: Mapping[str, Pooled] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         robots = self.rows["robot"].n_unique()
         failed = len(self.rows) - sum(len(one.logs) for one in self.histories)
-        words = f"{len(self.rows)} logs of {robots} robots, {failed} failed, {len(self.changes)} changes"
+        changes = sum(len(one.found) for one in self.changes)
+        words = f"{len(self.rows)} logs of {robots} robots, {failed} failed, {changes} changes"
         return f"<FleetResult {self.name!r}: {words}>"
 
     def frame(self) -> pl.DataFrame:

@@ -6,14 +6,21 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import nullcontext
+from dataclasses import replace
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynident.errors import InputError, Step
-from dynident.fleets.fit import Fitted, LogFit, LogJob, Pages, built, empty_row
+import numpy as np
+
+from dynident.errors import Step
+from dynident.fleets.changes import DRAWS, find_changes
+from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import folder_names
 from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
+from dynident.fleets.pooled import FEWEST, Pooled, pooled
 from dynident.fleets.recipe import FleetRecipe, fleet_recipe
 from dynident.fleets.result import FleetBase, FleetResult
 from dynident.fleets.rows import KEY, histories_of, schema
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["TABLE", "run_fleet"]
 
 Progress = Callable[[str], None]
-TABLE, RUNS = "fleet.parquet", "runs"
+TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 
@@ -41,39 +48,86 @@ def run_fleet(
     executor: Executor | None = None,
     limits: Limits | None = None,
     rerun: bool = False,
-    pages: Pages | None = None,
-    progress: Progress = lambda _: None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
 ) -> FleetResult:
-    """Identify all logs of a fleet that are not known yet, and return what is known of all.
+    """Identify all logs of a fleet that are not known yet, and return what is known of all: parameters over time, what
+    has changed, and what robots of one type share.
 
-    ``config`` is the configuration of the fleet (``FleetSettings``). In the folder ``out`` are kept: the table
-    ``fleet.parquet``, with a row for each log; ``recipe.yaml``, in which all that can be chosen is chosen; and a folder
-    for each run below ``runs``, with what ``pages`` makes of its identification, by name of the file. A log that is in
-    the table, as its file and its recipe are now, is not identified again, unless ``rerun`` or it failed; what fails is
-    a row, and the rest goes on. The logs are spread over ``executor``; ``limits`` hold for each.
+    ``config`` is the configuration of the fleet (YAML). In the folder ``out`` are kept: ``report.html``; the table
+    ``fleet.parquet``, with a row for each log; ``recipe.yaml``, in which all that can be chosen is chosen, so that all
+    logs have the same parameters; and below ``runs`` a folder for each log with its own report. A log that is in the
+    table, with its file and its recipe as they are now, is not identified again, unless ``rerun`` or it failed. What
+    fails is a row, and the rest goes on. The logs are spread over ``executor``; ``limits`` hold for each of them.
+    ``rng`` draws fleets in which nothing changes, by default the same ones each time. ``progress`` is called with a few
+    words before each step.
 
     Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
     """
-    path, folder = as_path(config), None if out is None else as_path(out)
-    with watched(path):
-        progress("listing the logs")
+    path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
+    with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
+        say("listing the logs")
         settings = read_fleet_settings(path)
         logs, warnings = fleet_logs(settings, path.parent)
-        recipe = fleet_recipe(settings, logs, path.parent, folder, progress)
-        jobs = _jobs(logs, recipe)
-        project, basis = built(recipe, "", recipe.digest(""))
-        base = FleetBase.of(project.model, basis)
-        work = LogFit(recipe, path.parent, base.names, folder, pages if settings.reports else None)
-        with RowStore(None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, again=AGAIN) as store:
-            wanted = [job for job in jobs if job.key not in store]
-            for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
-                store.add([_kept(done, folder)])
-                progress(Step("identifying logs", count, len(wanted)))
-            rows = _present(store.table(), jobs)
-    start = min((one for one in rows["date"] if one), default=None)
-    histories, groups = tuple(histories_of(rows, start)), groups_of(project.model, basis)
-    warnings = (*warnings, *_gone(rows, logs))
-    return FleetResult(path.stem, rows, base, histories, groups, _types(rows), start, folder, len(wanted), warnings)
+        recipe = fleet_recipe(settings, logs, path.parent, folder, say)
+        model, basis = model_of(recipe)
+        base = FleetBase.of(model, basis)
+        work = LogFit(recipe, path.parent, base.names, folder if settings.reports else None)
+        rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
+        start = min((one for one in rows["date"] if one), default=None)
+        groups = groups_of(model, basis)
+        warnings = (*warnings, *_gone(rows, logs))
+        found = FleetResult(
+            path.stem,
+            rows,
+            base,
+            tuple(histories_of(rows, start)),
+            groups,
+            _types(rows),
+            start,
+            folder,
+            fitted,
+            warnings,
+        )
+        found = with_statistics(found, settings.false_alarms, rng or np.random.default_rng(0), say)
+        if place is not None:
+            from dynident.report.fleet import fleet_page
+
+            say("writing the report")
+            place.replace({REPORT: fleet_page(found)})
+    return found
+
+
+def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, say: Progress) -> FleetResult:
+    """Return a result with the changes of its robots and what those of a type share, where there are enough."""
+    changes, shared = [], dict[str, Pooled]()
+    for kind, robots in found.types.items():
+        histories = [one for one in found.histories if one.robot in robots]
+        if histories:
+            say(f"looking for changes of {kind}")
+            changes.append(find_changes(histories, found.groups, rng, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
+        if len(histories) >= FEWEST:
+            shared[kind] = pooled(histories, found.groups, changes[-1].scatter, changes[-1].found)
+    return replace(found, changes=tuple(changes), pooled=shared)
+
+
+def _rows(
+    work: LogFit,
+    jobs: Sequence[LogJob],
+    folder: Path | None,
+    executor: Executor | None,
+    limits: Limits | None,
+    rerun: bool,
+    say: Progress,
+) -> tuple[pl.DataFrame, int]:
+    """Return the rows of all logs, and how many of them are new; the others were known."""
+    with RowStore(None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, again=AGAIN) as store:
+        wanted = [job for job in jobs if job.key not in store]
+        say(Step("identifying logs", 0, len(wanted)))
+        for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
+            store.add([_kept(done, folder)])
+            say(Step("identifying logs", count, len(wanted)))
+        return _present(store.table(), jobs), len(wanted)
 
 
 def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
@@ -115,7 +169,7 @@ def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
     that are gone, by robot and date."""
     import polars as pl
 
-    kinds = dict.fromkeys(KEY, pl.String) | {"type": pl.String, "date": pl.Datetime("us")}
+    kinds: dict[str, Any] = {name: schema()[name] for name in (*KEY, "type", "date")}
     listed = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
     order = rows.columns
     present = rows.drop("type", "date").join(listed, on=KEY, how="inner").select(order)
@@ -131,11 +185,3 @@ def _gone(rows: pl.DataFrame, logs: Sequence[FleetLog]) -> Iterator[str]:
     gone = [key for key in rows.select("robot", "log").iter_rows() if key not in listed]
     if gone:
         yield f"{len(gone)} logs are gone, such as {gone[0][1]}; what was found of them stays."
-
-
-def nothing_found(result: FleetResult) -> InputError | None:
-    """Return the error of a fleet of which no log could be identified; None where one could."""
-    if result.histories:
-        return None
-    reason = next(iter(result.rows["reason"]), "")
-    return InputError(f"{result.name}: none of {len(result.rows)} logs could be identified; the first: {reason}")

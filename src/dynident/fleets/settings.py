@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, StrictBool, ValidationError, ValidationInf
 
 from dynident.errors import ConfigError
 from dynident.io.config import config_text
-from dynident.io.fields import CountOrEach, Delay, Name, Number, Section, Windows
+from dynident.io.fields import CountOrEach, Delay, Name, Number, Section, Windows, as_number
 from dynident.io.wording import worded
 from dynident.io.yaml_text import load_yaml
 
@@ -30,9 +30,18 @@ def _text(value: object) -> str:
     return value
 
 
+def _share(value: object) -> float:
+    number = as_number(value)
+    if not LEAST <= number <= MOST:
+        raise ValueError(f"a share from {LEAST} to {MOST} is expected, such as 0.01 for 1 %")
+    return number
+
+
+Share = Annotated[float, BeforeValidator(_share)]
 FileName = Annotated[Path, BeforeValidator(_file)]
 Text = Annotated[str, BeforeValidator(_text)]
 Settings = Mapping[str, Any]
+LEAST, MOST = 1e-4, 0.5  # of false alarms: a smaller rate needs too many draws
 
 
 class RobotChanges(Section):
@@ -70,7 +79,8 @@ class FleetSettings(Section):
     fields, ``logs/{robot}/{date}.parquet``; or ``table`` a file (CSV, Parquet) with a row for each log and the columns
     log, robot, date, and where wanted type and hold_out. ``date_format`` is that of dates as ``strptime`` has it, where
     they are not as in ISO 8601. ``window`` and ``width`` are those of each log. ``type`` is that of robots which have
-    no other. ``robots`` says what differs, by robot. With ``reports`` each run has its report.
+    no other. ``robots`` says what differs, by robot. Of robots in which nothing changes, the share ``false_alarms`` is
+    reported nevertheless. Without ``reports`` no files of single runs are kept.
     """
 
     recipe: FileName
@@ -81,6 +91,7 @@ class FleetSettings(Section):
     width: CountOrEach = None
     type: Name = "robot"
     robots: Mapping[Name, RobotChanges] = {}
+    false_alarms: Share = 0.01
     reports: StrictBool = True
 
     @model_validator(mode="after")

@@ -1,9 +1,9 @@
 """What has changed on a robot from log to log beyond the uncertainty, with a stated rate of false alarms.
 
 A change moves the base parameters along the directions of one group, from one log on (a step) or more and more (a
-drift). The generalised likelihood ratio of each, weighted by standard errors and scatter, becomes a tail probability; the
-smallest of all is compared with the smallest in draws in which nothing changes. What is found is taken into account before
-the next is sought (forward selection).
+drift). The generalised likelihood ratio of each, weighted by standard errors and scatter, becomes a tail probability;
+the smallest of all is compared with the smallest in draws in which nothing changes. What is found is taken into account
+before the next is sought (forward selection).
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 DRAWS = 1000
 FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told from it
 ROUNDS = 3  # of scatter and changes in turn
+LIKELY = 3.84  # twice the log-likelihood that the true time of a change loses at most, at 95 %
+MOST = 700.0  # of a logarithm that has an exponential
 TIMES = 60  # of a change, at most, that are tried on one robot
 
 
@@ -40,10 +42,12 @@ class Shape(StrEnum):
 class Change:
     """A change of one robot: since which log and day, in which group, by how much, and how likely by chance.
 
-    ``size`` (k) is by how much the last log differs from before the change in the directions of ``group``, in its units,
-    with standard errors ``std`` (k), infinite where the logs do not show a direction; of a drift ``per_day`` is the rate.
-    ``index`` is the number of the log ``since``: the first after a step, the last before a drift. ``p_value``: the share
-    of robots without a change (of this many logs) that would show as much.
+    ``size`` (k) is by how much the last log differs from before the change in the directions of ``group``, in its
+    units, with standard errors ``std`` (k), infinite where the logs do not show a direction; of a drift ``per_day`` (k)
+    is the rate. ``index`` is the number of the log ``since``: the first after a step, the last before a drift;
+    ``between`` are the first and the last log that it may be (as far as the likelihood tells, at 95 %). ``odds`` say
+    how much likelier this shape is than the other, infinite where there is no other. ``p_value``: the share of robots
+    without a change (of as many logs) that would show as much.
     """
 
     robot: str
@@ -55,6 +59,8 @@ class Change:
     size: Array
     std: Array
     per_day: Array | None
+    between: tuple[str, str]
+    odds: float
     p_value: float
 
     __repr__ = brief
@@ -64,8 +70,8 @@ class Change:
 class Changes:
     """The changes of a fleet at a rate of false alarms (a share of robots in which nothing changes).
 
-    ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said, because
-    they have one log, or all have too few.
+    ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said,
+    because they have one log, or all have too few.
     """
 
     rate: float
@@ -136,11 +142,11 @@ def changes_of(
             break
         taken.append(best)
     taken = ratios.refined(taken) if len(taken) > 1 else taken
-    found = [
-        _change(history, groups[g], shapes[s], *sizes, chance)
-        for (g, s), sizes, chance in zip(taken, ratios.fit(taken), chances, strict=False)
-    ]
-    return tuple(found), chances[0]
+    sizes = ratios.fit(taken)
+    return tuple(
+        _change(history, groups[g], shapes, s, ratios.profile(taken, k), sizes[k], chances[k])
+        for k, (g, s) in enumerate(taken)
+    ), chances[0]
 
 
 def course(days: Array, shape: Shape, index: int) -> Array:
@@ -161,19 +167,38 @@ def design(history: History, changes: Sequence[Change]) -> Array:
 def _courses(days: Array) -> tuple[list[tuple[Shape, int]], Array]:
     """Return the shapes and beginnings that are tried, and their courses (S, K); a drift has two logs after it."""
     k = len(days)
-    steps = np.unique(np.linspace(1, k - 1, TIMES).round().astype(int)) if k > 1 else []
+    steps = sorted({round(j) for j in np.linspace(1, k - 1, TIMES)}) if k > 1 else []
     drifts = [j - 1 for j in steps if len(np.unique(days[j - 1 :])) > 2]
-    shapes = [*((Shape.STEP, int(j)) for j in steps), *((Shape.DRIFT, int(j)) for j in drifts)]
+    shapes = [*((Shape.STEP, j) for j in steps), *((Shape.DRIFT, j) for j in drifts)]
     return shapes, np.array([course(days, *one) for one in shapes]).reshape(-1, k)
 
 
 def _change(
-    history: History, group: Group, shape: tuple[Shape, int], size: Array, std: Array, chance: float
+    history: History,
+    group: Group,
+    shapes: Sequence[tuple[Shape, int]],
+    best: int,
+    profile: Array,
+    sizes: tuple[Array, Array],
+    chance: float,
 ) -> Change:
-    kind, k = shape
-    rate = size / (history.days[-1] - history.days[k]) if kind is Shape.DRIFT else None
+    (shape, k), (size, std) = shapes[best], sizes
+    alike = np.array([one is shape for one, _ in shapes])
+    near = [shapes[int(i)][1] for i in np.flatnonzero(alike & (profile >= profile[best] - LIKELY))]
+    other = profile[~alike].max(initial=-np.inf)
     return Change(
-        history.robot, group, kind, k, history.logs[k], float(history.days[k]), size, std, rate, chance
+        robot=history.robot,
+        group=group,
+        shape=shape,
+        index=k,
+        since=history.logs[k],
+        day=float(history.days[k]),
+        size=size,
+        std=std,
+        per_day=size / (history.days[-1] - history.days[k]) if shape is Shape.DRIFT else None,
+        between=(history.logs[min(near)], history.logs[max(near)]),
+        odds=float(np.exp(min(0.5 * (profile[best] - other), MOST))) if np.isfinite(other) else np.inf,
+        p_value=chance,
     )
 
 

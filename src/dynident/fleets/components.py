@@ -1,7 +1,7 @@
 """Variance components: how much measured vectors differ beyond their standard errors, by restricted likelihood.
 
-Vectors y_k = X_k c + u_k + e_k have errors e_k ~ N(0, s^2 C_k) of known shape and deviations u_k ~ N(0, V) with V made of
-blocks. REML (Patterson and Thompson, 1971) by the iteration of Zhou et al. (2015), "MM algorithms for variance
+Vectors y_k = X_k c + u_k + e_k have errors e_k ~ N(0, s^2 C_k) of known shape and deviations u_k ~ N(0, V) with V made
+of blocks. REML (Patterson and Thompson, 1971) by the iteration of Zhou et al. (2015), "MM algorithms for variance
 components models", which keeps each block positive definite. Robots that deviate more than chance are bounded as by
 Huber (1964), so that the few in which something has changed do not make all others look uncertain.
 """
@@ -146,7 +146,7 @@ def weights_of(one: Measured, parts: Components) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Owner:
-    """What one robot says of the components: sums over its vectors of squared scores, of their covariances, of noise."""
+    """What one robot says of the components: sums over its vectors of squared scores, their covariances, the noise."""
 
     square: Array
     expected: Array
@@ -187,7 +187,7 @@ def _next(owners: Sequence[_Owner], now: Components, inflate: bool, few: bool) -
 
 
 def _block(owners: Sequence[_Owner], block: Block, V: Array, few: bool) -> Array:
-    """Return V (m, m) of the next step: the matrix with V M V = before R before, of squares R and their expectation M."""
+    """Return W (m, m), the next V: the matrix with W M W = V R V, of squares R and their expectation M."""
     place = np.ix_(block, block)
     squares, expected = (np.array([x[place] for x in y]) for y in _both(owners))
     pairs = np.stack([np.einsum("kij,ji->k", x, V) for x in (squares, expected)], axis=1)

@@ -1,8 +1,8 @@
 """What robots of one type share: a hierarchical mean, their spread, and what one robot borrows of them.
 
 The base parameters of a robot are those of its type and a deviation, beta_r ~ N(mu, T); its logs show beta_r with an
-error that is known. T is found by restricted likelihood, and each robot's posterior is the weighted mean of what its own
-logs show and of what its type is like (Laird and Ware, 1982).
+error that is known. T is found by restricted likelihood, and each robot's posterior is the weighted mean of what its
+own logs show and of what its type is like (Laird and Ware, 1982).
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class Pooled:
     __repr__ = brief
 
     def deviation(self, robot: str) -> tuple[Array, Array]:
-        """Return by how much a robot differs from the mean (b), and the standard error (b) of that; KeyError if unknown.
+        """Return by how much a robot differs from the mean (b), and the standard error (b) of that.
 
-        Without the error of the mean, which all robots share.
+        Raises KeyError for a robot that is not among ``robots``.
         """
         for one in self.robots:
             if one.robot == robot:
@@ -84,8 +84,8 @@ def pooled(
 ) -> Pooled:
     """Return what robots of one type share, each as it was before its changes.
 
-    ``scatter`` as ``find_changes`` returns it. The spread has no zeros by chance (Chung et al., 2013), and one odd robot
-    is bounded in it and in the mean. Raises InputError for fewer than three robots.
+    ``scatter`` as ``find_changes`` returns it. The spread has no zeros by chance (Chung et al., 2013), and one odd
+    robot is bounded in it and in the mean. Raises InputError for fewer than three robots.
     """
     if len(histories) < FEWEST:
         raise InputError(f"{len(histories)} robots do not show how robots of a type differ; give at least {FEWEST}.")

@@ -42,9 +42,7 @@ class Ratios:
         """Return those of a robot's logs with the scatter of its fleet."""
         one = measured(history.value, history.information)
         b = history.value.shape[1]
-        L = np.linalg.cholesky(
-            parts.inflation * np.eye(b) + one.factor @ parts.covariance @ one.factor.swapaxes(1, 2)
-        )
+        L = np.linalg.cholesky(parts.inflation * np.eye(b) + one.factor @ parts.covariance @ one.factor.swapaxes(1, 2))
         rows, value = np.linalg.solve(L, one.factor), np.linalg.solve(L, one.value[:, :, None])[:, :, 0]
         ends = np.cumsum([0, *(group.directions.shape[1] for group in groups)])
         directions = np.hstack([np.zeros((b, 0)), *(group.directions for group in groups)])
@@ -79,10 +77,17 @@ class Ratios:
         """Return the same changes, each with the course that fits best beside the others."""
         now = list(taken)
         for k, (g, _) in enumerate(taken):
-            known = self._known([one for j, one in enumerate(now) if j != k])
-            gains, rank = self._gains(known, self._scores(known, self.value[None]), self.parts[g])
-            now[k] = g, int(np.argmax(np.where(rank == rank.max(), gains[:, 0], -np.inf)))
+            now[k] = g, int(np.argmax(self.profile(now, k)))
         return now
+
+    def profile(self, taken: Sequence[Candidate], k: int) -> Array:
+        """Return twice the log-likelihood (S) of the k-th change by its course, beside the others.
+
+        It is minus infinity where the logs then show less of the change than with another course.
+        """
+        known = self._known([one for j, one in enumerate(taken) if j != k])
+        gains, rank = self._gains(known, self._scores(known, self.value[None]), self.parts[taken[k][0]])
+        return np.where(rank == rank.max(), gains[:, 0], -np.inf)
 
     def fit(self, taken: Sequence[Candidate]) -> list[tuple[Array, Array]]:
         """Return for each change its size (k) and standard error (k), infinite where the logs do not show it."""

@@ -1,7 +1,7 @@
 """How much the parameters of a robot scatter from log to log beyond their standard errors, as the whole fleet shows.
 
-Friction follows the temperature, sensors their offset, and what the model lacks shows differently in each motion: standard
-errors of single logs say nothing of this. Without it every second log would be a change.
+Friction follows the temperature, sensors their offset, and what the model lacks shows differently in each motion:
+standard errors of single logs say nothing of this. Without it every second log would be a change.
 """
 
 from __future__ import annotations
@@ -45,6 +45,12 @@ class Scatter:
         """By how much standard errors are too small, as model errors make them: s."""
         return float(np.sqrt(self.parts.inflation))
 
+    def with_scatter(self, information: Array) -> Array:
+        """Return what a log says of the robot (b, b), not of the day: the inverse of its covariance and the scatter."""
+        G = measured(np.zeros((1, len(information))), information[None]).factor[0]
+        covariance = self.parts.inflation * np.eye(len(G)) + G @ self.parts.covariance @ G.T
+        return np.asarray(G.T @ np.linalg.solve(covariance, G))
+
 
 def blocks_of(groups: Sequence[Group], b: int) -> tuple[NDArray[np.intp], ...]:
     """Return the base parameters that scatter together: friction of a joint, a ripple; each other one by itself."""
@@ -65,9 +71,10 @@ def scatter_of(
 ) -> Scatter:
     """Return the scatter of robots of one type, robust against few that change.
 
-    ``designs`` (K, b, q each) say what is known to have changed, by default nothing: then each of few robots is taken in
-    runs of three logs with a mean of their own, because one that changes would hide it in its own scatter. ``rng`` draws
-    robots where there are more than 400 logs. Raises InputError where the robots do not have the same base parameters.
+    ``designs`` (K, b, q each) say what is known to have changed, by default nothing: then each of few robots is taken
+    in runs of three logs with a mean of their own, because one that changes would hide it in its own scatter. ``rng``
+    draws robots where there are more than 400 logs. Raises InputError where the robots do not have the same base
+    parameters.
     """
     sizes = {history.value.shape[1] for history in histories}
     if len(sizes) > 1:

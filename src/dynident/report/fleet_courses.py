@@ -27,7 +27,7 @@ class RobotCourses:
 
     def __init__(self, history: History, changes: Sequence[Change], scatter: Scatter | None) -> None:
         self.history, self.changes = history, changes
-        self.information = _with_scatter(history.information, scatter)
+        self.information = scatter.with_scatter(history.information) if scatter else history.information
         self.mean = self._mean()
 
     def of(self, group: Group) -> list[Course]:
@@ -104,15 +104,6 @@ def _effect(changes: Sequence[Change], days: Array, history: History) -> Array:
         size = np.where(np.isfinite(one.std), one.size, 0.0)
         effect += _course(one, days, history) * (one.group.directions @ size)
     return effect
-
-
-def _with_scatter(information: Array, scatter: Scatter | None) -> Array:
-    """Return the information (K, b, b) of logs that scatter: the inverse of s^2 I^-1 + V, written for a singular I."""
-    if scatter is None:
-        return information
-    square = scatter.inflation**2 * np.eye(information.shape[1])
-    found: Array = np.linalg.solve(square + information @ scatter.covariance, information)
-    return 0.5 * (found + found.swapaxes(1, 2))
 
 
 def _along(directions: Array, information: Array, rest: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from dynident.report.page import Column, PageTable, number
 if TYPE_CHECKING:
     from dynident.fleets import Change, FleetResult
 
-__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "worst_first"]
+__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "with_times", "worst_first"]
 
 GROUPS = {
     GroupKind.FRICTION: "friction of {}",
@@ -92,16 +92,31 @@ def _signed(value: float) -> str:
 
 
 def change_table(found: FleetResult, changes: Sequence[Change], most: int) -> PageTable:
-    """Return the table of the first ``most`` changes, with the days between which each began."""
-    titles = ("robot", "what", "began", "between", "how")
+    """Return the table of the first ``most`` changes."""
+    titles = ("robot", "what", "began", "how")
     heads = [Column(title, numeric=False) for title in titles]
-    heads += [Column("by", numeric=False, prose=True), Column("p-value"), Column("log", numeric=False)]
+    heads += [Column("by", numeric=False, prose=True), Column("p-value")]
+    rows = tuple(
+        (
+            one.robot,
+            group_words(one.group),
+            day_words(one.day, found.start),
+            one.shape.value if one.odds >= TOLD else "step or drift",
+            "; ".join(list(_sizes(one))[:FEW]),
+            number(one.p_value, 2),
+        )
+        for one in changes[:most]
+    )
+    more = f", the {most} worst of {len(changes)}" if len(changes) > most else ""
+    return PageTable(tuple(heads), rows, f"Changes, worst first{more}")
+
+
+def with_times(table: PageTable, found: FleetResult, changes: Sequence[Change]) -> PageTable:
+    """Return the table of the changes with the days between which each began, and the log."""
     days = {history.robot: dict(zip(history.logs, history.days, strict=True)) for history in found.histories}
     rows = []
-    for one in changes[:most]:
-        first, last = (day_words(days[one.robot][log], found.start) for log in one.between)
-        how = one.shape.value if one.odds >= TOLD else "step or drift"
-        what = (one.robot, group_words(one.group), day_words(one.day, found.start), f"{first} to {last}", how)
-        rows.append((*what, "; ".join(list(_sizes(one))[:FEW]), number(one.p_value, 2), one.since))
-    more = f", the {most} worst of {len(changes)}" if len(changes) > most else ""
-    return PageTable(tuple(heads), tuple(rows), f"Changes, worst first{more}")
+    for row, one in zip(table.rows, changes, strict=False):
+        ends = dict.fromkeys(day_words(days[one.robot][log], found.start) for log in one.between)
+        rows.append((*row, " to ".join(ends), one.since))
+    heads = (*table.columns, Column("between", numeric=False), Column("log", numeric=False))
+    return PageTable(heads, tuple(rows), table.caption)

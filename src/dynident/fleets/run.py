@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
 from math import ceil
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,14 +34,14 @@ from dynident.jobs import Done, Limits, Status, run_jobs
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["TABLE", "run_fleet"]
+__all__ = ["REPORT", "TABLE", "fleet"]
 
 Progress = Callable[[str], None]
 TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 
-def run_fleet(
+def fleet(
     config: str | Path,
     out: str | Path | None = None,
     *,
@@ -101,11 +101,11 @@ def run_fleet(
 def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, say: Progress) -> FleetResult:
     """Return a result with the changes of its robots and what those of a type share, where there are enough."""
     changes, shared = [], dict[str, Pooled]()
-    for kind, robots in found.types.items():
+    for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
         histories = [one for one in found.histories if one.robot in robots]
         if histories:
             say(f"looking for changes of {kind}")
-            changes.append(find_changes(histories, found.groups, rng, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
+            changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
         if len(histories) >= FEWEST:
             shared[kind] = pooled(histories, found.groups, changes[-1].scatter, changes[-1].found)
     return replace(found, changes=tuple(changes), pooled=shared)
@@ -141,13 +141,14 @@ def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
 def _jobs(logs: Sequence[FleetLog], recipe: FleetRecipe) -> list[LogJob]:
     """Return the job of each log; the folder of its run is named after robot and file."""
     robots = folder_names(one.robot for one in logs)
-    digests = {robot: recipe.digest(robot) for robot in robots}
+    usual = recipe.digest("")
+    digests = {robot: recipe.digest(robot) if robot in recipe.changes else usual for robot in robots}
     of: dict[str, list[FleetLog]] = {}
     for one in logs:
         of.setdefault(one.robot, []).append(one)
     jobs = []
     for robot, own in of.items():
-        ends = [one.log.rpartition("/")[2] for one in own]
+        ends = [PurePosixPath(one.log).stem for one in own]
         names, whole, count = folder_names(ends), folder_names(one.log for one in own), Counter(ends)
         for one, end in zip(own, ends, strict=True):
             name = names[end] if count[end] == 1 else whole[one.log]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,9 +27,13 @@ class RobotCourses:
     """
 
     def __init__(self, history: History, changes: Sequence[Change], scatter: Scatter | None) -> None:
-        self.history, self.changes = history, changes
-        self.information = scatter.with_scatter(history.information) if scatter else history.information
-        self.mean = self._mean()
+        self.history, self.changes, self.scatter = history, changes, scatter
+
+    @cached_property
+    def information(self) -> Array:
+        """What each log says of the robot (K, b, b), not of its day."""
+        told = self.history.information
+        return told if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in told])
 
     def of(self, group: Group) -> list[Course]:
         """Return one course for each direction of the group.
@@ -63,8 +68,9 @@ class RobotCourses:
         first, last = (self.history.days[self.history.logs.index(log)] for log in change.between)
         return float(first), float(last)
 
-    def _mean(self) -> Array:
-        """Return the mean (b) of the logs by their information, without the changes found."""
+    @cached_property
+    def mean(self) -> Array:
+        """The mean (b) of the logs by their information, without the changes found."""
         quiet = self.history.value - _effect(self.changes, self.history.days, self.history)
         right = np.einsum("kij,kj->i", self.information, quiet)
         mean: Array = _solved(self.information.sum(axis=0)[None], right[None])[0][0]

@@ -12,7 +12,7 @@ from dynident.report import figures
 from dynident.report.fleet_courses import RobotCourses
 from dynident.report.fleet_logs import failed, failed_table, failure_words, log_section, robot_table, rows_of
 from dynident.report.fleet_pooled import pooled_sections
-from dynident.report.fleet_words import change_table, change_words, changed_in, group_words, worst_first
+from dynident.report.fleet_words import change_table, change_words, changed_in, group_words, with_times, worst_first
 from dynident.report.page import (
     Badge,
     Column,
@@ -83,7 +83,7 @@ def fleet_tables(found: FleetResult) -> list[PageTable]:
     """Return for a terminal: the changes, the robots, and the logs without a result."""
     changes = worst_first(_changes(found))
     rows, times = rows_of(found), Counter(one.robot for one in changes)
-    tables = [change_table(changes, found.start, IN_TERMINAL)] if changes else []
+    tables = [change_table(found, changes, IN_TERMINAL)] if changes else []
     return [*tables, robot_table(rows, times, IN_TERMINAL), *failed_table(rows, IN_TERMINAL)]
 
 
@@ -127,7 +127,7 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     yield Facts(tuple(facts))
     yield tuple(fleet_findings(found))
     if changes:
-        table = change_table(changes, found.start, IN_TABLE)
+        table = with_times(change_table(found, changes, IN_TABLE), found, changes)
         table = replace(table, rows=tuple(tuple(map(_typeset, row)) for row in table.rows))
         yield table if len(changes) > IN_WORDS else Fold("With p-values and logs", (table,))
     if found.changes:

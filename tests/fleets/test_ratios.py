@@ -1,0 +1,91 @@
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from dynident.fleets.components import Components
+from dynident.fleets.ratios import Ratios, evidence
+from tests.fleets.simulated import FRICTION_A, GROUPS, PAYLOAD, SIZE, B, fleet
+
+STEP, DRIFT = np.repeat([0.0, 1.0], [3, 5]), np.linspace(0.0, 1.0, 8)
+PARTS = Components(tuple(np.arange(B)[:, None]), np.diag((0.03 * SIZE) ** 2), 1.7)
+
+
+def ratios(history):
+    return Ratios.of(history, GROUPS, PARTS, np.array([STEP, DRIFT]), 50.0)
+
+
+def with_step(log: int, value: np.ndarray) -> None:
+    value[:4] += (log > 2) * GROUPS[PAYLOAD].directions[:4] @ np.array([0.02, 0.0, 0.05])
+
+
+def weighted_squares(history, columns):
+    """The least of the weighted squared residuals with the base parameters and further columns (K, b, q)."""
+    K = len(history.logs)
+    X = np.concatenate([np.broadcast_to(np.eye(B), (K, B, B)), *columns], axis=2)
+    L = np.linalg.cholesky(np.linalg.inv(1.7 * np.linalg.inv(history.information) + PARTS.covariance))
+    rows, left = L.swapaxes(1, 2) @ X, np.einsum("kji,kj->ki", L, history.value)
+    rows = rows.reshape(-1, X.shape[2])
+    scale = np.linalg.norm(rows, axis=0)
+    found, squares, *_ = np.linalg.lstsq(rows / scale, left.ravel())
+    return found / scale, squares.sum(), np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
+
+
+def test_ratios_are_those_of_least_squares() -> None:
+    (history,) = fleet(np.random.default_rng(1), 1, 8, {0: with_step})
+    friction, payload = (
+        [course[:, None, None] * GROUPS[g].directions] for g, course in ((FRICTION_A, DRIFT), (PAYLOAD, STEP))
+    )
+    one = ratios(history)
+    taken = [(PAYLOAD, 0), (FRICTION_A, 1)]
+    (_, nothing, _), (_, single, _) = weighted_squares(history, []), weighted_squares(history, payload)
+    value, both, covariance = weighted_squares(history, payload + friction)
+    assert one.profile(taken[:1], 0)[0] == pytest.approx(nothing - single, rel=1e-6)
+    assert one.profile(taken, 1)[1] == pytest.approx(single - both, rel=1e-6)
+    (size, std), (rubbing, _) = one.fit(taken)
+    np.testing.assert_allclose(size, value[B : B + 3], rtol=1e-6)
+    np.testing.assert_allclose(rubbing, value[B + 3 :], rtol=1e-6)
+    np.testing.assert_allclose(std, np.sqrt(np.diag(covariance)[B : B + 3]), rtol=1e-6)
+
+
+def test_the_clearest_change_is_found_and_then_no_other() -> None:
+    rng = np.random.default_rng(2)
+    (history,) = fleet(rng, 1, 8, {0: with_step})
+    best, chance = ratios(history).clearest([], rng, 400)
+    assert best == (PAYLOAD, 0)
+    assert chance == 1 / 401
+    _, further = ratios(history).clearest([(PAYLOAD, 0)], rng, 400)
+    assert further > 0.01
+    assert ratios(history).refined([(PAYLOAD, 1)]) == [(PAYLOAD, 0)]
+
+
+def test_chunks_of_draws_are_all_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    (history,) = fleet(np.random.default_rng(3), 1, 8)
+    _, whole = ratios(history).clearest([], np.random.default_rng(4), 999)
+    monkeypatch.setattr("dynident.fleets.ratios.CHUNK", 7 * history.value.size)
+    _, parts = ratios(history).clearest([], np.random.default_rng(5), 999)
+    assert (1000 * parts) == pytest.approx(round(1000 * parts))
+    assert abs(parts - whole) < 0.1
+
+
+def test_what_no_log_shows_has_an_infinite_error() -> None:
+    (history,) = fleet(np.random.default_rng(6), 1, 8)
+    history.information[:, 5, :] = history.information[:, :, 5] = 0.0
+    (size, std), *_ = ratios(history).fit([(FRICTION_A, 0)])
+    assert np.isfinite(size).all()
+    assert np.isfinite(std[0])
+    assert np.isinf(std[1])
+
+
+def test_nothing_can_change_where_nothing_is_tried() -> None:
+    (history,) = fleet(np.random.default_rng(7), 1, 8)
+    none = Ratios.of(history, (), PARTS, np.array([STEP]), 50.0)
+    assert none.clearest([], np.random.default_rng(8), 200) == (None, 1.0)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3, 10])
+def test_evidence_is_the_tail_of_chi_square(rank: int) -> None:
+    gain = np.array([0.0, 0.5, 10.0, 600.0])
+    np.testing.assert_allclose(evidence(gain, rank), -chi2.logsf(gain, rank), rtol=1e-10, atol=1e-12)
+    far = evidence(np.array([1250.0, 1290.0, 1330.0, 1e6]), rank)  # where the probability underflows on the way
+    assert np.isfinite(far).all()
+    assert (np.diff(far[:3]) / 20.0) == pytest.approx(1.0, abs=0.02)

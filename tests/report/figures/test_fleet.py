@@ -15,9 +15,10 @@ from dynident.report.figures.fleet import (
 )
 
 START = datetime(2026, 1, 5)
+MARKS = (Mark(3.0, "step", (2.0, 3.0)),)
 
 
-def course(logs=8, robot="arm", marks=(Mark(3.0, "step", (2.0, 3.0)),), **changes):
+def course(logs=8, robot="arm", marks=MARKS, **changes):
     rng = np.random.default_rng(logs)
     days, std = np.arange(logs, dtype=float), rng.uniform(0.1, 0.3, logs)
     files = [f"{k}<b>" for k in range(logs)]
@@ -81,7 +82,7 @@ def test_an_interval_that_is_far_wider_leaves_the_panel():
 
 
 def test_robots_side_by_side_have_the_same_axes():
-    some = [course(robot=f"arm {k}", marks=() if k else (Mark(3.0, "step", (2.0, 3.0)),)) for k in range(10)]
+    some = [course(robot=f"arm {k}", marks=() if k else MARKS) for k in range(10)]
     drawing = robots_figure(some, START)
     figure = drawing.figure()
     assert {figure.layout[f"yaxis{k}"].matches for k in range(2, 11)} == {"y"}

@@ -64,6 +64,11 @@ class FleetRecipe:
         settings = {key: value for key, value in self.of(robot).items() if key not in ("train", "validation")}
         return _digest(self.folder, settings, self.reading)
 
+    def digests(self, robots: Iterable[str]) -> dict[str, str]:
+        """Return the digests of robots by name."""
+        usual = self.digest("")
+        return {robot: self.digest(robot) if robot in self.changes else usual for robot in robots}
+
     def spec(self, name: str, file: str) -> dict[str, Any]:
         """Return a log as a configuration names it, read from a ``file``."""
         return {"file": file, "name": name, **self.reading}

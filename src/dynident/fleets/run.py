@@ -127,7 +127,7 @@ def _rows(
         for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
             store.add([_kept(done, folder)])
             say(Step("identifying logs", count, len(wanted)))
-        return _present(store.table(), jobs), len(wanted)
+        return _present(store.table(), jobs, work.recipe), len(wanted)
 
 
 def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
@@ -141,8 +141,7 @@ def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
 def _jobs(logs: Sequence[FleetLog], recipe: FleetRecipe) -> list[LogJob]:
     """Return the job of each log; the folder of its run is named after robot and file."""
     robots = folder_names(one.robot for one in logs)
-    usual = recipe.digest("")
-    digests = {robot: recipe.digest(robot) if robot in recipe.changes else usual for robot in robots}
+    digests = recipe.digests(robots)
     of: dict[str, list[FleetLog]] = {}
     for one in logs:
         of.setdefault(one.robot, []).append(one)
@@ -165,7 +164,7 @@ def _kept(done: Done[LogJob, Fitted], folder: Path | None) -> Mapping[str, objec
     return {**fitted.row, "seconds": done.seconds}
 
 
-def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
+def _present(rows: pl.DataFrame, jobs: Sequence[LogJob], recipe: FleetRecipe) -> pl.DataFrame:
     """Return the rows of the present files and recipes, with type and date as they are listed now, and those of files
     that are gone, by robot and date."""
     import polars as pl
@@ -174,8 +173,9 @@ def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
     listed = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
     order = rows.columns
     present = rows.drop("type", "date").join(listed, on=KEY, how="inner").select(order)
-    recipes = listed.select("robot", "recipe").unique()
-    gone = rows.join(recipes, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
+    digests = recipe.digests(rows["robot"].unique())
+    same = pl.DataFrame(list(digests.items()), schema={"robot": pl.String, "recipe": pl.String}, orient="row")
+    gone = rows.join(same, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
     gone = gone.filter(pl.col("status") == Status.OK).unique(["robot", "log"], keep="last", maintain_order=True)
     return pl.concat([present, gone]).sort("robot", "date", "log")
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, Note, Severity
 from dynident.estimators import Estimator, Problem, quick
 from dynident.estimators.least_squares import solve
-from dynident.identification.cross_validation import FOLDS, Gain, factors_of, gained, merged, predicted
+from dynident.identification.cross_validation import FOLDS, Gain, factors_of, gained, predicted
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import HasGravity, Model, structure_of
-from dynident.regression import EntryBlock, Regression, TriangularFactors, factorise, rank_of
+from dynident.regression import EntryBlock, Regression, TriangularFactors, factorise, merged, rank_of
 
 __all__ = ["BaseTilt", "SteepBase", "find_base_tilt", "has_gravity", "mounted"]
 

@@ -13,8 +13,7 @@ from dynident.log import Motion
 from dynident.models import Model, Parameter
 from dynident.regression import Regression, TriangularFactors, factorise, fitted_rows, rank_of
 
-__all__ = ["FOLDS", "Gain", "factors_of", "fitted", "gain_of", "gained", "left_out_errors", "merged", "predicted",
-           "stretch"]  # fmt: skip
+__all__ = ["FOLDS", "Gain", "factors_of", "fitted", "gain_of", "gained", "left_out_errors", "predicted", "stretch"]
 
 Array = NDArray[np.float64]
 FOLDS = 10
@@ -108,12 +107,6 @@ def factors_of(
     """Return the factors of the torque equations in each of the ``folds`` parts of the motions."""
     parts = [tuple(part(one, k, folds) for one in motions) for k in range(folds)]
     return [factorise(Regression(model, some, None, min_speed).entries(), model.structure) for some in parts]
-
-
-def merged(parts: Sequence[TriangularFactors]) -> TriangularFactors:
-    """Return the factors of the rows of all parts."""
-    rows = np.concatenate([one.factors for one in parts], axis=1)
-    return TriangularFactors(np.asarray(np.linalg.qr(rows, mode="r")), np.sum([one.rows for one in parts], axis=0))
 
 
 def fitted(motion: Motion, min_speed: tuple[float, ...] | None = None) -> NDArray[np.bool_]:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dynident.errors import Note, Severity
 from dynident.estimators import Estimator, PhysicallyConsistent, Problem
-from dynident.identification.cross_validation import Gain, factors_of, gained, merged
+from dynident.identification.cross_validation import Gain, factors_of, gained
 from dynident.identification.time_offset import trial_samples
 from dynident.log import Motion, thinned
 from dynident.models import Model
-from dynident.regression import Regression
+from dynident.regression import Regression, merged
 
 __all__ = ["PriorStrength", "find_prior_strength", "with_strength"]
 

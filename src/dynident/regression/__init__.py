@@ -20,6 +20,7 @@ from dynident.regression.linear_problem import (
     stretches,
     triangularise,
 )
+from dynident.regression.parts import Part, divided, factors_of_parts, merged
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 
@@ -29,6 +30,7 @@ __all__ = [
     "BaseParameters",
     "EntryBlock",
     "ParallelFilter",
+    "Part",
     "Rank",
     "Regression",
     "RegressorBlock",
@@ -37,10 +39,13 @@ __all__ = [
     "base_parameters",
     "base_std",
     "compare",
+    "divided",
     "factorise",
+    "factors_of_parts",
     "fast_enough",
     "fitted_rows",
     "informed_std",
+    "merged",
     "one_thread",
     "precision",
     "rank_of",

@@ -163,12 +163,15 @@ class Regression:
         for one in self.entries():
             yield RegressorBlock(one.regressor(), one.tau.T, None if one.keep is None else one.keep.T)
 
-    def entries(self, structure: Structure | None = None, theta: Array | None = None) -> Iterator[EntryBlock]:
+    def entries(
+        self, structure: Structure | None = None, theta: Array | None = None, within: tuple[int, slice] | None = None
+    ) -> Iterator[EntryBlock]:
         """Yield the same rows by the entries of a ``structure``, by default that of the model.
 
-        The torque is less Y theta, where ``theta`` (p) is given.
+        The torque is less Y theta, where ``theta`` (p) is given. ``within`` are the place of a motion and its samples
+        to take: those around them still count in the filter.
         """
-        for _, _, block in self._placed(structure or self.model.structure, theta):
+        for _, _, block in self._placed(structure or self.model.structure, theta, within):
             yield block
 
     @cached_property
@@ -200,17 +203,28 @@ class Regression:
             c = self.filter.apply(self.filter.sections(self.motions[k]), c)
         return c * self.weights[k][:, :, None] if self.weights else c
 
-    def _placed(self, structure: Structure, theta: Array | None = None) -> Iterator[tuple[int, slice, EntryBlock]]:
+    def _placed(
+        self, structure: Structure, theta: Array | None = None, within: tuple[int, slice] | None = None
+    ) -> Iterator[tuple[int, slice, EntryBlock]]:
         """Yield each block with the place of its motion, and of its rows in this motion."""
         given = [one for one in (self.bias, theta) if one is not None]
         rows = partial(self._rows, structure=structure, theta=np.sum(given, axis=0) if given else None)
+        for k, part, some in self._stretches(within):
+            motion = self.motions[k]
+            blocks = (
+                _plain(motion, some, rows) if self.filter is None else _filtered(motion, part, some, rows, self.filter)
+            )
+            for kept, block in blocks:
+                yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
+
+    def _stretches(self, within: tuple[int, slice] | None) -> Iterator[tuple[int, slice, slice]]:
+        """Yield the place of a motion, an uninterrupted stretch of it, and the samples to take of this."""
         for k, motion in enumerate(self.motions):
-            for part in stretches(motion.mask):
-                blocks = (
-                    _plain(motion, part, rows) if self.filter is None else _filtered(motion, part, rows, self.filter)
-                )
-                for kept, block in blocks:
-                    yield k, kept, block.times(self.weights[k][kept].T) if self.weights else block
+            if within is None or within[0] == k:
+                rows = slice(0, len(motion)) if within is None else within[1]
+                for part in stretches(motion.mask):
+                    if (start := max(part.start, rows.start)) < (stop := min(part.stop, rows.stop)):
+                        yield k, part, slice(start, stop)
 
     @cached_property
     def triangular_factors(self) -> TriangularFactors:
@@ -258,14 +272,15 @@ def _plain(motion: Motion, part: slice, rows: Rows) -> Iterator[tuple[slice, Ent
 
 
 def _filtered(
-    motion: Motion, part: slice, rows: Rows, parallel_filter: ParallelFilter
+    motion: Motion, part: slice, some: slice, rows: Rows, parallel_filter: ParallelFilter
 ) -> Iterator[tuple[slice, EntryBlock]]:
-    """Filter pieces that overlap by the filter's response time, so that the pieces join exactly."""
+    """Filter pieces of ``some`` samples of a stretch ``part`` that overlap by the filter's response time, so that the
+    pieces join exactly."""
     sections, step = parallel_filter.sections(motion), parallel_filter.decimate
     pad = parallel_filter.pad(sections)
     size = -(-max(BLOCK, 4 * pad) // step) * step
-    for start in range(part.start, part.stop, size):
-        stop = min(start + size, part.stop)
+    for start in range(some.start + (part.start - some.start) % step, some.stop, size):
+        stop = min(start + size, some.stop)
         first, last = max(part.start, start - pad), min(part.stop, stop + pad)
         if last - first < 2:
             continue

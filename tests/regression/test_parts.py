@@ -1,0 +1,71 @@
+"""Factors of parts of a regression: merged they are those of the whole, whoever computes them."""
+
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from dynident.errors import InputError
+from dynident.regression import ParallelFilter, Part, Regression, TriangularFactors, divided, factors_of_parts, merged
+from tests.regression.test_linear_problem import ARM, THETA, holes, motion
+from tests.regression.test_triangular import squares
+
+
+def problem(parallel_filter: ParallelFilter | None = None) -> Regression:
+    """Motions with holes and without, weights, a bias, and slow samples left out."""
+    motions = (motion(mask=holes()), motion(3000, seed=1))
+    weights = tuple(np.random.default_rng(k).uniform(0.5, 1.5, one.q.shape) for k, one in enumerate(motions))
+    return Regression(ARM, motions, parallel_filter, (0.5, 0.0), weights, 0.1 * THETA)
+
+
+def same(found: TriangularFactors, whole: TriangularFactors) -> None:
+    size = np.abs(squares(whole.factors)).max()
+    np.testing.assert_allclose(squares(found.factors), squares(whole.factors), atol=1e-11 * size)
+    np.testing.assert_array_equal(found.rows, whole.rows)
+
+
+@pytest.mark.parametrize("parallel_filter", [None, ParallelFilter(decimate=4), ParallelFilter(cutoff=5.0)], ids=str)
+def test_merged_parts_are_the_whole_to_rounding(parallel_filter: ParallelFilter | None) -> None:
+    regression = problem(parallel_filter)
+    parts = divided(regression, 90)
+    assert len(parts) > 30
+    found = factors_of_parts(regression, parts)
+    same(merged(iter(found)), regression.triangular_factors)
+    same(merged([merged(found[:7]), merged(found[7:])]), regression.triangular_factors)
+
+
+def test_parts_hold_every_usable_sample_once_and_reach_over_no_gap() -> None:
+    regression = problem()
+    for samples in (1, 90, 10**6):
+        used = [np.zeros(len(one), dtype=int) for one in regression.motions]
+        for part in divided(regression, samples):
+            used[part.motion][part.rows] += 1
+        for one, count in zip(regression.motions, used, strict=True):
+            np.testing.assert_array_equal(count, one.mask)
+
+
+def test_a_part_has_the_rows_of_its_time() -> None:
+    regression = replace(problem(), min_speed=None)
+    parts = (Part(1, 100, 350), Part(0, 0, 200))
+    assert [one.rows.tolist() for one in factors_of_parts(regression, parts)] == [[250, 250], [97, 97]]
+
+
+@pytest.mark.parametrize("kind", ["threads", "processes"])
+def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> None:
+    regression = problem()
+    _ = regression.triangular_factors, regression.known.setdefault("not to be sent", lambda: None)
+    parts = divided(regression, 700)
+    pool: Executor = (
+        ThreadPoolExecutor(2) if kind == "threads" else ProcessPoolExecutor(2, mp_context=get_context("forkserver"))
+    )
+    with pool:
+        found = factors_of_parts(regression, parts, pool)
+    for one, alone in zip(found, factors_of_parts(regression, parts), strict=True):
+        np.testing.assert_array_equal(one.factors, alone.factors)
+
+
+def test_a_part_that_fails_is_named() -> None:
+    with pytest.raises(InputError, match="made: samples 5 to 3"):
+        factors_of_parts(replace(problem(), filter=ParallelFilter(cutoff=1e9)), [Part(1, 5, 3000)])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
-    from dynident.identification import Identification, Recipe
+    from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
     from dynident.io.saved import load
@@ -66,6 +66,7 @@ __all__ = [
     "Spline",
     "Viscous",
     "accuracy_bound",
+    "bootstrap",
     "check",
     "cramer_rao_bound",
     "errors",
@@ -105,6 +106,7 @@ _MODULES = {
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
     "accuracy_bound": "dynident.io.shortcuts",
+    "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",

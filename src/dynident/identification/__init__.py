@@ -1,6 +1,7 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
+from dynident.identification.block_bootstrap import Bootstrap, bootstrap
 from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
@@ -26,6 +27,7 @@ from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Us
 
 __all__ = [
     "BaseTilt",
+    "Bootstrap",
     "Calibration",
     "Choice",
     "Gain",
@@ -55,6 +57,7 @@ __all__ = [
     "Use",
     "Verdict",
     "WorstRun",
+    "bootstrap",
     "choose_smoother",
     "choose_terms",
     "cross_validated_error",

@@ -2,5 +2,6 @@
 
 from dynident.jobs.engine import run_jobs
 from dynident.jobs.job import Done, Limits, Status
+from dynident.jobs.workers import local_workers
 
-__all__ = ["Done", "Limits", "Status", "run_jobs"]
+__all__ = ["Done", "Limits", "Status", "local_workers", "run_jobs"]

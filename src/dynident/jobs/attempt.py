@@ -1,0 +1,40 @@
+"""One attempt at a job, where its worker is: whatever it raises is a result."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from dynident.jobs.job import Status
+
+__all__ = ["Ended", "attempt", "status_of"]
+
+
+class Ended(NamedTuple):
+    """What became of a job, on its way from the worker: its ``value`` pickled."""
+
+    status: Status
+    seconds: float
+    value: bytes = b""
+    reason: str = ""
+
+
+def attempt(function: Callable[[Any], Any], job: bytes) -> Ended:
+    """Return what ``function`` makes of a pickled job."""
+    began = time.perf_counter()
+    try:
+        value = pickle.dumps(function(pickle.loads(job)), pickle.HIGHEST_PROTOCOL)  # noqa: S301 -- of our own process
+        return Ended(Status.OK, time.perf_counter() - began, value)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # also of a library in Rust that panics, or a job that calls sys.exit
+        status, reason = status_of(error)
+        return Ended(status, time.perf_counter() - began, reason=reason)
+
+
+def status_of(error: BaseException) -> tuple[Status, str]:
+    """Return what an exception makes of a job, and how it is said."""
+    status = Status.OUT_OF_MEMORY if isinstance(error, MemoryError) else Status.FAILED
+    return status, f"{type(error).__name__}: {error}"

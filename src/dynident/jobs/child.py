@@ -1,0 +1,140 @@
+"""What runs in a worker process: jobs, one by one; or the server that such processes are forked from."""
+
+from __future__ import annotations
+
+import gc
+import os
+import pickle
+import signal
+import socket
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, NamedTuple, NoReturn
+
+from dynident.jobs.attempt import attempt
+
+__all__ = ["NUMBER", "Order", "fork_server", "serve"]
+
+NUMBER = 8  # bytes of a number between a server and the process that started it
+PATIENCE = 1.0  # s between looks whether that is still there
+SPARE = 16_000_000  # bytes that a job needs at least
+
+
+class Order(NamedTuple):
+    """Jobs for a worker process; ``function`` is None where it is that of the order before."""
+
+    function: bytes | None
+    memory: float | None
+    jobs: Sequence[bytes]
+
+
+def serve(connection: Connection) -> NoReturn:
+    """Run orders until the other end is closed, which ends this process at once, whatever it is at.
+
+    The answer to an order is a text, empty or why it cannot be run, then what became of each job.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
+        signal.signal(number, signal.SIG_IGN)
+    orders: SimpleQueue[bytes] = SimpleQueue()
+    Thread(target=_read, args=(connection, orders), daemon=True).start()
+    function: Any = None
+    while True:
+        order = Order(*pickle.loads(orders.get()))  # noqa: S301 -- of the process that started us
+        try:
+            function = function if order.function is None else pickle.loads(order.function)  # noqa: S301
+            with _limited(order.memory):
+                bytearray(SPARE)
+        except MemoryError:
+            connection.send(f"a worker takes more than the limit of {order.memory:g} GB before it runs any job.")
+            continue
+        except BaseException as error:
+            connection.send(f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}")
+            continue
+        connection.send("")
+        for job in order.jobs:
+            with _limited(order.memory):
+                ended = attempt(function, job)
+            connection.send(tuple(ended))
+        sys.stdout.flush()  # what jobs have printed
+
+
+def _read(connection: Connection, orders: SimpleQueue[bytes]) -> NoReturn:
+    try:
+        while True:
+            orders.put(connection.recv_bytes())
+    finally:
+        os._exit(1)
+
+
+@contextmanager
+def _limited(memory: float | None) -> Iterator[None]:
+    """Limit the memory (GB) of this process, where the system can."""
+    if memory is None or sys.platform == "win32":
+        yield
+        return
+    import resource
+
+    before, most = resource.getrlimit(resource.RLIMIT_DATA)
+    least = int(memory * 1e9) if most == resource.RLIM_INFINITY else min(int(memory * 1e9), most)
+    resource.setrlimit(resource.RLIMIT_DATA, (least, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, most))
+
+
+def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
+    """Import what workers need, then fork them, and end them, as asked; all of them when who asks is gone.
+
+    A request is a number: 0, with the descriptor of a connection, forks a worker and is answered by its id; an id
+    kills that worker and is answered by its exit code. An id is free again only after that answer.
+    """
+    parent, children = os.getppid(), set[int]()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    control = socket.socket(fileno=descriptor)
+    for name in preload:
+        with suppress(Exception):  # a job that needs it will say why
+            import_module(name)
+    gc.freeze()  # what is imported stays shared
+    control.settimeout(PATIENCE)
+    while os.getppid() == parent:  # another process may have inherited the other end
+        try:
+            request, descriptors, _, _ = socket.recv_fds(control, NUMBER, 1)
+        except TimeoutError:
+            continue
+        except OSError:
+            break
+        if not request:
+            break
+        if child := int.from_bytes(request, "little"):
+            children.discard(child)
+            answer = _end(child)
+        else:
+            answer = _fork(control, descriptors[0])
+            children.add(answer)
+        control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
+    for one in children:
+        os.kill(one, signal.SIGKILL)
+    os._exit(0)
+
+
+def _fork(control: socket.socket, descriptor: int) -> int:
+    if child := os.fork():
+        os.close(descriptor)
+        return child
+    try:
+        control.close()
+        serve(Connection(descriptor))
+    finally:
+        os._exit(1)
+
+
+def _end(child: int) -> int:
+    os.kill(child, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

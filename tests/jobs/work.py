@@ -1,0 +1,98 @@
+"""Functions of jobs, in a module that workers can import."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynident.jobs import Done
+
+HANGS = 600.0  # s: nothing takes as long, even on a busy machine
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Sums noise of which the job is the seed, by a matrix product that rounds."""
+
+    matrix: Any
+
+    def __call__(self, seed: int) -> float:
+        return float(np.sum(self.matrix @ np.random.default_rng(seed).standard_normal(len(self.matrix))))
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Notes each call in a folder; the job ``(name, number)`` says what goes wrong."""
+
+    folder: Path
+
+    def __call__(self, job: tuple[str, int]) -> int:
+        name, number = job
+        with (self.folder / f"{number}").open("a") as file:
+            file.write(f"{os.getpid()}\n")
+        return getattr(self, name)(number)  # type: ignore[no-any-return]
+
+    def calls(self, number: int) -> int:
+        return len((self.folder / f"{number}").read_text().splitlines())
+
+    def fine(self, number: int) -> int:
+        return number**2
+
+    def raises(self, number: int) -> int:
+        raise ValueError(f"no {number}")
+
+    def leaves(self, number: int) -> int:
+        raise SystemExit(number)
+
+    def hangs(self, number: int) -> int:
+        time.sleep(HANGS)
+        return number
+
+    def eats(self, number: int) -> int:
+        return len([bytearray(10_000_000) for _ in range(1000)])
+
+    def ends(self, number: int) -> int:
+        os._exit(7)
+
+    def crashes(self, number: int) -> int:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    def crashes_once(self, number: int) -> int:
+        if self.calls(number) == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    def unpicklable(self, number: int) -> Any:
+        return _Odd()
+
+
+class _Odd(int):
+    def __reduce__(self) -> Any:
+        raise TypeError("stays here")
+
+
+def process(_: object) -> int:
+    return os.getpid()
+
+
+def threads(_: object) -> tuple[str | None, str | None]:
+    return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
+def sleeps(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
+def by_job(done: list[Done[Any, Any]]) -> dict[Any, Done[Any, Any]]:
+    """Each job once."""
+    found = {one.job: one for one in done}
+    assert len(found) == len(done)
+    return found

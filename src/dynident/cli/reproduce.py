@@ -14,6 +14,7 @@ import click
 
 from dynident.cli.options import DIRECTORY, FILE
 from dynident.cli.terminal import console, status, tell
+from dynident.cli.workers import Spread, spread
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -38,11 +39,11 @@ GRACE = 2.0  # s for workers to end their fits when a study is stopped
     help="Methods, separated by commas; also spline-early (the transient dropped before smoothing) and ml (maximum "
     "likelihood).",
 )  # fmt: skip
-@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Number of worker processes.")
+@spread
 @click.option("--out", type=DIRECTORY, help="Folder for report.html and study.parquet; a study in it is resumed.")
 @click.option("--json", "json_file", type=FILE, help="File for the sample means and variances.")
 def reproduce(
-    scenario: str, runs: int, seed: int, methods: str, workers: int, out: Path | None, json_file: Path | None
+    scenario: str, runs: int, seed: int, methods: str, spread: Spread, out: Path | None, json_file: Path | None
 ) -> None:
     """Run the article's study (sec. 3) again and print its tables 2-7 beside the published numbers and the bound."""
     from dynident.io.folder import result_folder
@@ -56,7 +57,7 @@ def reproduce(
     names = [name.strip() for name in methods.split(",") if name.strip()]
     table = out / "study.parquet" if out else None
     with result_folder(out) if out else nullcontext() as folder:
-        found = _study(scenario, runs, seed, names, workers, table)
+        found = _study(scenario, runs, seed, names, spread, table)
         written = folder.replace({"report.html": study_page(found)}) if folder else ()
     screen = console()
     screen.put(study_text(found))
@@ -67,7 +68,7 @@ def reproduce(
         tell(screen, "Report", path)
 
 
-def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int, table: Path | None) -> Reproduction:
+def _study(scenario: str, runs: int, seed: int, methods: list[str], spread: Spread, table: Path | None) -> Reproduction:
     """Run the study; however it is stopped, what is said then is where the finished runs are."""
     from concurrent.futures import BrokenExecutor
 
@@ -75,7 +76,8 @@ def _study(scenario: str, runs: int, seed: int, methods: list[str], workers: int
     from dynident.studies import article
 
     try:
-        with status() as say, _pool(workers, scenario) as executor:
+        pool = spread.executor() if spread.cluster else _pool(spread.workers, scenario)
+        with status() as say, pool as executor:
 
             def progress(done: int, total: int) -> None:
                 say(Step(f"{scenario}, {runs} runs", done, total))

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Spread", "spread"]
 
+POSITIVE = click.FloatRange(0, min_open=True)
+
 
 @dataclass(frozen=True)
 class Spread:
-    """Where the work of a command runs, and what limits one job of it."""
+    """Where the work of a command runs, and what limits one job of it: ``seconds``, and ``memory`` (GB)."""
 
     workers: int
     cluster: str | None = None
@@ -35,26 +37,46 @@ class Spread:
 
         return Limits(self.seconds, self.memory)
 
+    @property
+    def alone(self) -> bool:
+        """Whether this process does the work itself: there is one worker, and nothing that would have to end it."""
+        return self.cluster is None and self.workers == 1 and self.seconds is None and self.memory is None
+
     @contextmanager
-    def executor(self) -> Iterator[Executor | None]:
-        """Give the executor, None where this process does the work alone."""
-        yield None
+    def executor(self, *preload: str) -> Iterator[Executor | None]:  # noqa: ARG002
+        """Give the executor, None where this process does the work alone; workers import the modules ``preload``.
+
+        Raises InputError where a cluster cannot be used.
+        """
+        if self.cluster is None:
+            yield None
+            return
+        from dynident.jobs.cluster import cluster_workers
+
+        with cluster_workers(self.cluster) as executor:
+            yield executor
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def spread(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options ``--workers``, ``--cluster``, ``--time-limit`` and ``--worker-memory``, passed as ``spread``."""
 
-    @click.option("--workers", type=click.IntRange(1), help="Worker processes; by default one for each core.")
-    @click.option("--cluster", metavar="ADDRESS", help="Address of a Dask scheduler to work on: tcp://HOST:8786.")
-    @click.option("--time-limit", type=click.FloatRange(0, min_open=True), metavar="S", help="Most seconds of one job.")
+    @click.option("--workers", type=click.IntRange(1), help="Worker processes.  [default: one for each core]")
     @click.option(
-        "--worker-memory", type=click.FloatRange(0, min_open=True), metavar="GB", help="Most memory of one worker (GB)."
+        "--cluster", metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, such as tcp://HOST:8786."
     )
+    @click.option("--time-limit", type=POSITIVE, metavar="S", help="Most seconds that one job may take.")
+    @click.option("--worker-memory", type=POSITIVE, metavar="GB", help="Most memory that one worker may take (GB).")
     @wraps(command)
     def spread_command(
         workers: int | None, cluster: str | None, time_limit: float | None, worker_memory: float | None, **rest: Any
     ) -> Any:
-        where = Spread(workers or os.cpu_count() or 1, cluster, time_limit, worker_memory)
-        return command(spread=where, **rest)
+        if workers is not None and cluster is not None:
+            raise click.UsageError("--workers are processes of this machine, --cluster has its own; give one of them.")
+        return command(spread=Spread(workers or cores(), cluster, time_limit, worker_memory), **rest)
 
     return spread_command

@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> None:
         for level in levels:
             done = repeat(scenario, level, given.runs, given.seed, given.start)
             variance = cramer_rao_bound(
-                arm, truth, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=given.start == "rest"
+                arm, truth, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=given.start == "rest"
             )
             tell(name, level, done, np.sqrt(np.diag(variance)), len(names) * len(levels))
 

@@ -23,7 +23,7 @@ TABLE = {
 @pytest.mark.parametrize(("name", "level"), TABLE)
 def test_the_articles_arm(name: str, level: float) -> None:
     arm, scenario = two_link_arm(), SCENARIOS[name]
-    found = cramer_rao_bound(arm, arm.values, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True)
+    found = cramer_rao_bound(arm, arm.values, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True)
     np.testing.assert_allclose(100 * np.sqrt(np.diag(found)) / arm.values, TABLE[name, level], rtol=0.02)
 
 

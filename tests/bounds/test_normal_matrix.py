@@ -71,7 +71,7 @@ def test_agrees_with_the_exact_bound_where_the_motion_is_slow(sigma_q: float) ->
 def test_agrees_roughly_after_a_step_too() -> None:
     """The article's arm from its start on: a time constant of about one sample, and a step of the torque."""
     arm, scenario = two_link_arm(), SCENARIOS["weak"]
-    motion = scenario.truth()
+    motion = scenario.truth
     exact = information(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
     found = total(arm, arm.values, motion, 1e-4, scenario.sigma_tau)
     deviations = [np.sqrt(np.diag(np.linalg.inv(S))) for S in (found, exact)]

@@ -8,13 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
 import pytest
 
-from dynident.studies.table import StudyTable
+from dynident.errors import InputError
+from dynident.io.row_store import parts_folder
+from dynident.studies.table import study_table
 from tests.cli.commands import run
 
 HANGS = 600.0  # s: nothing takes as long, even on a busy machine
@@ -74,13 +76,13 @@ class TestReproduce:
     def test_ctrl_c_while_workers_start(self, tmp_path: Path) -> None:
         """A terminal sends it to all processes, and those that start have not yet said that they ignore it."""
         script = (
-            "import os, signal, threading\nfrom concurrent.futures import ProcessPoolExecutor\n"
-            "from dynident.cli import main\nsubmit = ProcessPoolExecutor.submit\n"
+            "import os, signal, threading\nfrom concurrent.futures import ThreadPoolExecutor\n"
+            "from dynident.cli import main\nsubmit = ThreadPoolExecutor.submit\n"
             "def early(*given):\n"
-            "    ProcessPoolExecutor.submit = submit\n"
+            "    ThreadPoolExecutor.submit = submit\n"
             "    threading.Timer(0.1, os.killpg, (os.getpid(), signal.SIGINT)).start()\n"
             "    return submit(*given)\n"
-            "ProcessPoolExecutor.submit = early\n"
+            "ThreadPoolExecutor.submit = early\n"
             f"main(['reproduce', '--workers', '2', '--out', {str(tmp_path)!r}])\n"
         )
         words = [sys.executable, "-c", script]
@@ -97,29 +99,42 @@ class TestReproduce:
         # the pipe of standard error ends when the last process that holds it does, workers included
         with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
             deadline = time.monotonic() + HANGS
-            rows = tmp_path / "study.parquet.rows"
-            while not (rows.exists() and rows.read_bytes().count(b"\n") > 1) and time.monotonic() < deadline:
+            table = tmp_path / "study.parquet"
+            while not list(parts_folder(table).glob("*.parquet")) and time.monotonic() < deadline:
                 time.sleep(0.1)
             process.send_signal(getattr(signal, number))
             _, told = process.communicate(timeout=HANGS)
         assert process.returncode == code
-        assert len(StudyTable(tmp_path / "study.parquet").rows) > 0
         if code > 0:
-            kept = tmp_path / "study.parquet"
-            assert told == f"Interrupted: finished runs are kept in {kept}; run the same command again to go on.\n"
+            assert told == f"Interrupted: finished runs are kept in {table}; run the same command again to go on.\n"
             assert [path.name for path in tmp_path.iterdir()] == ["study.parquet"]
+        with study_table(table) as rows:
+            assert len(rows) > 0
 
-    def test_a_worker_that_dies_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        def die(*_: object, **__: object) -> None:
-            (tmp_path / "study.parquet").touch()
-            raise BrokenProcessPool
+    def test_with_rerun_all_is_computed_anew(self, tmp_path: Path) -> None:
+        words = ("reproduce", "--runs", 1, "--methods", "raw", "--workers", 1, "--out", tmp_path)
+        assert run(*words).exit_code == 0
+        first = pl.read_parquet(tmp_path / "study.parquet")
+        assert run(*words, "--rerun").exit_code == 0
+        second = pl.read_parquet(tmp_path / "study.parquet")
+        assert second.drop("seconds").equals(first.drop("seconds"))
+        assert not second.equals(first)
 
-        monkeypatch.setattr("dynident.studies.article.reproduce", die)
-        done = run("reproduce", "--out", tmp_path)
+    @pytest.mark.parametrize("begun", [True, False])
+    def test_an_error_in_the_middle_says_what_is_kept(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
+    ) -> None:
+        def fail(*_: object, progress: Callable[[int, int], None], **__: object) -> None:
+            parts_folder(tmp_path / "study.parquet").mkdir()
+            if begun:
+                progress(0, 1)
+            raise InputError("the cluster is gone.")
+
+        monkeypatch.setattr("dynident.studies.article.reproduce", fail)
+        done = run("reproduce", "--workers", 1, "--out", tmp_path)
         assert done.exit_code == 1
-        assert f"a worker process has died, perhaps for want of memory; finished runs are kept in {tmp_path}" in (
-            done.output
-        )
+        kept = f" Finished runs are kept in {tmp_path}"
+        assert f"the cluster is gone.{kept if begun else chr(10)}" in done.output
 
     @pytest.mark.parametrize("option", ["--out", "--json"])
     def test_a_folder_that_cannot_be_made_is_said_first(self, tmp_path: Path, option: str) -> None:

@@ -80,7 +80,7 @@ def test_the_exit_code_and_the_streams_are_those_of_the_command(user: Path) -> N
 
 def test_a_signal_reaches_the_command(user: Path) -> None:
     process = start(user, "run", "reproduce", "--methods", "spline", "--runs", "10000", "--out", "out")
-    while not (user / "out" / "study.parquet.rows").exists():
+    while not list((user / "out" / "study.parquet.parts").glob("*.parquet")):
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)

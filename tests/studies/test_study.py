@@ -195,7 +195,7 @@ def test_rows_of_another_version_are_computed_again(tmp_path: Path) -> None:
 def test_a_foreign_table_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "other.parquet"
     pl.DataFrame({"a": [1]}).write_parquet(path)
-    with pytest.raises(InputError, match=r"other\.parquet: is not a table of a study"):
+    with pytest.raises(InputError, match=r"other\.parquet: holds other rows: it has no column 'scenario'"):
         run_study([Still()], [Mean()], LEVELS, 2, path=path)
     assert pl.read_parquet(path).columns == ["a"]
 
@@ -225,7 +225,7 @@ def test_no_runs() -> None:
         (lambda table: table.with_columns(seed=pl.lit("x")), "'seed' holds String, not Int64"),
         (lambda table: table.with_columns(run=pl.lit(1e300)), "'run' holds Float64"),
         (lambda table: table.with_columns(value=pl.lit("1")), "'value' holds String"),
-        (lambda table: table.with_columns(mine=pl.lit(1)), "no study has the column 'mine'"),
+        (lambda table: table.with_columns(mine=pl.lit(1)), "its column 'mine' is not known"),
         (lambda table: table.with_columns(status=pl.lit("good")), "'good' is no status"),
         (lambda table: table.with_columns(method=pl.lit(None, pl.String)), "'method' has empty cells"),
         (lambda table: pl.concat([table, table]), "twice"),

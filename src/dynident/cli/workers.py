@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -43,13 +43,16 @@ class Spread:
         return self.cluster is None and self.workers == 1 and self.seconds is None and self.memory is None
 
     @contextmanager
-    def executor(self, *preload: str) -> Iterator[Executor | None]:  # noqa: ARG002
+    def executor(self, *preload: str) -> Iterator[Executor | None]:
         """Give the executor, None where this process does the work alone; workers import the modules ``preload``.
 
         Raises InputError where a cluster cannot be used.
         """
         if self.cluster is None:
-            yield None
+            from dynident.jobs import local_workers
+
+            with nullcontext() if self.alone else local_workers(self.workers, preload) as executor:
+                yield executor
             return
         from dynident.jobs.cluster import cluster_workers
 

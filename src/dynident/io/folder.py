@@ -29,7 +29,7 @@ from uuid import uuid4
 from dynident.errors import InputError
 from dynident.io.opener import real, refuse_inputs
 
-__all__ = ["ResultFolder", "result_folder", "settle", "write_whole"]
+__all__ = ["ResultFolder", "held", "result_folder", "settle", "whole_file", "write_whole"]
 
 LOCK, STAGED, READY = ".dynident.lock", ".dynident.tmp", ".dynident.new"
 PUT, GONE = "put", "gone"  # in both hidden folders: the new files, and empty files named as those to be removed
@@ -74,7 +74,8 @@ class ResultFolder:
             (staged / place).mkdir(parents=True)
         for name, content in files.items():
             with open(staged / PUT / name, "xb") as file:
-                _write(file, content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
+                file.write(content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content)
+                _synced(file)
         for name in gone:
             (staged / GONE / name).touch()
         for folder in (staged / PUT, staged / GONE, staged):
@@ -91,17 +92,13 @@ def result_folder(path: str | Path) -> Iterator[ResultFolder]:
     folder = ResultFolder(real(path))  # of x/../y, x need not be there
     made = [one for one in (folder.path, *folder.path.parents) if not os.path.exists(one)]
     try:
-        lock = _hold(folder.path)
-        try:
-            _finish(folder.path)
-            _sweep(folder.path)
-            yield folder
-        finally:  # whatever stops the run
-            folder.written |= _left(folder.path, READY)
+        with held(folder.path):
             try:
                 _finish(folder.path)
-            finally:
-                _release(lock, folder.path / LOCK)
+                yield folder
+            finally:  # whatever stops the run
+                folder.written |= _left(folder.path, READY)
+                _finish(folder.path)
     except KeyboardInterrupt as stop:
         if not hasattr(stop, "__notes__"):
             kept = "the new files are in place" if folder.written else f"{KEPT}; {AGAIN}"
@@ -111,6 +108,20 @@ def result_folder(path: str | Path) -> Iterator[ResultFolder]:
         for one in made:
             with suppress(OSError):  # not empty
                 one.rmdir()
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Make a folder, if need be, and hold it alone; temporary files of runs that have ended are removed.
+
+    Raises InputError where nothing can be written or another run holds it.
+    """
+    lock = _hold(folder)
+    try:
+        _sweep(folder)
+        yield
+    finally:
+        _release(lock, folder / LOCK)
 
 
 def settle(folder: Path) -> None:
@@ -141,7 +152,14 @@ def settle(folder: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write one file, never half: a temporary file in its folder, locked while in use, takes the name when it is whole.
+    """Write one file, never half, as ``whole_file`` does."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a temporary file beside ``path``, locked while in use, to be written; it takes the name at the end.
 
     Those of runs that have ended are removed. Raises OSError or ValueError where it cannot be written, ConfigError
     where it was read.
@@ -153,7 +171,8 @@ def write_whole(path: Path, data: bytes) -> None:
     _sweep(folder)
     temporary, file = _temporary(folder)
     try:
-        _write(file, data)
+        yield temporary
+        _synced(file)
         if sys.platform == "win32":
             file.close()  # an open file cannot be renamed there
         refuse_inputs(path)
@@ -298,9 +317,8 @@ def _lock(descriptor: int) -> bool:
     return True
 
 
-def _write(file: IO[bytes], data: bytes) -> None:
-    """Write, and on to the disk: a name must not reach it before the content."""
-    file.write(data)
+def _synced(file: IO[bytes]) -> None:
+    """Send a file on to the disk: a name must not reach it before the content."""
     file.flush()
     os.fsync(file.fileno())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynident.bounds import cramer_rao_bound
 from dynident.errors import ConfigError, brief, choices
 from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, Problem
+from dynident.jobs import Limits, run_jobs
 from dynident.kernel import kernel
 from dynident.log import Motion
 from dynident.models import Recording, record, simulate
@@ -47,15 +48,10 @@ class ArmScenario:
     amplitudes: tuple[float, float]
     sigma_tau: float
 
+    @cached_property
     def truth(self) -> Motion:
-        """Return the motion without noise, which is simulated once."""
-        if self.amplitudes not in _TRUTHS:
-            _TRUTHS[self.amplitudes] = _simulated(self.amplitudes)
-        return _TRUTHS[self.amplitudes]
-
-    def remember(self, truth: Motion) -> None:
-        """Take the motion without noise as simulated, in another process."""
-        _TRUTHS[self.amplitudes] = truth
+        """The motion without noise, which is simulated once; workers get it with the scenario."""
+        return _simulated(self.amplitudes)
 
     def bound(self, level: float) -> Array:
         """Return the least variances (7) of any unbiased method, with a known start from rest."""
@@ -63,10 +59,7 @@ class ArmScenario:
 
     def record(self, level: float, rng: np.random.Generator) -> Recording:
         """Return the recording with the noise of eqs. (44)-(46)."""
-        return record(self.truth(), np.sqrt(level), self.sigma_tau, rng, source=f"{self.name}, sigma_q^2 = {level:g}")
-
-
-_TRUTHS: dict[tuple[float, float], Motion] = {}
+        return record(self.truth, np.sqrt(level), self.sigma_tau, rng, source=f"{self.name}, sigma_q^2 = {level:g}")
 
 
 def _simulated(amplitudes: tuple[float, float]) -> Motion:
@@ -81,7 +74,7 @@ def _simulated(amplitudes: tuple[float, float]) -> Motion:
 def _bound(scenario: ArmScenario, level: float) -> Array:
     model = two_link_arm()
     theta = np.asarray(model.values, dtype=float)
-    return np.diag(cramer_rao_bound(model, theta, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True))
+    return np.diag(cramer_rao_bound(model, theta, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True))
 
 
 SCENARIOS: Mapping[str, ArmScenario] = {
@@ -257,12 +250,14 @@ def reproduce(
     *,
     path: str | Path | None = None,
     executor: Executor | None = None,
+    rerun: bool = False,
+    limits: Limits | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
 ) -> Reproduction:
     """Run sec. 3 of the article: three noise levels x the methods x ``runs`` recordings.
 
-    ``path``, ``executor`` and ``progress`` are ``run_study``'s. Raises ConfigError for an unknown scenario or method,
-    InputError for a bad number of runs.
+    ``path``, ``executor``, ``rerun``, ``limits`` and ``progress`` are ``run_study``'s. Raises ConfigError for an
+    unknown scenario or method, InputError for a bad number of runs.
     """
     chosen = _chosen(scenario, SCENARIOS, "scenario")
     parts = [_chosen(name, METHODS, "method") for name in dict.fromkeys(methods)]
@@ -272,8 +267,12 @@ def reproduce(
         raise ConfigError(f"seed is {seed}; give a whole number from 0 to 2^63 - 1.")
     model = two_link_arm()
     true = np.asarray(model.values, dtype=float)
-    bounds = {level: _later(executor, chosen.bound, level) for level in LEVELS}
-    table = run_study([chosen], parts, LEVELS, runs, seed, path=path, executor=executor, progress=progress)
+    if executor is not None:
+        chosen.truth  # noqa: B018 -- goes to the workers with it
+    table = run_study(
+        [chosen], parts, LEVELS, runs, seed,
+        path=path, executor=executor, rerun=rerun, limits=limits, progress=progress,
+    )  # fmt: skip
     cases = []
     for level in LEVELS:
         for part in parts:
@@ -295,13 +294,14 @@ def reproduce(
         cases=tuple(cases),
         traces=_traces(chosen, parts, seed),
         settings=_settings(chosen, parts),
-        bounds={level: bound() for level, bound in bounds.items()},
+        bounds=_bounds(chosen, executor),
     )
 
 
-def _later(executor: Executor | None, function: Callable[[float], Array], level: float) -> Callable[[], Array]:
-    """Return what gives the value of a function, which a worker computes meanwhile, if there are any."""
-    return (lambda: function(level)) if executor is None else executor.submit(function, level).result
+def _bounds(scenario: ArmScenario, executor: Executor | None) -> dict[float, Array]:
+    """Return the least variances by noise level; what no worker can compute raises its error here."""
+    found = {done.job: done.value for done in run_jobs(scenario.bound, LEVELS, executor)}
+    return {level: scenario.bound(level) if (one := found[level]) is None else one for level in LEVELS}
 
 
 def _chosen(name: str, known: Mapping[str, T], what: str) -> T:

@@ -5,25 +5,27 @@ from __future__ import annotations
 import hashlib
 import struct
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.estimators import Estimate
+from dynident.jobs import Done, Limits, run_jobs
 from dynident.kernel import kernel
 from dynident.models import Recording
 from dynident.regression import one_thread
 from dynident.splines import NORMAL_95
-from dynident.studies.table import KEY, Outcome, StudyTable, frame, key_of
+from dynident.studies.table import KEY, Outcome, key_type, study_table
 
 if TYPE_CHECKING:
     import polars as pl
@@ -55,40 +57,58 @@ class Method(Protocol):
         """Estimate the parameters from the recording's log."""
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """The methods still to run on one recording: they all see the same noise."""
+class _Job(NamedTuple):
+    """Methods to be run on one recording, which all see the same noise; by their names."""
 
-    scenario: Any
-    methods: tuple[Any, ...]
+    scenario: str
+    methods: tuple[str, ...]
     level: float
     run: int
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """What makes the rows of a job; goes to each worker once."""
+
+    scenarios: Mapping[str, Scenario]
+    methods: Mapping[str, Method]
     seed: int
     version: str
 
-    def rows(self) -> list[dict[str, Any]]:
-        record = self.scenario.record(self.level, generator(self.seed, self.level, self.run))
+    def __call__(self, job: _Job) -> list[dict[str, Any]]:
+        record = self.scenarios[job.scenario].record(job.level, generator(self.seed, job.level, job.run))
         with one_thread():
-            return [self._row(method, record) for method in self.methods]
+            return [self.key(job, name) | _fit(self.methods[name], record) for name in job.methods]
 
-    def _row(self, method: Method, record: Recording) -> dict[str, Any]:
-        began = time.perf_counter()
-        value: list[float] = []
-        std: list[float] = []
-        ends: list[float] = []
-        try:
-            estimate = method.estimate(record)
-            value, std = estimate.value.tolist(), estimate.std.tolist()
-            ends = [] if estimate.interval is None else estimate.interval.ravel().tolist()
-            outcome = _outcome(estimate)
-            reason = ", ".join(type(note).__name__ for note in estimate.notes)
-        except Exception as error:  # a failed fit is a row, whatever the exception
-            outcome, reason = Outcome.FAILED, f"{type(error).__name__}: {error}"
-        seconds = time.perf_counter() - began
-        key = (self.scenario.name, method.name, self.level, self.run, self.seed, self.version)
-        found: dict[str, Any] = {"status": outcome.value, "reason": reason, "seconds": seconds}
-        found |= {"value": value, "std": std, "interval": ends}
-        return {**dict(zip(KEY, key, strict=True)), **found}
+    def key(self, job: _Job, method: str) -> dict[str, Any]:
+        """Return what tells a fit from all others."""
+        return dict(zip(KEY, (job.scenario, method, job.level, job.run, self.seed, self.version), strict=True))
+
+    def without(self, done: Done[_Job, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+        """Return the rows of a job that gave none."""
+        nothing = {"reason": done.reason, "seconds": done.seconds, "value": [], "std": [], "interval": []}
+        return [self.key(done.job, name) | {"status": done.status.value} | nothing for name in done.job.methods]
+
+
+def _fit(method: Method, record: Recording) -> dict[str, Any]:
+    began = time.perf_counter()
+    value: list[float] = []
+    std: list[float] = []
+    ends: list[float] = []
+    try:
+        estimate = method.estimate(record)
+        value, std = estimate.value.tolist(), estimate.std.tolist()
+        ends = [] if estimate.interval is None else estimate.interval.ravel().tolist()
+        outcome = _outcome(estimate)
+        reason = ", ".join(type(note).__name__ for note in estimate.notes)
+    except MemoryError:  # the job as a whole has too little
+        raise
+    except Exception as error:  # a failed fit is a row, whatever the exception
+        outcome, reason = Outcome.FAILED, f"{type(error).__name__}: {error}"
+    seconds = time.perf_counter() - began
+    return {
+        "status": outcome.value, "reason": reason, "seconds": seconds, "value": value, "std": std, "interval": ends,
+    }  # fmt: skip
 
 
 def _outcome(estimate: Estimate) -> Outcome:
@@ -124,58 +144,96 @@ def run_study(
     *,
     path: str | Path | None = None,
     executor: Executor | None = None,
+    rerun: bool = False,
+    limits: Limits | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,  # noqa: ARG005
 ) -> pl.DataFrame:
     """Run every method on ``runs`` recordings of every scenario at every noise level.
 
     Returns a table with one row per fit: scenario, method, level, run, seed, version, status (an ``Outcome``), reason
-    (the error of a failed fit, else the types of the notes), seconds, value, std and interval (lists, empty where it
-    failed; of the ends of 95 % intervals, lower and upper in turn, where they are known), sorted by these. With
-    ``path`` the table is kept there (Parquet), and while it grows its new rows in a file beside it (``StudyTable``): an
-    interrupted study continues where it stopped; failed rows and those of another version of dynident's code are
-    computed again. With ``executor`` the recordings are spread
-    over its workers; the numbers do not depend on it. ``progress`` is called with the fits done and their total.
+    (why a fit gave nothing, else the types of the notes), seconds, value, std and interval (lists, empty where it
+    gave nothing; of the ends of 95 % intervals, lower and upper in turn, where they are known), sorted by these. With
+    ``path`` the table is kept there (Parquet), while it grows in parts beside it (``RowStore``): an interrupted study
+    continues where it stopped; fits that gave nothing and those of another version of dynident's code are computed
+    again, with ``rerun`` all are. With ``executor`` the recordings are spread over its workers; the numbers do not
+    depend on it. ``limits`` hold for one fit, or those on one recording. ``progress`` is called with the fits done and
+    their total.
     """
-    import polars as pl
-
     if runs < 1:
         raise InputError(f"runs is {runs}; a study needs at least 1.")
-    wanted = {
-        (scenario.name, method.name, float(level), run, seed, code_version()): (scenario, method)
-        for scenario, level, run, method in product(scenarios, levels, range(runs), methods)
-    }
-    with StudyTable(path) as kept:
-        done = {key_of(row) for row in kept.rows}
-        count = len(wanted.keys() & done)
-        progress(count, len(wanted))
-        for rows in _results(_units(wanted, done), executor):
-            kept.add(rows)
-            count += len(rows)
-            progress(count, len(wanted))
-    table = frame([row for row in kept.rows if key_of(row) in wanted])
-    order = {name: k for k, name in enumerate(dict.fromkeys(method.name for method in methods))}
+    fits = _Fits({one.name: one for one in scenarios}, {one.name: one for one in methods}, seed, code_version())
+    todo = _Todo(fits, tuple(dict.fromkeys(map(float, levels))), runs)
+    with study_table(path, rerun=rerun) as kept:
+        count, total = todo.without(kept)
+        progress(count, total)
+        with closing(_results(fits, todo, executor, limits)) as ended:
+            for rows in ended:
+                kept.add(rows)
+                count += len(rows)
+                progress(count, total)
+    return _sorted(kept.table(todo.keys()), fits)
+
+
+@dataclass
+class _Todo:
+    """The jobs of a study whose rows are not yet ``kept``."""
+
+    fits: _Fits
+    levels: tuple[float, ...]
+    runs: int
+    kept: Container[tuple[Any, ...]] = ()
+    jobs: int = 0
+
+    def without(self, kept: Container[tuple[Any, ...]]) -> tuple[int, int]:
+        """Leave out what is kept; return the number of such fits, and of all."""
+        self.kept = kept
+        sizes = [len(job.methods) for job in self]
+        self.jobs = len(sizes)
+        total = len(self.fits.scenarios) * len(self.levels) * self.runs * len(self.fits.methods)
+        return total - sum(sizes), total
+
+    def __len__(self) -> int:
+        return self.jobs
+
+    def __iter__(self) -> Iterator[_Job]:
+        for scenario, level, run in product(self.fits.scenarios, self.levels, range(self.runs)):
+            job = _Job(scenario, tuple(self.fits.methods), level, run)
+            if left := tuple(name for name in job.methods if tuple(self.fits.key(job, name).values()) not in self.kept):
+                yield job._replace(methods=left)
+
+    def keys(self) -> pl.DataFrame:
+        """Return the keys of all fits."""
+        import polars as pl
+
+        kinds, fits = key_type(), self.fits
+        found = pl.DataFrame({"seed": [fits.seed], "version": [fits.version]}, schema_overrides=kinds)
+        every = {"scenario": fits.scenarios, "method": fits.methods, "level": self.levels, "run": range(self.runs)}
+        for name, values in every.items():
+            found = found.join(pl.DataFrame({name: list(values)}, schema_overrides=kinds), how="cross")
+        return found
+
+
+def _results(
+    fits: _Fits, jobs: Iterable[_Job], executor: Executor | None, limits: Limits | None
+) -> Generator[list[dict[str, Any]], None, None]:
+    """Yield the rows of each job; where one of several methods ended all, each of them is tried alone."""
+    alone: list[_Job] = []
+    for done in run_jobs(fits, jobs, executor, limits=limits):
+        if done.value is not None:
+            yield done.value
+        elif len(done.job.methods) == 1:
+            yield fits.without(done)
+        else:
+            alone += [done.job._replace(methods=(name,)) for name in done.job.methods]
+    if alone:
+        yield from _results(fits, alone, executor, limits)
+
+
+def _sorted(table: pl.DataFrame, fits: _Fits) -> pl.DataFrame:
+    import polars as pl
+
+    order = {name: k for k, name in enumerate(fits.methods)}
     return table.sort("scenario", "level", pl.col("method").replace_strict(order, return_dtype=pl.Int64), "run")
-
-
-def _units(wanted: dict[tuple[Any, ...], tuple[Any, Any]], done: set[tuple[Any, ...]]) -> list[_Unit]:
-    groups: dict[tuple[Any, ...], tuple[Any, list[Any]]] = {}
-    for key, (scenario, method) in wanted.items():
-        if key not in done:
-            groups.setdefault((key[0], *key[2:]), (scenario, []))[1].append(method)
-    return [_Unit(scenario, tuple(found), *key[1:]) for key, (scenario, found) in groups.items()]
-
-
-def _results(units: Iterable[_Unit], executor: Executor | None) -> Iterator[list[dict[str, Any]]]:
-    if executor is None:
-        yield from (unit.rows() for unit in units)
-        return
-    futures = [executor.submit(_Unit.rows, unit) for unit in units]
-    try:
-        for future in as_completed(futures):
-            yield future.result()
-    finally:
-        for future in futures:
-            future.cancel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,29 +260,37 @@ class Statistics:
 
 def statistics(table: pl.DataFrame, parameters: int) -> Statistics:
     """Return the sample mean and variance over the rows of a table."""
-    rows = [row for row in table.to_dicts() if row["value"]]
-    good = [row["value"] for row in rows]
-    for name, size in (("value", parameters), ("std", parameters), ("interval", 2 * parameters)):
-        if wrong := {len(row.get(name) or ()) for row in rows} - {0, size}:
-            words = f"lists of {min(wrong)} numbers in the column {name!r}, not of {size}"
-            raise InputError(f"the table of the study has {words}; delete it and run again.")
-    estimates = np.array(good, dtype=float).reshape(len(good), parameters)
-    ends = [_ends(row) for row in rows]
+    import polars as pl
+
+    good = table.filter(pl.col("value").list.len() > 0)
+    value, std = _numbers(good, "value", parameters), _numbers(good, "std", parameters)
+    ends = _numbers(good, "interval", 2 * parameters).reshape(-1, parameters, 2)
+    around = np.stack([value - NORMAL_95 * std, value + NORMAL_95 * std], axis=2)
     nothing = np.full(parameters, np.nan)
     return Statistics(
-        mean=estimates.mean(axis=0) if good else nothing,
-        variance=estimates.var(axis=0, ddof=1) if len(good) > 1 else nothing,
-        estimates=estimates,
+        mean=value.mean(axis=0) if len(good) else nothing,
+        variance=value.var(axis=0, ddof=1) if len(good) > 1 else nothing,
+        estimates=value,
         failed=len(table) - len(good),
-        interval=np.array(ends, dtype=float).reshape(len(good), parameters, 2),
-        unsettled=sum(row.get("status") == Outcome.UNSETTLED for row in rows),
+        interval=np.where(_present(good, "interval")[:, None, None], ends, around),
+        unsettled=int((good["status"] == Outcome.UNSETTLED).sum()) if "status" in table.columns else 0,
     )
 
 
-def _ends(row: dict[str, Any]) -> Array:
-    """Return the ends (p, 2) of the 95 % intervals of a row, nan where it has neither them nor standard errors."""
-    value = np.array(row["value"])
-    if row.get("interval"):
-        return np.reshape(row["interval"], (-1, 2))
-    half = NORMAL_95 * np.array(row.get("std") or np.full(len(value), np.nan))
-    return np.stack([value - half, value + half], axis=1)
+def _numbers(table: pl.DataFrame, name: str, size: int) -> Array:
+    """Return a column of lists as an array (rows, size), nan where a list is empty."""
+    found = np.full((len(table), size), np.nan)
+    if (present := _present(table, name)).any():
+        lists = table[name].filter(present)
+        if wrong := set(lists.list.len()) - {size}:
+            words = f"lists of {min(wrong)} numbers in the column {name!r}, not of {size}"
+            raise InputError(f"the table of the study has {words}; delete it and run again.")
+        found[present] = lists.explode().to_numpy().reshape(-1, size)
+    return found
+
+
+def _present(table: pl.DataFrame, name: str) -> NDArray[np.bool_]:
+    """Tell the rows whose list in a column is not empty."""
+    if name not in table.columns:
+        return np.zeros(len(table), bool)
+    return np.asarray(table[name].list.len().fill_null(0).to_numpy() > 0)

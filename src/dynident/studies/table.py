@@ -1,149 +1,96 @@
-"""The table of a study: one row per fit, in a file to which rows are added as they come."""
+"""The table of a study: one row per fit."""
 
 from __future__ import annotations
 
 import json
-import os
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
-from dynident.errors import InputError, listed
+from dynident.errors import InputError
 from dynident.io.opener import content
-from dynident.io.results import append_log, read_table, write_table
+from dynident.io.row_store import RowStore
+from dynident.jobs import Status
 
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["KEY", "Outcome", "StudyTable", "frame", "key_of"]
+__all__ = ["KEY", "Outcome", "key_type", "study_table"]
 
 ADDED = ("reason", "std", "interval")  # columns that tables of older versions lack
 KEY = ("scenario", "method", "level", "run", "seed", "version")
-SAVE_EVERY = 2.0  # seconds between additions to the file
-HEAD = "rows of a study of dynident that are not yet in its table"
+HEAD = "rows of a study of dynident that are not yet in its table"  # of older versions, in a text beside it
 WEIGHT = 30  # memory of the rows, per byte of their text
 
 
 class Outcome(StrEnum):
-    """Outcome of a fit: without notes, with notes, not converged, or failed."""
+    """Outcome of a fit: without notes, with notes, not converged, or none, since it raised an error, took longer or
+    needed more memory than it may, or since its process died."""
 
     OK = "ok"
     NOTED = "noted"
     UNSETTLED = "unsettled"
-    FAILED = "failed"
+    FAILED = Status.FAILED.value
+    TIMED_OUT = Status.TIMED_OUT.value
+    OUT_OF_MEMORY = Status.OUT_OF_MEMORY.value
+    DIED = Status.DIED.value
 
 
-class StudyTable:
-    """The rows of a study; where a ``path`` is given, those known from there, and all of them there in the end.
+NONE = (Outcome.FAILED, Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY, Outcome.DIED)  # another attempt may succeed
 
-    While it grows, new rows are added to a text beside the table, one line of JSON each, every two seconds. The end,
-    whatever it is, writes the whole table and removes the text; after a run that was killed, the next one reads both,
-    and leaves out a line that was cut. Failed fits are not known: another attempt may succeed. Raises InputError where
-    a file is not that of a study.
+
+@contextmanager
+def study_table(path: str | Path | None, *, rerun: bool = False) -> Iterator[RowStore]:
+    """Give the rows of a study; where a ``path`` is given, those known from there, and all of them there in the end.
+
+    Fits that gave nothing are not known; with ``rerun`` none is. Raises InputError where a file is not that of a
+    study, or another run works on it.
     """
+    if path is not None and beside(Path(path)).exists():
+        _take_over(Path(path))
+    with _store(path, rerun=rerun) as rows:
+        found = rows.scan().select("status").unique().collect()["status"].to_list()
+        if wrong := [repr(one) for one in found if one not in set(Outcome)]:
+            raise InputError(f"{path}: is not a table of a study: {min(wrong)} is no status of a fit; choose another.")
+        yield rows
 
-    def __init__(self, path: str | Path | None) -> None:
-        self.path = None if path is None else Path(path)
-        self.rows: list[dict[str, Any]] = [] if self.path is None else _known(self.path)
-        self._new: list[dict[str, Any]] = []
-        self._text: IO[str] | None = None
-        self._saved = time.monotonic()
 
-    def __enter__(self) -> StudyTable:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.path is None:
-            return
-        if self._text is not None:
-            self._text.close()
-        self._write(self.path)
-
-    def add(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Add rows of new fits."""
-        self.rows += rows
-        self._new += rows
-        if self.path is not None and time.monotonic() - self._saved > SAVE_EVERY:
-            self._append(self.path)
-
-    def _append(self, path: Path) -> None:
-        if self._text is None:
-            if beside(path).exists():  # of a killed run, and its last line may be cut
-                self._write(path)
-            self._text = append_log(beside(path), HEAD)
-        self._text.write("".join(f"{json.dumps(row)}\n" for row in self._new))
-        self._text.flush()
-        os.fsync(self._text.fileno())
-        self._new, self._saved = [], time.monotonic()
-
-    def _write(self, path: Path) -> None:
-        write_table(path, frame(self.rows))
-        beside(path).unlink(missing_ok=True)
+def key_type() -> dict[str, Any]:
+    """Return the types of the columns that tell a fit from all others."""
+    return {name: kind for name, kind in _schema().items() if name in KEY}
 
 
 def beside(path: Path) -> Path:
-    """Return the file of the rows that are not yet in a table."""
+    """Return the file in which older versions kept the rows that are not yet in a table."""
     return path.with_name(f"{path.name}.rows")
 
 
-def key_of(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return what tells a fit from all others."""
-    return tuple(row[name] for name in KEY)
+def _store(path: str | Path | None, *, rerun: bool = False) -> RowStore:
+    return RowStore(path, _schema(), KEY, rerun=rerun, added=ADDED, again={"status": NONE})
 
 
-def frame(rows: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
-    """Return rows as a table."""
-    import polars as pl
-
-    return pl.DataFrame(rows, schema=_schema())
-
-
-def _known(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table and of the text beside it, each fit once, without those that failed."""
-    tables = {path: read_table(path)} if path.exists() else {}
-    if beside(path).exists():
-        tables[beside(path)] = _text_rows(beside(path))
-    for file, table in tables.items():
-        if reason := _foreign(table):
-            raise InputError(f"{file}: is not a table of a study: {reason}; choose another file or folder.")
-    rows = [row for table in tables.values() for row in table.to_dicts() if row["status"] != Outcome.FAILED]
-    return list({key_of(row): row for row in rows}.values())
+def _take_over(path: Path) -> None:
+    """Move the rows of an older version from the text into the table, without a last line that was cut."""
+    with _store(path) as rows:
+        rows.add(_text_rows(beside(path)))
+    beside(path).unlink()
 
 
-def _text_rows(path: Path) -> pl.DataFrame:
-    """Return the rows of a text, without a last line that was cut."""
+def _text_rows(path: Path) -> Sequence[Mapping[str, Any]]:
     import polars as pl
 
     head, *lines = content(path, weight=WEIGHT, remember=False).split(b"\n")
     try:
         if head != HEAD.encode() and (lines or not HEAD.encode().startswith(head)):
             raise ValueError("it begins otherwise")
-        return frame([json.loads(line) for line in lines[:-1]])
+        table = pl.DataFrame([json.loads(line) for line in lines[:-1]], schema=_schema())
+        if table.select(*KEY, "status").null_count().sum_horizontal().item():
+            raise ValueError("a row has empty cells")
     except (ValueError, TypeError, RecursionError, pl.exceptions.PolarsError) as error:
         raise InputError(f"{path}: holds no rows of a study ({error}); delete it and run again.") from error
-
-
-def _foreign(table: pl.DataFrame) -> str:
-    """Return why a table is not one that a study wrote, empty where it is one."""
-    for name, kind in _schema().items():
-        if name not in table.columns:
-            if name not in ADDED:
-                return f"it has no column {name!r} (columns {listed(table.columns)})"
-        elif table.schema[name] != kind:
-            return f"its column {name!r} holds {table.schema[name]}, not {kind}"
-    if more := [name for name in table.columns if name not in _schema()]:
-        return f"no study has the column {more[0]!r}"
-    for name in (*KEY, "status"):
-        if table[name].null_count():
-            return f"its column {name!r} has empty cells"
-    if wrong := set(table["status"]) - set(Outcome):
-        return f"{min(wrong)!r} is no status of a fit"
-    return "a fit stands in it twice" if table.select(KEY).is_duplicated().any() else ""
+    return table.to_dicts()
 
 
 def _schema() -> dict[str, pl.DataType | type[pl.DataType]]:

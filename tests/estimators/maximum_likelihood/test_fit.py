@@ -51,7 +51,7 @@ def test_reaches_the_bound(name: str, level: float) -> None:
     """Eight runs: the mean square error in units of the bound is chi-square with about 8 degrees of freedom."""
     runs = [estimate(name, level, seed, start="rest", profile=None) for seed in range(8)]
     scenario = SCENARIOS[name]
-    least = np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth(), np.sqrt(level), scenario.sigma_tau, rest=True))
+    least = np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth, np.sqrt(level), scenario.sigma_tau, rest=True))
     error = np.array([run.value - TRUE for run in runs])
     assert {run.notes for run in runs} == {()}
     assert ((error**2).mean(axis=0) < 3.0 * least).all()
@@ -62,7 +62,7 @@ def test_reaches_the_bound(name: str, level: float) -> None:
 def test_follows_the_transient_better_than_free_torques_allow() -> None:
     found = estimate("stated", 1e-8, 0, start="rest")
     scenario = SCENARIOS["stated"]
-    least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth(), 1e-4, scenario.sigma_tau, rest=True)))
+    least = np.sqrt(np.diag(cramer_rao_bound(ARM, TRUE, scenario.truth, 1e-4, scenario.sigma_tau, rest=True)))
     assert found.std[1] < 0.6 * least[1]
     assert abs(found.value[1] - TRUE[1]) < 4 * found.std[1]
 

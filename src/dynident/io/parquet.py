@@ -1,24 +1,25 @@
-"""Columns of a Parquet file: numbers, dates and times, lists of one length (``q[0]``), and structs (``arm.q``)."""
+"""Columns of a Parquet file, or of some of its rows: numbers, dates and times, lists of one length (``q[0]``), and
+structs (``arm.q``)."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.io.opener import afford
-from dynident.io.parquet_footer import value_counts
+from dynident.io.parquet_footer import footer, value_counts
 from dynident.io.stamps import parse_stamps, seconds
 from dynident.io.text import unpanicked
 
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["parse_parquet"]
+__all__ = ["parse_parquet", "parse_rows", "rows_of"]
 
 Array = NDArray[np.float64]
 _DEEPEST = 20  # structs in structs
@@ -58,23 +59,47 @@ class _Leaf:
         return needed is None or any(one == self.name or one.startswith(f"{self.name}[") for one in needed)
 
 
-def parse_parquet(
-    data: bytes, source: str, needed: Collection[str] | None
-) -> tuple[dict[str, Array], dict[str, str], dict[str, str], tuple[str, ...]]:
+Parsed = tuple[dict[str, Array], dict[str, str], dict[str, str], tuple[str, ...]]
+
+
+def parse_parquet(data: bytes, source: str, needed: Collection[str] | None) -> Parsed:
     """Return the columns, the faults of others, the units of dates and times, and the columns that were not needed."""
+    return _parsed(BytesIO(data), source, needed, 0, None, len(data))
+
+
+def parse_rows(file: BinaryIO, source: str, needed: Collection[str] | None, rows: slice) -> Parsed:
+    """Return the same of some rows of an open file, of which no others are kept in memory."""
+    return _parsed(file, source, needed, rows.start, rows.stop - rows.start, 0)
+
+
+def rows_of(file: BinaryIO) -> int:
+    """Return the number of rows of an open file, by its footer."""
     import polars as pl
 
-    types = unpanicked(lambda: pl.read_parquet_schema(BytesIO(data)))
-    scan = pl.scan_parquet(BytesIO(data))
-    rows = int(unpanicked(lambda: scan.select(pl.len()).collect().item()))
-    counts = value_counts(data) if any(map(_nested, types.values())) else {}
+    file.seek(0)
+    return int(unpanicked(lambda: pl.scan_parquet(file).select(pl.len()).collect().item()))
+
+
+def _parsed(
+    file: BinaryIO, source: str, needed: Collection[str] | None, start: int, count: int | None, taken: int
+) -> Parsed:
+    import polars as pl
+
+    whole = rows_of(file)
+    file.seek(0)
+    types = unpanicked(lambda: pl.read_parquet_schema(file))
+    rows = whole if count is None else count
+    counts = value_counts(footer(file)) if any(map(_nested, types.values())) else {}
+    counts = {path: one * rows // max(whole, 1) for path, one in counts.items()}
     leaves = [one for name, kind in types.items() for one in _leaves((name,), kind, pl.col(name))]
     faults = {one.name: f"holds {one.kind}, not numbers; convert it before." for one in leaves if not one.readable}
     chosen = [one for one in leaves if one.readable and one.wanted(needed)]
     unread = tuple(one.name for one in leaves if one.readable and not one.wanted(needed))
     cells = sum(one.cells(rows, counts) for one in chosen)
-    afford(len(data) + 3 * 8 * cells, f"{source}: {rows} rows of {len(chosen)} columns would take")
+    afford(taken + 3 * 8 * cells, f"{source}: {rows} rows of {len(chosen)} columns would take")
     named = [leaf.expression.alias(str(k)) for k, leaf in enumerate(chosen)]
+    file.seek(0)
+    scan = pl.scan_parquet(file).slice(start, count)
     frame = unpanicked(lambda: scan.select(named).collect()) if chosen else pl.DataFrame()
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}

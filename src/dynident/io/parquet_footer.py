@@ -7,16 +7,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, BinaryIO
 
-__all__ = ["value_counts"]
+__all__ = ["footer", "value_counts"]
 
 _DEEPEST = 20
 _ROW_GROUPS, _CHUNKS, _META, _PATH, _COUNT = 4, 1, 3, 3, 5  # the fields of the footer that are used
 
 
+def footer(file: BinaryIO) -> bytes:
+    """Return the end of a file from its footer on."""
+    length = file.seek(0, 2)
+    file.seek(max(length - 8, 0))
+    size = int.from_bytes(file.read(4), "little")
+    file.seek(max(length - 8 - size, 0))
+    return file.read()
+
+
 def value_counts(data: bytes) -> Mapping[tuple[str, ...], int]:
-    """Return the number of values by the path of a column; ValueError or IndexError where the footer is damaged."""
+    """Return the number of values by the path of a column, from the ``footer``; ValueError or IndexError where the footer is damaged."""
     size = int.from_bytes(data[-8:-4], "little")
     if data[-4:] != b"PAR1" or size + 8 > len(data):
         raise ValueError("has no footer of a Parquet file")

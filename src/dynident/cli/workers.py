@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -44,19 +44,22 @@ class Spread:
 
     @contextmanager
     def executor(self, *preload: str) -> Iterator[Executor | None]:
-        """Give the executor, None where this process does the work alone; workers import the modules ``preload``.
+        """Give the executor, None where this process does the work alone; ``preload`` are modules that workers import.
 
-        Raises InputError where a cluster cannot be used.
+        Raises InputError where the cluster cannot be used.
         """
+        if self.alone:
+            yield None
+            return
         if self.cluster is None:
             from dynident.jobs import local_workers
 
-            with nullcontext() if self.alone else local_workers(self.workers, preload) as executor:
-                yield executor
-            return
-        from dynident.jobs.cluster import cluster_workers
+            workers = local_workers(self.workers, preload)
+        else:
+            from dynident.jobs.cluster import cluster_workers
 
-        with cluster_workers(self.cluster) as executor:
+            workers = cluster_workers(self.cluster, preload)
+        with workers as executor:
             yield executor
 
 

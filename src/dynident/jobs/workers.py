@@ -13,7 +13,7 @@ from dynident.jobs.job import Limits
 from dynident.jobs.processes import Starter, starter
 from dynident.jobs.runner import Runner
 
-__all__ = ["local_workers", "runner_of_thread"]
+__all__ = ["local_workers", "own_process", "runner_of_thread"]
 
 HEAVY = ("numpy", "scipy.linalg", "dynident.identification")  # that nearly every job needs; no threads come with it
 
@@ -60,14 +60,21 @@ def runner_of_thread(limits: Limits) -> Runner | None:
     """Return the process for the jobs of this thread; None where they run in this one, which has no ``limits``."""
     if _OWN.process != os.getpid():
         _OWN.runner = None
-    if _OWN.runner is None and limits != Limits():
-        _OWN.runner, _OWN.process = Runner(_shared()), os.getpid()
+    if limits != Limits():
+        own_process()
     return _OWN.runner
 
 
-def _shared() -> Starter:
+def own_process(preload: Iterable[str] = ()) -> None:
+    """Give this thread a process for its jobs, with one thread of BLAS, that may die without it; the first of the
+    threads says what is imported for all."""
+    if _OWN.runner is None or _OWN.process != os.getpid():
+        _OWN.runner, _OWN.process = Runner(_shared(preload)), os.getpid()
+
+
+def _shared(preload: Iterable[str]) -> Starter:
     with _LOCK:
         if os.getpid() not in _SHARED:
-            _SHARED[os.getpid()] = found = starter(HEAVY)
+            _SHARED[os.getpid()] = found = starter((*HEAVY, *preload))
             atexit.register(found.close)
         return _SHARED[os.getpid()]

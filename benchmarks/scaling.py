@@ -13,9 +13,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,18 +22,17 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 
 import numpy as np
 from scaling_cluster import Cluster, cluster, cpu_of
+from scaling_jobs import Still, Wait
 from scaling_page import draw
 
-from dynident.estimators import Estimate, LeastSquares, Problem
-from dynident.estimators.estimator import Determined, Residual
+from dynident.cli.reproduce import PRELOADED
+from dynident.estimators import LeastSquares, Problem
 from dynident.io.row_store import RowStore
 from dynident.jobs import local_workers, run_jobs
-from dynident.models import Recording
 from dynident.models.gallery import two_link_arm
 from dynident.regression import Regression
 from dynident.studies import METHODS, SCENARIOS, SmoothAndFit, run_study
 from dynident.studies.article import LEVELS, PERIOD, SAMPLES, ArmScenario
-from dynident.studies.study import generator
 from dynident.studies.table import KEY, key_type
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "scaling.json"
@@ -116,8 +113,8 @@ def places(two: Cluster) -> Iterator[dict[str, Any]]:
     """The places where a study runs, each a context that gives an executor."""
     yield {
         "serial": nullcontext,
-        "2 processes": lambda: local_workers(2, ("dynident.studies.warm", "dynident.studies.article")),
-        "Dask, 2 workers": two.executor,
+        "2 processes": lambda: local_workers(2, PRELOADED),
+        "Dask, 2 workers": lambda: two.executor(PRELOADED),
     }
 
 
@@ -142,33 +139,6 @@ def spread(runs: int = 100) -> Figures:
     return found
 
 
-@dataclass(frozen=True)
-class Still:
-    """A scenario and a method at once that compute nothing: what is left is the cost of the rest."""
-
-    name: str = "still"
-
-    def record(self, level: float, rng: np.random.Generator) -> Recording:  # noqa: ARG002
-        return None  # type: ignore[return-value]
-
-    def estimate(self, recording: Recording) -> Estimate:  # noqa: ARG002
-        arm = two_link_arm()
-        ones = np.ones(len(arm.parameters))
-        return Estimate(arm.parameters, ones, np.diag(ones), Determined(len(ones)), Residual(ones[:2], 100))
-
-
-@dataclass(frozen=True)
-class Wait:
-    """A job that takes as long as a fit, and no CPU."""
-
-    seconds: float
-
-    def __call__(self, job: int) -> int:
-        if self.seconds:
-            time.sleep(self.seconds)
-        return job
-
-
 def rows(count: int = 20_000) -> Figures:
     """CPU seconds of the process that asks, for 1000 runs of a study of which the fits cost nothing, by place."""
     found: Figures = {}
@@ -191,7 +161,7 @@ def scheduler(slots: Sequence[int] = (2, 16, 64, 256), seconds: Sequence[float] 
     """A real scheduler whose workers wait as long as a fit takes: the share of their time in jobs, CPU for each job."""
     found: Figures = {"tiny": tiny(), "waiting": []}
     for many in slots:
-        with cluster(workers=min(2, many), threads=max(1, many // 2)) as some, some.executor() as executor:
+        with cluster(workers=min(2, many), threads=max(1, many // 2)) as some, some.in_threads(many) as executor:
             for one in seconds:
                 count = int(many * min(max(8.0 / one, 4.0), 20_000 / many))
                 list(run_jobs(Wait(0.0), range(100 * many), executor))  # all workers have answered
@@ -210,7 +180,7 @@ def scheduler(slots: Sequence[int] = (2, 16, 64, 256), seconds: Sequence[float] 
 
 def tiny(tasks: int = 4000) -> Figures:
     """Many tasks that do nothing, each by itself, without the batches of run_jobs: CPU (us) for each task."""
-    with cluster(workers=2, threads=1) as two, two.executor() as executor:
+    with cluster(workers=2, threads=1) as two, two.in_threads(2) as executor:
         list(executor.map(abs, range(200)))
         began, before, its = time.perf_counter(), cpu(), two.scheduler_cpu()
         for future in [executor.submit(abs, k) for k in range(tasks)]:

@@ -11,14 +11,12 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import psutil
 
 from dynident.jobs.cluster import cluster_workers
 
-HERE = Path(__file__).resolve().parent
 START = 60.0  # s for all to answer
 
 
@@ -30,8 +28,18 @@ class Cluster:
     scheduler: subprocess.Popen[bytes]
     workers: subprocess.Popen[bytes]
 
-    def executor(self) -> AbstractContextManager[Executor]:
-        return cluster_workers(self.address)
+    def executor(self, preload: tuple[str, ...] = ()) -> AbstractContextManager[Executor]:
+        return cluster_workers(self.address, preload)
+
+    @contextmanager
+    def in_threads(self, slots: int) -> Iterator[Executor]:
+        """Dask's own executor: jobs run in threads of its workers, that have no process of their own."""
+        import distributed
+
+        with distributed.Client(self.address, set_as_default=False) as client:
+            executor = client.get_executor(pure=False)
+            executor._max_workers = slots
+            yield executor
 
     def scheduler_cpu(self) -> float:
         """CPU time (s) of the scheduler."""
@@ -56,8 +64,10 @@ def cluster(workers: int, threads: int) -> Iterator[Cluster]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
-    path = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
-    variables = os.environ | {"PYTHONPATH": path, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
+    variables = os.environ | {
+        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error",
+    }
     common = ("--host", "127.0.0.1", "--no-dashboard")
     with TemporaryDirectory() as place:
         started = []

@@ -1,0 +1,5 @@
+"""x"""
+
+
+def draw(kept):
+    pass

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from dynident.jobs.job import Status
+from dynident.jobs.packed import packed, unpacked
 
 __all__ = ["Ended", "attempt", "status_of"]
 
@@ -25,7 +25,7 @@ def attempt(function: Callable[[Any], Any], job: bytes) -> Ended:
     """Return what ``function`` makes of a pickled job."""
     began = time.perf_counter()
     try:
-        value = pickle.dumps(function(pickle.loads(job)), pickle.HIGHEST_PROTOCOL)  # noqa: S301 -- of our own process
+        value = packed(function(unpacked(job)))
         return Ended(Status.OK, time.perf_counter() - began, value)
     except KeyboardInterrupt:
         raise

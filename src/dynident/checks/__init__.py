@@ -14,10 +14,11 @@ from dynident.checks.motion import Excitation, ExcitedRank
 from dynident.checks.reading import reading_words
 from dynident.checks.relative_gains import relative_gains
 from dynident.checks.robot import JointFacts, LinkFacts, check_robot, joint_facts, link_facts
-from dynident.checks.time import MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
+from dynident.checks.time import GAP, MINIMUM_SAMPLES, Timing, respaced, split_gaps, timing
 from dynident.checks.torque import Agreement
 
 __all__ = [
+    "GAP",
     "MINIMUM_SAMPLES",
     "Agreement",
     "ChannelFacts",

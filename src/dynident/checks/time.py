@@ -17,6 +17,7 @@ from dynident.log import Log
 from dynident.splines import noise_sigma
 
 __all__ = [
+    "GAP",
     "MINIMUM_SAMPLES",
     "Timing",
     "gaps",
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 MINIMUM_SAMPLES = 30
 """Least number of samples of a log that can be smoothed."""
 
-_GAP = 12.0  # x the median step: a smoother bridges the few samples that a robot's scheduler may lose
+GAP = 12.0  # x the median step: a smoother bridges the few samples that a robot's scheduler may lose
 _JITTER = 0.1  # rms of the steps about their median, as a fraction of it
 _REGULAR = 0.9  # share of steps within 10 % of the median from which on a step of 1.5 medians is a lost sample
 _MANY = 0.01  # share of lost samples to warn of
@@ -74,7 +75,7 @@ def timing(log: Log) -> Timing:
     """
     steps = np.diff(log.t)
     median = float(np.median(steps))
-    jitter, unbroken = _rms(steps), bool((steps <= _GAP * median).all())
+    jitter, unbroken = _rms(steps), bool((steps <= GAP * median).all())
     whole = _whole_steps(steps / median)
     places = np.append(0.0, np.cumsum(whole))
     slope = float(np.polyfit(places, log.t - log.t[0], 1)[0]) if unbroken and len(log) > 2 else median
@@ -134,7 +135,7 @@ def _follows(t: Array, line: Array) -> bool:
 def _rms(steps: Array) -> float:
     """Return the rms deviation of the steps from their median, as a fraction of it, without the gaps."""
     median = np.median(steps)
-    return float(np.sqrt(np.mean((steps[steps <= _GAP * median] - median) ** 2)) / median)
+    return float(np.sqrt(np.mean((steps[steps <= GAP * median] - median) ** 2)) / median)
 
 
 def _whole_steps(ratio: Array) -> Array:
@@ -166,7 +167,7 @@ def split_gaps(log: Log) -> tuple[Log, ...]:
 
 def _long_steps(log: Log) -> NDArray[np.intp]:
     steps = np.diff(log.t)
-    return np.flatnonzero(steps > _GAP * np.median(steps))
+    return np.flatnonzero(steps > GAP * np.median(steps))
 
 
 def samples(log: Log) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ import click
 from dynident.cli.launcher import command
 from dynident.cli.options import CONFIG, DIRECTORY
 from dynident.cli.terminal import console, say_line, status, tell
+from dynident.cli.workers import Spread, spread
 
 if TYPE_CHECKING:
     from dynident.export import Export
@@ -31,8 +32,13 @@ __all__ = ["identify", "write_result"]
     metavar="FILE",
     help="File (YAML) for the same configuration with all that was chosen written out.",
 )
-def identify(config: Path, out: Path | None, write_config: Path | None) -> None:
-    """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs."""
+@spread
+def identify(config: Path, out: Path | None, write_config: Path | None, spread: Spread) -> None:
+    """Identify the parameters named in CONFIG (YAML) from its logs, and judge them on held-out logs.
+
+    Logs too long for the memory (Parquet) are fitted in pieces, by the workers; with --out an interrupted run goes on
+    where it stopped.
+    """
     from dynident.export import export_files, exports
     from dynident.io.explicit_config import explicit_config
     from dynident.io.folder import result_folder
@@ -55,7 +61,9 @@ def identify(config: Path, out: Path | None, write_config: Path | None) -> None:
             if out:
                 names = ("result.json", "report.html", *export_files(project.model))
                 refuse_inputs(*(out / name for name in names))
-            found = project.identify(say)
+            with spread.executor("dynident.io.long_run") if project.long else nullcontext() as executor:
+                kept = folder.path if folder else None
+                found = project.identify(say, executor=executor, limits=spread.limits, folder=kept)
             say("writing and verifying the model")
             made = moved_to(folder.path, exports(found), found.provenance) if folder else ()
         # written before anything is printed: the reader of a pipe may close it early

@@ -46,7 +46,7 @@ from dynident.validation import (
     validate,
 )
 
-__all__ = ["identify"]
+__all__ = ["FAR", "by_role", "identify", "judged", "smoothed", "warnings_of"]
 
 Array = NDArray[np.float64]
 FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
@@ -79,7 +79,7 @@ def _identify(
     progress: Callable[[str], None],
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
-    recorded = _roles(train, validation, joints)
+    recorded = by_role(train, validation, joints)
     roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
     logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
             for role, named in roles.items()}  # fmt: skip
@@ -87,7 +87,7 @@ def _identify(
     whole, (model, early) = model, first(model, recipe)
     pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, early.estimator, min_speed, progress=progress)
     smoother = pairing.smoother
-    motions = _smoothed(model, logs, smoother, progress)
+    motions = smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":
         motions = masked(model, motions, roles, min_speed)
         pairs = zip(trained, motions["train"].values(), strict=True)
@@ -114,7 +114,7 @@ def _identify(
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
     estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
-    judged = _judged(model, estimate, roles, motions, used, progress)
+    validations = judged(model, estimate, roles, motions, used, progress)
     errors, base = identifiability_of(model, regression, estimate, more, progress)
     return Identification(
         model,
@@ -122,16 +122,16 @@ def _identify(
         estimate,
         errors,
         base,
-        judged,
-        check_mass(model, estimate.value, [log.motion for log in judged]),
+        validations,
+        check_mass(model, estimate.value, [log.motion for log in validations]),
         Calibration(pairing.choice, pairing.time_offset, tilt, strength),
         Sources(versions=versions()),
         (
-            *_warnings(model, estimate, base),
+            *warnings_of(model, estimate, base),
             *noted,
             *resting,
             *_steep(tilt),
-            *(held_out_outliers(judged) if recipe.outliers == "mask" else ()),
+            *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
     )
 
@@ -162,7 +162,7 @@ def _estimated(
     return estimate, regression, late + found.covariance, _noted(found)
 
 
-def _roles(
+def by_role(
     train: Mapping[str, Log] | Sequence[Log], validation: Mapping[str, Log] | Sequence[Log], joints: tuple[str, ...]
 ) -> dict[str, dict[str, Log]]:
     """Return the logs by role and name, of these joints in this order.
@@ -177,9 +177,10 @@ def _roles(
     return {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
 
 
-def _smoothed(
+def smoothed(
     model: Model, roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
 ) -> dict[str, dict[str, Motion]]:
+    """Return the motions of logs by role and name, with what the model remembers of them."""
     motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
     every = [(role, *one) for role, logs in roles.items() for one in logs.items()]
     for k, (role, name, log) in enumerate(every):
@@ -228,7 +229,7 @@ def _noted(found: MotionErrors) -> tuple[Note, ...]:
     return ((MotionCorrected if found.share < FAR else MotionTooNoisy)(found.parameter, found.size),)
 
 
-def _judged(
+def judged(
     model: Model,
     estimate: Estimate,
     roles: Mapping[str, Mapping[str, Log]],
@@ -251,7 +252,7 @@ def _judged(
     return tuple(found)
 
 
-def _warnings(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:
+def warnings_of(model: Model, estimate: Estimate, base: Identifiability) -> tuple[Note, ...]:
     """Return the warnings: the notes of the estimate, except those on what no motion of any robot can show."""
     if base.on_data is None or not any(parameter.body for parameter in model.parameters):
         return estimate.notes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +51,21 @@ def covariance_of_time_offset(
 
 
 def identifiability_of(
-    model: Model, regression: Regression, estimate: Estimate, more: Array, progress: Callable[[str], None]
+    model: Model,
+    regression: Regression,
+    estimate: Estimate,
+    more: Array,
+    progress: Callable[[str], None],
+    robust: Callable[..., Array] = correlated_std,
 ) -> tuple[StandardErrors, Identifiability]:
     """Return the standard errors, and base parameters where not all parameters are determined.
 
-    ``more`` (p, p) is the covariance by the errors of the motion and of its time offset.
+    ``more`` (p, p) is the covariance by the errors of the motion and of its time offset; ``robust`` gives the standard
+    errors that allow for correlated residuals, as ``correlated_std`` does.
     """
+    correlated = partial(_robust_std, regression, estimate, more=more, correlated=robust)
     if estimate.determined.rank == len(model.parameters):
-        return StandardErrors(estimate.std, _robust_std(regression, estimate, estimate.std, more)), Identifiability()
+        return StandardErrors(estimate.std, correlated(estimate.std)), Identifiability()
     progress("finding base parameters")
     shown = estimate.determined.directions  # where the estimator says them, so that both have one rank
     on_data = base_parameters(
@@ -66,9 +74,9 @@ def identifiability_of(
     structural = structural_base_parameters(model)
     missing = compare(structural, on_data, model, regression.motions)
     own = _base_std(on_data, regression, estimate)
-    robust = _robust_std(regression, estimate, own, more, on_data)
-    std_hac = None if robust is None else _of_determined(on_data, robust)
-    return StandardErrors(estimate.std, std_hac, own, robust), Identifiability(on_data, structural, missing)
+    wide = correlated(own, basis=on_data)
+    std_hac = None if wide is None else _of_determined(on_data, wide)
+    return StandardErrors(estimate.std, std_hac, own, wide), Identifiability(on_data, structural, missing)
 
 
 def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate) -> Array:
@@ -79,7 +87,12 @@ def _base_std(basis: BaseParameters, regression: Regression, estimate: Estimate)
 
 
 def _robust_std(
-    regression: Regression, estimate: Estimate, own: Array, more: Array, basis: BaseParameters | None = None
+    regression: Regression,
+    estimate: Estimate,
+    own: Array,
+    more: Array,
+    correlated: Callable[..., Array],
+    basis: BaseParameters | None = None,
 ) -> Array | None:
     """Return standard errors that allow for correlated residuals, and for ``more`` (p, p), the covariance of the rest.
 
@@ -89,7 +102,7 @@ def _robust_std(
     columns = None if basis is None else basis.independent
     value, weights, slopes = estimate.value, estimate.residual.weights, estimate.residual.slopes
     try:
-        robust = correlated_std(regression, value, weights, columns, slopes)
+        robust = correlated(regression, value, weights, columns, slopes)
     except ModelError:  # nearly dependent columns: then there is no such figure
         return None
     if estimate.information is not None and weights is not None:  # that of the fit, as far as residuals are correlated

@@ -33,6 +33,7 @@ from dynident.validation import CascadePD
 __all__ = [
     "DataTable",
     "Reading",
+    "log_of",
     "read_columns",
     "read_found",
     "read_logs",
@@ -178,6 +179,14 @@ def _read(
             logs.append(spaced)
             warnings += [] if note is None else [f"{piece.source}: {reading_words(note)}"]
     return Reading(tuple(logs), tuple(warnings), found.measured)
+
+
+def log_of(table: DataTable, config: Config, joints: Sequence[Joint], name: str) -> tuple[Log, NDArray[np.intp]]:
+    """Return the log of all rows of a table, between which there is no gap, and which rows these are after repetitions
+    are left out; raises as ``read_logs``."""
+    found = signals(table, config, joints, measured=True)
+    rows = np.arange(len(found.t)) if found.table.rows is None else found.table.rows
+    return _spaced(_cut(found, (None, None), joints, name), config.time.spacing)[0], rows
 
 
 def read_recording(spec: LogSpec, needed: Collection[str] | None = None) -> DataTable:

@@ -25,7 +25,10 @@ def footer(file: BinaryIO) -> bytes:
 
 
 def value_counts(data: bytes) -> Mapping[tuple[str, ...], int]:
-    """Return the number of values by the path of a column, from the ``footer``; ValueError or IndexError where the footer is damaged."""
+    """Return the number of values by the path of a column, from the ``footer``.
+
+    Raises ValueError or IndexError where it is damaged.
+    """
     size = int.from_bytes(data[-8:-4], "little")
     if data[-4:] != b"PAR1" or size + 8 > len(data):
         raise ValueError("has no footer of a Parquet file")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -10,14 +11,18 @@ from pathlib import Path
 from dynident.bounds import AccuracyBound, TorqueNoise, accuracy_bound
 from dynident.checks import CheckResult, Finding, notes, reading_line, run_checks, with_findings
 from dynident.errors import Remark, Severity, brief
-from dynident.identification import Identification, Recipe, SourceFile, Sources, identify
+from dynident.identification import Identification, Recipe, SourceFile, Sources, finished, identify, prepared
 from dynident.io.config import config_text, config_warnings, load_model, parse_config
 from dynident.io.logs import read_found, read_roles, turning_joints
+from dynident.io.long_log import is_long, long_logs
+from dynident.io.long_run import pieces_name, reduced
 from dynident.io.opener import real
 from dynident.io.recipe import build_recipe
+from dynident.io.recording_parts import recording_parts
 from dynident.io.results import as_path
 from dynident.io.robot import SUFFIXES, fingerprint, model_file, robot_text
 from dynident.io.settings import Config
+from dynident.jobs import Limits
 from dynident.log import Log
 from dynident.models import Model
 
@@ -54,19 +59,51 @@ class Project:
         """
         return read_roles(self.config, self.model.joints, progress)
 
-    def identify(self, progress: Progress = _silent) -> Identification:
+    @property
+    def long(self) -> bool:
+        """Whether the training is too long for the memory, so that it is fitted in pieces."""
+        return is_long(self.config)
+
+    def identify(
+        self,
+        progress: Progress = _silent,
+        *,
+        executor: Executor | None = None,
+        limits: Limits | None = None,
+        folder: Path | None = None,
+    ) -> Identification:
         """Identify the parameters from the recordings, with all warnings, the findings of the checks, and the hashes of
         all files that were read.
 
-        Raises the errors of reading and of ``dynident.identification.identify``.
+        A training too ``long`` for the memory is fitted in pieces, over the ``executor``; those that were done are kept
+        in the ``folder``, if there is one, for the next run. Raises the errors of reading and of
+        ``dynident.identification.identify``.
         """
-        logs, remarks = self.logs(progress)
+        if self.long:
+            found, logs, remarks = self._in_pieces(progress, executor, limits, folder)
+        else:
+            logs, remarks = self.logs(progress)
+            found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
+        progress("reading the logs once more, for their hashes")
         files = log_files(self.config)
-        found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
         turning = turning_joints(self.config)
         found = with_findings(found, self.model, logs, self.recipe, multi_turn=turning, progress=progress)
         findings, remarks = _once(found.findings, remarks)
         return self._signed(replace(found, warnings=(*found.notes, *findings)), (*self.model.notes, *remarks), files)
+
+    def _in_pieces(
+        self, progress: Progress, executor: Executor | None, limits: Limits | None, folder: Path | None
+    ) -> tuple[Identification, dict[str, dict[str, Log]], tuple[str, ...]]:
+        """Return the identification of long recordings, their excerpts with the held-out logs, and what to remark."""
+        held = self.config.model_copy(update={"train": ()})
+        logs, remarks = read_roles(held, self.model.joints, progress)
+        recordings = long_logs(self.config, self.model.joints, progress)
+        ready = prepared(self.model, recordings, self.recipe, progress=progress)
+        table = None if folder is None else folder / pieces_name(ready, recordings)
+        pieces = reduced(ready, table, executor, limits, progress)
+        found = finished(ready, pieces, logs["validation"], progress)
+        notes = tuple(note for one in recordings for note in one.notes)
+        return found, {"train": dict(ready.logs), "validation": logs["validation"]}, (*notes, *remarks)
 
     def bound(
         self,
@@ -138,10 +175,11 @@ def model_source(file: Path) -> SourceFile:
     return SourceFile(str(real(file)), fingerprint(file), text)
 
 
-def run(path: str | Path, *, progress: Progress | None = None) -> Identification:
+def run(path: str | Path, *, progress: Progress | None = None, executor: Executor | None = None) -> Identification:
     """Identify what a configuration describes, as the command ``dynident identify`` does.
 
-    ``progress`` is called with a few words before each step. Raises ConfigError, ModelError, InputError.
+    Recordings too long for the memory are fitted in pieces, over the ``executor``. ``progress`` is called with a few
+    words before each step. Raises ConfigError, ModelError, InputError.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -164,7 +202,7 @@ def run(path: str | Path, *, progress: Progress | None = None) -> Identification
     M 5.0
     """
     progress = progress or _silent
-    return read_project(path, progress).identify(progress)
+    return read_project(path, progress).identify(progress, executor=executor)
 
 
 def _once(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
@@ -177,5 +215,6 @@ def _once(findings: Sequence[Finding], remarks: Sequence[str]) -> tuple[tuple[Fi
 
 def log_files(config: Config) -> tuple[SourceFile, ...]:
     """Return every file of the recordings with its SHA-256; each is read once more."""
-    files = {real(file): None for spec in (*config.train, *config.validation) for file in spec.file.values()}
+    paths = (path for spec in (*config.train, *config.validation) for path in spec.file.values())
+    files = {real(file): None for path in paths for file in recording_parts(path)}
     return tuple(SourceFile(str(file), fingerprint(file)) for file in files)

@@ -216,6 +216,18 @@ class MassPart(Part):
     positive: bool
 
 
+class PiecesPart(Part):
+    """What a fit in pieces leaves of the torque, one row for each piece and one column for each joint; see
+    ``Pieces``."""
+
+    recording: list[str]
+    begins: list[float]
+    ends: list[float]
+    rows: list[list[int]]
+    torque: list[list[float]]
+    residual: list[list[float]]
+
+
 class FindingPart(Part):
     """An error or a warning of the checks that were run beside the fit; see ``Finding``."""
 
@@ -248,5 +260,6 @@ class ResultFile(Part):
     mass_matrix: MassPart | None
     warnings: list[Kind]
     findings: list[FindingPart] = []
+    pieces: PiecesPart | None = None
     model: ModelPart
     provenance: Sources

@@ -21,6 +21,7 @@ from dynident.identification import (
     Choice,
     Identifiability,
     Identification,
+    Pieces,
     Recipe,
     Sources,
     StandardErrors,
@@ -37,6 +38,7 @@ from dynident.io.result_format import (
     ConsistencyPart,
     FindingPart,
     Kind,
+    PiecesPart,
     RecipePart,
     ResultFile,
     TermsPart,
@@ -101,7 +103,15 @@ def identification_of(
         ),
         file.provenance,
         (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),
+        _pieces(file.pieces),
     )
+
+
+def _pieces(given: PiecesPart | None) -> Pieces | None:
+    if given is None:
+        return None
+    arrays = (np.array(getattr(given, name)) for name in ("begins", "ends", "rows", "torque", "residual"))
+    return Pieces(tuple(given.recording), *arrays)
 
 
 def model_of(sources: Sources, source: str, *, named: bool = True, allow_code: bool = False) -> Model:

@@ -41,6 +41,7 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
         "mass_matrix": mass and {"smallest": mass.smallest, "q": mass.q, "positive": bool(mass.positive)},
         "warnings": [_kind(note) for note in notes],
         "findings": [_finding(one) for one in found.findings],
+        "pieces": found.pieces and vars(found.pieces),
         "model": {
             "name": found.model.name,
             "joints": [asdict(joint) for joint in found.model.joints],
@@ -50,7 +51,8 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
     }
     plain: dict[str, Any] = _plain(data)
     ResultFile.model_validate(plain)  # what is written can be read
-    return plain if report is not None else {key: value for key, value in plain.items() if key != "report"}
+    without = [key for key in ("report", "pieces") if data[key] is None]
+    return {key: value for key, value in plain.items() if key not in without}
 
 
 def _parameters(found: Identification) -> Iterator[dict[str, Any]]:

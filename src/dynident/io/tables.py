@@ -21,13 +21,28 @@ from dynident.io.hdf5 import is_hdf5, opened_hdf5
 from dynident.io.matlab import parse_mat
 from dynident.io.npz import opened_npz
 from dynident.io.opener import afford, content, find, opened
-from dynident.io.parquet import parse_parquet
+from dynident.io.parquet import parse_parquet, parse_rows, rows_of
+from dynident.io.recording_parts import is_divided, recording_parts
 from dynident.io.ros import parse_bag
 from dynident.io.text import parse_text, weight
 
-__all__ = ["DataTable", "read_bag", "read_columns", "read_hdf5", "read_mat", "read_npz", "read_parquet", "read_text"]
+__all__ = [
+    "DataTable",
+    "count_rows",
+    "joined",
+    "read_bag",
+    "read_columns",
+    "read_hdf5",
+    "read_mat",
+    "read_npz",
+    "read_parquet",
+    "read_parts",
+    "read_rows",
+    "read_text",
+]
 
 Array = NDArray[np.float64]
+DAY = 86_400.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +119,8 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     Where ``needed`` names columns, readers need not read others. A file takes no more memory than 4 GB, or what the
     environment variable DYNIDENT_MEMORY says.
     Columns without a header are named "0", "1", ...; those of a 2-D array "name[0]", "name[1]", ...; those of ROS
-    bags as in ``parse_bag``. A ROS 2 bag may be given as its folder. Nothing is ever unpickled. Raises InputError
+    bags as in ``parse_bag``. A ROS 2 bag may be given as its folder; a recording in several Parquet files as theirs, or
+    as a pattern of their names. Nothing is ever unpickled. Raises InputError
     where the file is missing, empty, damaged or of unknown type, or needs an extra that is not installed.
 
     >>> from tempfile import TemporaryDirectory
@@ -116,21 +132,27 @@ def read_columns(path: str | Path, width: int | None = None, needed: Collection[
     [0.5, 0.6]
     """
     path = Path(path)
-    kind = path.suffix.lower()
-    reader = _reader(path, kind)
-    try:
+    reader = _reader(path, path.suffix.lower())
+    with _readable(path):
         table = reader(path, needed)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # readers of damaged files raise almost any exception
-        reason = (str(error).splitlines() or [""])[0]
-        what = "bag" if path.is_dir() else f"{kind} file"
-        raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
     if not (table.columns or table.constants or table.faults or table.unread):
         raise InputError(f"{path}: holds no columns; record again, or name another file.")
     if table.columns and not any(map(len, table.columns.values())):
         raise InputError(f"{path}: holds columns without rows; record again, or name another file.")
     return table if width is None else _reshaped(table, width)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Make an InputError of what readers of damaged files raise, which may be almost any exception."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0]
+        what = "bag" if path.is_dir() else f"{path.suffix.lower()} file"
+        raise InputError(f"{path}: is not a readable {what} ({type(error).__name__}: {reason}).") from error
 
 
 def _foreign(reader: Callable[..., DataTable], path: Path, needed: Collection[str] | None) -> DataTable:  # noqa: ARG001
@@ -153,6 +175,8 @@ def read_bag(path: Path, needed: Collection[str] | None = None) -> DataTable:  #
 
 def _reader(path: Path, kind: str) -> Callable[..., DataTable]:
     """Return the reader of the family for a file; InputError where there is none, or no such file."""
+    if is_divided(path):
+        return read_parts
     if stat.S_ISDIR(find(path, kinds=READERS.kinds()).st_mode):
         return read_bag
     if kind not in READERS.table and kind not in READERS.kinds():
@@ -210,6 +234,46 @@ def read_parquet(path: Path, needed: Collection[str] | None = None) -> DataTable
     data, source = _content_of(path)
     columns, faults, units, unread = parse_parquet(data, source, needed)
     return DataTable(columns, {}, source, faults, unread=unread, units=units)
+
+
+def read_rows(path: Path, needed: Collection[str] | None, rows: slice) -> DataTable:
+    """Read some rows of a Parquet file, whose places are those in the file; raises as ``read_columns``."""
+    with _readable(path), _file_of(path) as file:
+        columns, faults, units, unread = parse_rows(file, str(path), needed, rows)
+    return DataTable(columns, {}, str(path), faults, rows=np.arange(rows.start, rows.stop), unread=unread, units=units)
+
+
+def count_rows(path: Path) -> int:
+    """Return the number of rows of a Parquet file, by its footer; raises as ``read_columns``."""
+    with _readable(path), _file_of(path) as file:
+        return rows_of(file)
+
+
+def read_parts(path: Path, needed: Collection[str] | None = None) -> DataTable:
+    """Read the Parquet files of one recording, as ``recording_parts`` finds them, one after the other."""
+    parts = [read_columns(one, None, needed) for one in recording_parts(path)]
+    return joined(parts, str(path)) if len(parts) > 1 else parts[0]
+
+
+def joined(tables: Sequence[DataTable], source: str) -> DataTable:
+    """Return one table of the rows of several; InputError where a column of one is missing in another."""
+    first = tables[0]
+    names = dict.fromkeys(name for table in tables for name in table.columns)
+    columns = {}
+    for name in names:
+        parts = [table.column(name) for table in tables]
+        columns[name] = np.concatenate(_continued(parts) if first.units.get(name) == "s" else parts)
+    faults = {name: words for table in tables for name, words in table.faults.items()}
+    return DataTable(columns, {}, source, faults, unread=first.unread, units=first.units)
+
+
+def _continued(parts: Sequence[Array]) -> list[Array]:
+    """Return stamps of consecutive parts, each counted from its own midnight, as counted from that of the first."""
+    found: list[Array] = []
+    for one in parts:
+        late = (found[-1][-1] - one[0]) / DAY if found and len(one) else 0.0
+        found.append(one + DAY * np.ceil(late) if late > 0 else one)
+    return found
 
 
 def read_npz(path: Path, needed: Collection[str] | None = None) -> DataTable:

@@ -20,7 +20,7 @@ from dynident.regression.linear_problem import (
     stretches,
     triangularise,
 )
-from dynident.regression.parts import Part, divided, factors_of_parts, merged
+from dynident.regression.parts import Part, divided, factors_of_parts, merged, packed, unpacked
 from dynident.regression.rank import Rank, precision, rank_of, rank_of_information
 from dynident.regression.triangular import EntryBlock, TriangularFactors, factorise, one_thread
 
@@ -47,10 +47,12 @@ __all__ = [
     "informed_std",
     "merged",
     "one_thread",
+    "packed",
     "precision",
     "rank_of",
     "rank_of_information",
     "stretches",
     "structural_base_parameters",
     "triangularise",
+    "unpacked",
 ]

@@ -9,14 +9,16 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynident.errors import InputError
 from dynident.jobs import Status, run_jobs
+from dynident.models import Structure
 from dynident.regression.linear_problem import Regression
 from dynident.regression.triangular import TriangularFactors, factorise, one_thread
 from dynident.splines import stretches
 
-__all__ = ["Part", "divided", "factors_of_parts", "merged"]
+__all__ = ["Part", "divided", "factors_of_parts", "merged", "packed", "unpacked"]
 
 TOGETHER = 16  # factors that are merged at once
 
@@ -88,3 +90,27 @@ def _stacked(parts: Sequence[TriangularFactors]) -> TriangularFactors:
     with one_thread():
         factors = np.asarray(np.linalg.qr(rows, mode="r"))
     return TriangularFactors(factors, np.sum([one.rows for one in parts], axis=0))
+
+
+def packed(factors: TriangularFactors, structure: Structure) -> bytes:
+    """Return the entries of factors that a structure does not make zero, as float64."""
+    return factors.factors[_filled(structure)].tobytes()
+
+
+def unpacked(content: bytes, rows: Sequence[int], structure: Structure) -> TriangularFactors:
+    """Return the factors of which ``packed`` has made the content; ValueError where it is of another structure."""
+    filled = _filled(structure)
+    found = np.zeros(filled.shape)
+    found[filled] = np.frombuffer(content)
+    return TriangularFactors(found, np.array(rows, dtype=int))
+
+
+def _filled(structure: Structure) -> NDArray[np.bool_]:
+    """Return which entries (n, p + 1, p + 1) of the factors can be other than zero."""
+    p = structure.maps[0].shape[1]
+    out = np.zeros((len(structure.maps), p + 1, p + 1), dtype=bool)
+    for filled, one in zip(out, structure.maps, strict=True):
+        filled[: len(one), :p] = one.any(axis=0)
+        filled[: len(one), p] = filled[p, p] = True
+        filled &= np.tri(p + 1, dtype=bool).T
+    return out

@@ -14,6 +14,7 @@ from dynident.report.data import data_section, smoothing_section
 from dynident.report.exports import export_results, export_section
 from dynident.report.page import Fold, PageBlock, PageSection, PageTable, render
 from dynident.report.parameters import LONGEST, brief, parameter_section, terminal_parameters
+from dynident.report.pieces import pieces_section
 from dynident.report.repeat import repeat_section
 from dynident.report.structure import base_section, condition_section, consistency_section
 from dynident.report.terms import term_section, term_table
@@ -44,6 +45,7 @@ def identification_page(identification: Identification, exports: Sequence[Export
     sections = [
         verdict_section(identification),
         data_section(identification),
+        *pieces_section(identification),
         error_section(identification),
         torque_section(identification),
         *simulation_section(identification),

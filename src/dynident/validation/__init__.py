@@ -1,5 +1,6 @@
 """How well a model predicts: torque errors, tests of residuals, robust standard errors, free simulations."""
 
+from dynident.validation.clusters import clustered_std
 from dynident.validation.coloured import coloured_std, correlated_std
 from dynident.validation.free_run import (
     Broken,
@@ -67,6 +68,7 @@ __all__ = [
     "autocorrelation",
     "bandwidth",
     "check_mass",
+    "clustered_std",
     "coloured_std",
     "correlated_std",
     "decorrelation",

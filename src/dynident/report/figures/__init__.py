@@ -14,6 +14,7 @@ from dynident.report.figures.identification import (
     torque_figure,
 )
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
+from dynident.report.figures.pieces import pieces_figure
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
 from dynident.report.figures.terms import trial_figure
 
@@ -28,6 +29,7 @@ __all__ = [
     "method_name",
     "motion_figure",
     "only_nominal",
+    "pieces_figure",
     "relative_std",
     "run_figure",
     "scientific",

@@ -1,0 +1,422 @@
+"""Identification from recordings too long for the memory: all is chosen on excerpts, then all samples are fitted.
+
+Least squares needs of any number of samples only their triangular factors. Pieces of the recordings, each smoothed with
+some samples around it so that the motion is that of the whole (``overlap``), are reduced one by one, by any process;
+their factors merge to those of the whole, and give standard errors that allow for any correlation within a piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, Step, brief, called
+from dynident.estimators import Estimate, Problem
+from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
+from dynident.identification.identify import FAR, by_role, identify, judged, smoothed, warnings_of
+from dynident.identification.motion_errors import motion_errors
+from dynident.identification.outliers import held_out_outliers, masked
+from dynident.identification.recipe import Recipe
+from dynident.identification.rests import Rests, resting, whole_rests, without_rests
+from dynident.identification.result import Identification, Pieces, Sources, versions
+from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
+from dynident.log import Log, Motion
+from dynident.models import Model
+from dynident.regression import (
+    Regression,
+    TriangularFactors,
+    base_parameters,
+    factorise,
+    merged,
+    one_thread,
+    packed,
+    unpacked,
+)
+from dynident.smoothers import Smoother, as_used, motion_of, overlap
+from dynident.splines import NORMAL_95
+from dynident.validation import check_mass, clustered_std
+
+__all__ = [
+    "Division",
+    "InPieces",
+    "LongRecording",
+    "Prepared",
+    "Reduced",
+    "Reducer",
+    "Span",
+    "Stretch",
+    "finished",
+    "prepared",
+]
+
+Array = NDArray[np.float64]
+TRIES = 4  # places at which an excerpt is looked for, of which that with the most motion is taken
+FORGETS = 10.0  # s before a piece from which terms that remember are followed
+LEAST = 4  # times the overlap: the shortest piece
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows ``start`` to ``stop`` of a recording without a gap, and their times (s)."""
+
+    start: int
+    stop: int
+    begins: float
+    ends: float
+
+
+class LongRecording(Protocol):
+    """A recording that stays in its files. It is picklable."""
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The rows to use, in stretches without gaps."""
+
+    @property
+    def step(self) -> float:
+        """The usual time (s) between samples."""
+
+    def read(self, rows: slice) -> tuple[Log, NDArray[np.intp]]:
+        """Return the log of some rows of a stretch, and which of them it has."""
+
+
+@dataclass(frozen=True)
+class Division:
+    """How recordings are divided: ``excerpts`` of ``excerpt`` samples; pieces of at most ``piece`` samples, and at
+    least ``pieces`` of them, where these are not shorter than ``shortest``."""
+
+    excerpts: int = 6
+    excerpt: int = 20_000
+    piece: int = 100_000
+    pieces: int = 200
+    shortest: int = 10_000
+
+
+@dataclass(frozen=True)
+class Span:
+    """A piece: the rows ``start`` to ``stop`` of recording number ``recording``, those from ``first`` to ``last`` being
+    read."""
+
+    recording: int
+    start: int
+    stop: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """What is kept of a piece: its times (s), the number of rows of each joint, and its factors as ``packed``."""
+
+    begins: float
+    ends: float
+    rows: tuple[int, ...]
+    factors: bytes
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True)
+class InPieces(Note):
+    """``samples`` of recordings of ``seconds`` were fitted in ``pieces``; all that was chosen, and the errors and
+    figures of the training, are of ``excerpts``. ``joint`` has the largest ``error`` (%) over all of them."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    samples: int
+    seconds: float
+    pieces: int
+    excerpts: int
+    joint: str
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reducer:
+    """Reduces a piece to its factors, with everything chosen: the same motion, rows and equations as of the whole."""
+
+    model: Model
+    recipe: Recipe
+    recordings: tuple[LongRecording, ...]
+    without_rests: bool
+
+    __repr__ = brief
+
+    def __call__(self, span: Span) -> Reduced:
+        """Read, smooth and reduce a piece. Raises the errors of reading and smoothing."""
+        log, kept = self.recordings[span.recording].read(slice(span.first, span.last))
+        start, stop = (int(k) for k in np.searchsorted(kept, (span.start - span.first, span.stop - span.first)))
+        with one_thread():
+            motion = self.motion(log)
+            speeds = self.recipe.min_speeds(motion.joints)
+            regression = Regression(self.model, (motion,), self.recipe.filter, speeds)
+            structure = self.model.structure
+            found = factorise(regression.entries(within=(0, slice(start, stop))), structure)
+        begins, ends = float(log.t[start]), float(log.t[stop - 1])
+        return Reduced(begins, ends, tuple(found.rows.tolist()), packed(found, structure))
+
+    def motion(self, log: Log) -> Motion:
+        """Return the motion of a piece, of which the fit keeps what it keeps of a whole log."""
+        recipe = self.recipe
+        motion = self.model.remembering(motion_of(recipe.smoothers[0], recipe.repaired(log, torque=True)))
+        if recipe.outliers == "mask":
+            speeds = recipe.min_speeds(motion.joints)
+            motion = masked(self.model, {"train": {"": motion}}, {"train": {"": log}}, speeds)["train"][""]
+        if self.without_rests and (still := _still(log)).any():
+            moving = np.broadcast_to(~still[:, None], motion.q.shape)
+            motion = replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
+        return self.model.remembering(motion)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What is to be done with all pieces: ``reducer(span)`` for each of ``spans``; how that was ``chosen`` on
+    ``logs``, the excerpts."""
+
+    chosen: Identification
+    logs: Mapping[str, Log]
+    reducer: Reducer
+    spans: tuple[Span, ...]
+    lost: int
+
+    __repr__ = brief
+
+
+def prepared(
+    model: Model,
+    recordings: Sequence[LongRecording],
+    recipe: Recipe,
+    division: Division = Division(),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Prepared:
+    """Choose all that the recipe leaves to the data on excerpts of the recordings, and plan the pieces.
+
+    Raises the errors of ``identify``, and ConfigError for an estimator that needs all samples at once or a smoother to
+    which samples matter that are far away.
+    """
+    logs = {log.source: log for log in _excerpts(recordings, division, progress)}
+    chosen = identify(model, logs, (), recipe, progress=progress)
+    if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
+        raise ConfigError(
+            f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
+            "memory; take `least_squares` or `physically_consistent`, or fit a shorter part."
+        )
+    smoother, log, motion = _fixed(chosen, logs)
+    step = float(np.median(np.diff(log.t)))
+    around = overlap(smoother, log, motion)
+    if motion.memory is not None:
+        around += round(FORGETS / step)
+    if (low := chosen.recipe.filter) is not None:
+        around += low.pad(low.sections(motion))
+    used = replace(chosen.recipe, smoother=smoother)
+    within = [note for note in chosen.notes if isinstance(note, Rests) and note.within]
+    leave = recipe.rests == "trim" and (not within or any(note.left_out for note in within))
+    spans, lost = _spans(recordings, division, around)
+    if not spans:
+        raise InputError(f"{recordings[0].label}: no stretch without a gap is long enough to be smoothed.")
+    return Prepared(chosen, logs, Reducer(chosen.model, used, tuple(recordings), leave), spans, lost)
+
+
+def finished(
+    found: Prepared,
+    pieces: Sequence[Reduced],
+    validation: Mapping[str, Log] | Sequence[Log] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Return the identification from all pieces, in the order of the spans, judged on excerpts and held-out logs.
+
+    Raises the errors of ``identify``.
+    """
+    with one_thread():
+        return _finished(found, pieces, validation, progress)
+
+
+def _finished(
+    found: Prepared,
+    pieces: Sequence[Reduced],
+    validation: Mapping[str, Log] | Sequence[Log],
+    progress: Callable[[str], None],
+) -> Identification:
+    model, recipe = found.reducer.model, found.reducer.recipe
+    speeds, (smoother,) = recipe.min_speeds([joint.name for joint in model.joints]), recipe.smoothers
+    recorded = by_role(found.logs, validation, tuple(joint.name for joint in model.joints))
+    roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
+    logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
+            for role, named in roles.items()}  # fmt: skip
+    motions = smoothed(model, logs, smoother, progress)
+    if recipe.outliers == "mask":
+        motions = masked(model, motions, roles, speeds)
+    motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, speeds)
+    fitted = tuple(map(model.remembering, motions["train"].values()))
+    sample = Regression(model, fitted, recipe.filter, speeds)
+
+    def parts() -> Iterator[TriangularFactors]:
+        return (unpacked(one.factors, one.rows, model.structure) for one in pieces)
+
+    progress("estimating")
+    whole = replace(sample)
+    whole.__dict__["triangular_factors"] = merged(parts())
+    trained = tuple(replace(log, tau=one.tau) for log, one in zip(logs["train"].values(), fitted, strict=True))
+    problem = Problem(model, fitted, whole, trained, fitted[0].time_offset, progress)
+    clustered = partial(clustered_std, parts)
+    estimate, whole, more, noted = _unbiased(problem, sample, found, clustered, progress)
+    validations = judged(model, estimate, roles, motions, recipe, progress)
+    errors, base = identifiability_of(model, whole, estimate, more, progress, clustered)
+    residual = _residual(found, pieces, parts(), whole, estimate)
+    return Identification(
+        model,
+        recipe,
+        estimate,
+        errors,
+        base,
+        validations,
+        check_mass(model, estimate.value, [log.motion for log in validations]),
+        found.chosen.calibration,
+        Sources(versions=versions()),
+        (
+            _said(found, residual, model),
+            *warnings_of(model, estimate, base),
+            *noted,
+            *resting,
+            *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
+        ),
+        residual,
+    )
+
+
+def _unbiased(
+    problem: Problem,
+    sample: Regression,
+    found: Prepared,
+    clustered: Callable[..., Array],
+    progress: Callable[[str], None],
+) -> tuple[Estimate, Regression, Array, tuple[Note, ...]]:
+    """Return the estimate from all pieces, without the bias by errors of the motion that the excerpts show where that
+    is significant, and the regression it is of; the covariance (p, p) by the time offset and a bias that is not
+    corrected, and what to note."""
+    model, recipe, whole = problem.model, found.reducer.recipe, problem.regression
+    estimate = called(recipe.estimator, problem, Estimate)
+    late = covariance_of_time_offset(model, sample, estimate, found.chosen.calibration.time_offset)
+    progress("repeating the smoothing")
+    wrong = motion_errors(model, problem.logs, sample, recipe.smoothers[0], estimate)
+    if wrong is None:
+        return estimate, whole, late, ()
+    weights = estimate.residual.weights
+    basis = base_parameters(whole.triangular_factors.stacked(weights), model.parameters)
+    try:
+        std = clustered(whole, estimate.value, weights, basis.independent)
+    except ModelError:  # nearly dependent columns
+        return estimate, whole, late + np.outer(wrong.bias, wrong.bias), ()
+    bias = np.abs(basis.to_base(wrong.bias))
+    size = np.divide(bias, std, out=np.zeros_like(std), where=std > 0)
+    worst = int(size.argmax()) if len(size) else 0
+    if not len(size) or size[worst] <= NORMAL_95:
+        return estimate, whole, late + np.outer(wrong.bias, wrong.bias), ()
+    if wrong.share >= FAR:
+        return estimate, whole, late, (MotionTooNoisy(basis.groupings[worst], float(size[worst])),)
+    whole = whole.unbiased(wrong.bias)
+    estimate = called(recipe.estimator, replace(problem, regression=whole), Estimate)
+    return estimate, whole, late, (MotionCorrected(basis.groupings[worst], float(size[worst])),)
+
+
+def _residual(
+    found: Prepared,
+    pieces: Sequence[Reduced],
+    parts: Iterator[TriangularFactors],
+    whole: Regression,
+    estimate: Estimate,
+) -> Pieces:
+    """Return what the estimate leaves of the torque in each piece."""
+    value = estimate.value + (0.0 if whole.bias is None else whole.bias)
+    sums = [(np.square(one.factors[:, :, -1]).sum(axis=1), one.residual(value)) for one in parts]
+    rows = np.array([one.rows for one in pieces])
+    torque, residual = (np.sqrt(np.array([one[k] for one in sums]) / np.maximum(rows, 1)) for k in (0, 1))
+    labels = tuple(found.reducer.recordings[one.recording].label for one in found.spans)
+    begins, ends = (np.array([getattr(one, name) for one in pieces]) for name in ("begins", "ends"))
+    return Pieces(labels, begins, ends, rows, torque, residual)
+
+
+def _said(found: Prepared, pieces: Pieces, model: Model) -> InPieces:
+    samples = sum(one.stop - one.start for one in found.spans)
+    seconds = float((pieces.ends - pieces.begins).sum())
+    error = np.nan_to_num(pieces.relative_error)
+    worst = int(error.argmax())
+    return InPieces(samples, seconds, len(found.spans), len(found.logs), model.joints[worst].name, float(error[worst]))
+
+
+def _still(log: Log) -> NDArray[np.bool_]:
+    """Return which samples (N) are of a rest of the whole arm; all where it never moves."""
+    out = np.zeros(len(log), dtype=bool)
+    if resting(log).all():
+        return ~out
+    for one in whole_rests(log):
+        out[one] = True
+    return out
+
+
+def _fixed(chosen: Identification, logs: Mapping[str, Log]) -> tuple[Smoother, Log, Motion]:
+    """Return the smoother that smooths all pieces alike, as much as the excerpt in the middle, which is the log."""
+    (smoother,) = chosen.recipe.smoothers
+    widths = [np.mean(one.motion.smoothing.get("bandwidth", 0.0)) for one in chosen.validations]
+    middle = chosen.validations[int(np.argsort(widths, kind="stable")[len(widths) // 2])]
+    return as_used(smoother, middle.motion), logs[middle.name], middle.motion
+
+
+def _excerpts(
+    recordings: Sequence[LongRecording], division: Division, progress: Callable[[str], None]
+) -> Iterator[Log]:
+    """Yield excerpts spread over the recordings, in each of as many shares of the time that of several with the most
+    motion; all stretches as they are where they are not longer."""
+    each = [(one, part) for one in recordings for part in one.stretches]
+    total = sum(part.stop - part.start for _, part in each)
+    if total <= division.excerpts * division.excerpt:
+        for one, part in each:
+            log, _ = one.read(slice(part.start, part.stop))
+            yield log if len(each) == 1 else replace(log, source=f"{one.label} from {part.begins:.6g} s")
+        return
+    places = np.linspace(0, total, division.excerpts * TRIES, endpoint=False).astype(int)
+    for k, share in enumerate(places.reshape(division.excerpts, TRIES)):
+        progress(Step("reading excerpts", k, division.excerpts))
+        tried = [_excerpt(each, int(place), division.excerpt) for place in share]
+        yield max(tried, key=lambda log: float(np.abs(np.diff(log.q, axis=0)).mean() / np.diff(log.t).mean()))
+
+
+def _excerpt(each: Sequence[tuple[LongRecording, Stretch]], place: int, samples: int) -> Log:
+    """Return the log of about so many samples from a place, counted over all stretches."""
+    for one, part in each:
+        length = part.stop - part.start
+        if place < length:
+            start = max(part.start, min(part.start + place, part.stop - samples))
+            log, _ = one.read(slice(start, min(start + samples, part.stop)))
+            return replace(log, source=f"{one.label} from {log.t[0]:.6g} s")
+        place -= length
+    raise ValueError(f"there is no sample {place}")
+
+
+def _spans(recordings: Sequence[LongRecording], division: Division, around: int) -> tuple[tuple[Span, ...], int]:
+    """Return the pieces of all stretches, and the number of samples of those that are too short."""
+    total = sum(part.stop - part.start for one in recordings for part in one.stretches)
+    size = min(division.piece, max(total // division.pieces, division.shortest, LEAST * around))
+    found: list[Span] = []
+    lost = 0
+    for k, one in enumerate(recordings):
+        for part in one.stretches:
+            length = part.stop - part.start
+            if length <= 2 * around and len(one.stretches) > 1:
+                lost += length
+                continue
+            count = max(1, round(length / size))
+            edges = [part.start + length * i // count for i in range(count + 1)]
+            found += [
+                Span(k, a, b, max(a - around, part.start), min(b + around, part.stop)) for a, b in pairwise(edges)
+            ]
+    return tuple(found), lost

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
+    from dynident.fleets.run import fleet
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -71,6 +72,7 @@ __all__ = [
     "cramer_rao_bound",
     "errors",
     "export_model",
+    "fleet",
     "identify",
     "load",
     "read_log",
@@ -111,6 +113,7 @@ _MODULES = {
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "export_model": "dynident.io.model_files",
+    "fleet": "dynident.fleets.run",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",
     "read_log": "dynident.io.shortcuts",

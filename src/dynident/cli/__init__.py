@@ -9,6 +9,7 @@ from dynident.cli.check import check
 from dynident.cli.demo import demo
 from dynident.cli.export import export
 from dynident.cli.failures import Commands
+from dynident.cli.fleet import fleet
 from dynident.cli.identify import identify
 from dynident.cli.init import init
 from dynident.cli.options import common, said
@@ -50,6 +51,6 @@ def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (demo, reproduce, init, check, bound, identify, predict, export, smooth, schema):
+for _command in (demo, reproduce, init, check, bound, identify, fleet, predict, export, smooth, schema):
     common(_command)
     main.add_command(_command)

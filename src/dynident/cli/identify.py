@@ -113,15 +113,12 @@ def _next(config: Path, out: Path | None, project: Project, *, chose: bool) -> I
 
 def write_result(folder: ResultFolder, found: Identification, made: Sequence[Export]) -> list[tuple[str, Path]]:
     """Write the model's files, result.json and report.html; return what was written where."""
-    from dynident.io.result_write import result_data
-    from dynident.io.results import json_text
     from dynident.io.saved import model_files
-    from dynident.report import identification_page, result_words
+    from dynident.report.run_files import run_files
 
     files = {one.file: one.written.text for one in made if one.ready and one.written is not None}
     kinds = dict.fromkeys(files, "Model") | {"result.json": "Result", "report.html": "Report"}
-    files["result.json"] = json_text(result_data(found, result_words(found, made)))
-    files["report.html"] = identification_page(found, made)
+    files |= run_files(found, made)
     # the models of an earlier run would pass for this one's
     paths = folder.replace(files, gone=model_files(folder.path / "result.json", found.provenance))
     return [(kinds[path.name], path) for path in paths]

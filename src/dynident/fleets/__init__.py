@@ -1,5 +1,26 @@
 """Many logs of many robots, each identified with one recipe: parameters over time, changes, and what robots share."""
 
+from dynident.fleets.changes import Change, Changes, Shape, find_changes
+from dynident.fleets.groups import groups_of
 from dynident.fleets.history import Group, GroupKind, History
+from dynident.fleets.pooled import Pooled, pooled
+from dynident.fleets.result import FleetBase, FleetResult
+from dynident.fleets.run import fleet
+from dynident.fleets.scatter import Scatter
 
-__all__ = ["Group", "GroupKind", "History"]
+__all__ = [
+    "Change",
+    "Changes",
+    "FleetBase",
+    "FleetResult",
+    "Group",
+    "GroupKind",
+    "History",
+    "Pooled",
+    "Scatter",
+    "Shape",
+    "find_changes",
+    "fleet",
+    "groups_of",
+    "pooled",
+]

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 class GroupKind(StrEnum):
     """What of a robot can change: friction of a joint, what the last body carries, an offset of a sensor, a ripple of
-    a gear, or the drive of a joint as a whole."""
+    a gear."""
 
     FRICTION = "friction"
     PAYLOAD = "payload"

@@ -21,7 +21,7 @@ from dynident.io.yaml_text import load_yaml
 from dynident.models import CoupledMotor, RigidBodies, Term
 from dynident.smoothers import unshifted
 
-__all__ = ["explicit_config", "explicit_settings"]
+__all__ = ["explicit_config", "explicit_settings", "relocated", "settings_text"]
 
 _TRUTH = "tag:yaml.org,2002:bool"
 
@@ -32,7 +32,11 @@ def explicit_config(found: Identification, path: Path, comments: Mapping[str, Se
     ``comments`` are lines to stand above keys, those of the model as ``model.terms``; those above all by the key "".
     Raises ConfigError where the result was made without a configuration, or a part has settings without a plain form.
     """
-    settings = explicit_settings(found, path.parent)
+    return settings_text(explicit_settings(found, path.parent), comments)
+
+
+def settings_text(settings: Mapping[str, Any], comments: Mapping[str, Sequence[str]]) -> str:
+    """Return the text of a configuration with these settings, and ``comments`` as in ``explicit_config``."""
     lines = [*_comments(comments, ""), ""]
     for key, value in settings.items():
         if key == "model" and isinstance(value, dict):
@@ -66,11 +70,41 @@ def explicit_settings(found: Identification, folder: Path) -> dict[str, Any]:
     return {key: value for key, value in {**data, **chosen}.items() if value is not None and value != []}
 
 
+def relocated(settings: Mapping[str, Any], was: Path, folder: Path) -> dict[str, Any]:
+    """Return explicit settings with the names of files in them, relative to ``was``, relative to another folder."""
+
+    def placed(value: Any) -> Any:
+        """Return a part with its Python file, and those inside it, there."""
+        if isinstance(value, list):
+            return [placed(one) for one in value]
+        if not isinstance(value, dict):
+            return value
+        moved = {key: placed(one) for key, one in value.items()}
+        place, colon, name = str(value.get("kind", "")).rpartition(":")
+        return moved | {"kind": f"{_files(place, was, folder)}{colon}{name}"} if place.endswith(".py") else moved
+
+    data = {key: placed(value) for key, value in settings.items()}
+    model = data["model"]
+    if isinstance(model, dict):
+        data["model"] = model | {"file": _files(model["file"], was, folder)}
+    else:
+        data["model"] = _function(str(model), was, folder)
+    for role in ("train", "validation"):
+        if role in data:
+            data[role] = [{**log, "file": _files(log["file"], was, folder)} for log in data[role]]
+    return data
+
+
+def _function(model: str, was: Path, folder: Path) -> str:
+    """Return a model of a Python file, or of the gallery, as a configuration in another folder names it."""
+    place, colon, name = model.rpartition(":")
+    return f"{relative(was / place, folder)}{colon}{name}" if place != "gallery" else model
+
+
 def _model(found: Identification, given: Any, was: Path, folder: Path) -> Any:
     """Return the settings of the model, with its terms and the tilt of its base where it is built of a robot file."""
     if isinstance(given, str) and robot_settings(given) is None:
-        place, colon, name = given.rpartition(":")
-        return f"{relative(was / place, folder)}{colon}{name}" if place != "gallery" else given
+        return _function(given, was, folder)
     data = dict(given) if isinstance(given, Mapping) else {"file": given}
     tilt = found.recipe.base_tilt
     data["file"] = _files(data["file"], was, folder)

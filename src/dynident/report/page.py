@@ -17,6 +17,7 @@ from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+from urllib.parse import quote
 
 if TYPE_CHECKING:
     import jinja2
@@ -37,6 +38,7 @@ __all__ = [
     "PageTable",
     "number",
     "pairs",
+    "relative",
     "render",
 ]
 
@@ -56,13 +58,18 @@ class Column:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table of texts: each row has one cell per column."""
+    """A table of texts: each row has one cell per column; ``links``, one for each row, are where its first cell leads,
+    as ``relative`` makes them, "" for nowhere.
+    """
 
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    links: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.links and len(self.links) != len(self.rows):
+            raise ValueError(f"Table {self.caption!r}: {len(self.links)} links for {len(self.rows)} rows.")
         for i, row in enumerate(self.rows):
             if len(row) != len(self.columns):
                 raise ValueError(
@@ -162,6 +169,12 @@ def number(value: float | None, digits: int = 4) -> str:
     if 1e-4 <= abs(value) < 1e5:
         return f"{value:.{max(digits - 1 - int(exponent), 0)}f}"
     return f"{mantissa}e{int(exponent)}"
+
+
+def relative(path: str) -> str:
+    """Return the link to a file below the folder of the page, whatever it is called; "" for one that is not below."""
+    parts = path.split("/")
+    return f"./{quote(path, errors='replace')}" if parts[0] and ".." not in parts else ""
 
 
 def pairs(title: str, content: Sequence[tuple[str, str]], caption: str = "") -> PageTable:

@@ -1,4 +1,4 @@
-"""Figures of a study and of an identification: nouns in, drawings out; no file is opened or written.
+"""Figures of a study, an identification and a fleet: nouns in, drawings out; no file is opened or written.
 
 Backgrounds are transparent and fonts inherited. Lines with ``meta`` "ink" and all text are drawn in a grey that is
 readable on white and on black; a page may repaint them in its own text colour.
@@ -6,6 +6,7 @@ readable on white and on black; a page may repaint them in its own text colour.
 
 from dynident.report.figures.bound import CHANGE_NAMES, bound_figure, efficiency_figure
 from dynident.report.figures.canvas import Array, Drawing, share, thin
+from dynident.report.figures.fleet import Course, Mark, course_figure, pooled_figure, robots_figure
 from dynident.report.figures.identification import (
     error_figure,
     motion_figure,
@@ -21,8 +22,11 @@ from dynident.report.figures.terms import trial_figure
 __all__ = [
     "CHANGE_NAMES",
     "Array",
+    "Course",
     "Drawing",
+    "Mark",
     "bound_figure",
+    "course_figure",
     "efficiency_figure",
     "error_figure",
     "interval_figure",
@@ -30,7 +34,9 @@ __all__ = [
     "motion_figure",
     "only_nominal",
     "pieces_figure",
+    "pooled_figure",
     "relative_std",
+    "robots_figure",
     "run_figure",
     "scientific",
     "share",

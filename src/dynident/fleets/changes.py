@@ -1,0 +1,182 @@
+"""What has changed on a robot from log to log beyond the uncertainty, with a stated rate of false alarms.
+
+A change moves the base parameters along the directions of one group, from one log on (a step) or more and more (a
+drift). The generalised likelihood ratio of each, weighted by standard errors and scatter, becomes a tail probability; the
+smallest of all is compared with the smallest in draws in which nothing changes. What is found is taken into account before
+the next is sought (forward selection).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ConfigError, brief
+from dynident.fleets.history import Group, History
+from dynident.fleets.ratios import Ratios
+from dynident.fleets.scatter import Scatter, scatter_of
+
+__all__ = ["Change", "Changes", "Shape", "changes_of", "course", "design", "find_changes"]
+
+Array = NDArray[np.float64]
+DRAWS = 1000
+FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told from it
+ROUNDS = 3  # of scatter and changes in turn
+TIMES = 60  # of a change, at most, that are tried on one robot
+
+
+class Shape(StrEnum):
+    """How a change comes: at once, or evenly with time."""
+
+    STEP = "step"
+    DRIFT = "drift"
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of one robot: since which log and day, in which group, by how much, and how likely by chance.
+
+    ``size`` (k) is by how much the last log differs from before the change in the directions of ``group``, in its units,
+    with standard errors ``std`` (k), infinite where the logs do not show a direction; of a drift ``per_day`` is the rate.
+    ``index`` is the number of the log ``since``: the first after a step, the last before a drift. ``p_value``: the share
+    of robots without a change (of this many logs) that would show as much.
+    """
+
+    robot: str
+    group: Group
+    shape: Shape
+    index: int
+    since: str
+    day: float
+    size: Array
+    std: Array
+    per_day: Array | None
+    p_value: float
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """The changes of a fleet at a rate of false alarms (a share of robots in which nothing changes).
+
+    ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said, because
+    they have one log, or all have too few.
+    """
+
+    rate: float
+    found: tuple[Change, ...]
+    p_values: dict[str, float]
+    silent: tuple[str, ...]
+    scatter: Scatter
+
+    __repr__ = brief
+
+    def of(self, robot: str) -> tuple[Change, ...]:
+        """Return the changes of one robot, the clearest first."""
+        return tuple(change for change in self.found if change.robot == robot)
+
+
+def find_changes(
+    histories: Sequence[History],
+    groups: Sequence[Group],
+    rng: np.random.Generator,
+    *,
+    rate: float = 0.01,
+    draws: int = DRAWS,
+) -> Changes:
+    """Return what has changed on robots of one type, and how their parameters scatter.
+
+    ``rate`` is the share of robots without any change of which one is reported; ``draws`` of ``rng`` calibrate it, for
+    each robot. Scatter and changes are estimated in turn, because each hides the other. Raises ConfigError for a wrong
+    rate or too few draws, InputError where the robots are not of one type.
+    """
+    if not 0 < rate < 1:
+        raise ConfigError(f"rate of false alarms is {rate}; give a share of robots between 0 and 1, such as 0.01.")
+    if draws < 2 / rate:
+        raise ConfigError(f"{draws} draws do not tell a rate of false alarms of {rate}; give at least {2 / rate:.0f}.")
+    scatter, found = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
+    chances = dict[str, float]()
+    for _ in range(ROUNDS):
+        before = _named(found)
+        for history in histories:
+            if scatter.dof >= FEWEST and len(history.logs) > 1:
+                found[history.robot], chances[history.robot] = changes_of(
+                    history, groups, scatter, rng, rate=rate, draws=draws
+                )
+        if _named(found) == before:
+            break
+        designs = [design(history, found.get(history.robot, ())) for history in histories]
+        scatter = scatter_of(histories, groups, rng, designs, scatter)
+    silent = tuple(history.robot for history in histories if history.robot not in chances)
+    return Changes(rate, tuple(change for some in found.values() for change in some), chances, silent, scatter)
+
+
+def changes_of(
+    history: History,
+    groups: Sequence[Group],
+    scatter: Scatter,
+    rng: np.random.Generator,
+    *,
+    rate: float = 0.01,
+    draws: int = DRAWS,
+) -> tuple[tuple[Change, ...], float]:
+    """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not."""
+    shapes, courses = _courses(history.days)
+    ratios = Ratios.of(history, groups, scatter.parts, courses, scatter.dof)
+    taken, chances = list[tuple[int, int]](), list[float]()
+    while True:
+        best, chance = ratios.clearest(taken, rng, draws)
+        chances.append(chance)
+        if best is None or chance > rate:
+            break
+        taken.append(best)
+    taken = ratios.refined(taken) if len(taken) > 1 else taken
+    found = [
+        _change(history, groups[g], shapes[s], *sizes, chance)
+        for (g, s), sizes, chance in zip(taken, ratios.fit(taken), chances, strict=False)
+    ]
+    return tuple(found), chances[0]
+
+
+def course(days: Array, shape: Shape, index: int) -> Array:
+    """Return how much of a change each log (K) has: of a step from log ``index`` on, of a drift after it."""
+    if shape is Shape.STEP:
+        return np.where(np.arange(len(days)) >= index, 1.0, 0.0)
+    return np.asarray(np.maximum(days - days[index], 0.0) / (days[-1] - days[index]))
+
+
+def design(history: History, changes: Sequence[Change]) -> Array:
+    """Return (K, b, q): the base parameters of each log from those before all changes, and from the changes."""
+    k, b = history.value.shape
+    courses = [course(history.days, change.shape, change.index) for change in changes]
+    parts = [one[:, None, None] * change.group.directions for one, change in zip(courses, changes, strict=True)]
+    return np.concatenate([np.broadcast_to(np.eye(b), (k, b, b)), *parts], axis=2)
+
+
+def _courses(days: Array) -> tuple[list[tuple[Shape, int]], Array]:
+    """Return the shapes and beginnings that are tried, and their courses (S, K); a drift has two logs after it."""
+    k = len(days)
+    steps = np.unique(np.linspace(1, k - 1, TIMES).round().astype(int)) if k > 1 else []
+    drifts = [j - 1 for j in steps if len(np.unique(days[j - 1 :])) > 2]
+    shapes = [*((Shape.STEP, int(j)) for j in steps), *((Shape.DRIFT, int(j)) for j in drifts)]
+    return shapes, np.array([course(days, *one) for one in shapes]).reshape(-1, k)
+
+
+def _change(
+    history: History, group: Group, shape: tuple[Shape, int], size: Array, std: Array, chance: float
+) -> Change:
+    kind, k = shape
+    rate = size / (history.days[-1] - history.days[k]) if kind is Shape.DRIFT else None
+    return Change(
+        history.robot, group, kind, k, history.logs[k], float(history.days[k]), size, std, rate, chance
+    )
+
+
+def _named(found: dict[str, tuple[Change, ...]]) -> dict[str, list[tuple[int, Shape, int]]]:
+    """Return what tells one set of changes from another."""
+    return {robot: [(id(x.group), x.shape, x.index) for x in some] for robot, some in found.items() if some}

@@ -1,0 +1,149 @@
+"""Likelihood ratios of all changes that one robot may have, and of draws in which nothing changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import brief
+from dynident.fleets.components import Components, measured, pseudo_inverse
+from dynident.fleets.history import Group, History
+
+__all__ = ["Ratios", "evidence"]
+
+Array = NDArray[np.float64]
+Candidate = tuple[int, int]  # the number of a group, and that of a course in time
+ALONE = 1e-8  # a direction with less information of its own, as a share, is that of what is already known
+
+
+@dataclass(frozen=True, eq=False)
+class Ratios:
+    """The logs of a robot as rows with independent errors of variance one, and the changes that are tried on them.
+
+    ``rows`` (K, b, b) are the base parameters' columns, ``value`` (K, b) the left side; ``columns`` (K, b, M) those of
+    the groups' directions, ``parts`` which are whose; ``courses`` (S, K): how much of a change each log has. ``dof``:
+    degrees of freedom of the scatter that has made variances one.
+    """
+
+    rows: Array
+    value: Array
+    columns: Array
+    parts: tuple[slice, ...]
+    courses: Array
+    dof: float
+
+    __repr__ = brief
+
+    @classmethod
+    def of(cls, history: History, groups: Sequence[Group], parts: Components, courses: Array, dof: float) -> Ratios:
+        """Return those of a robot's logs with the scatter of its fleet."""
+        one = measured(history.value, history.information)
+        b = history.value.shape[1]
+        L = np.linalg.cholesky(
+            parts.inflation * np.eye(b) + one.factor @ parts.covariance @ one.factor.swapaxes(1, 2)
+        )
+        rows, value = np.linalg.solve(L, one.factor), np.linalg.solve(L, one.value[:, :, None])[:, :, 0]
+        ends = np.cumsum([0, *(group.directions.shape[1] for group in groups)])
+        directions = np.hstack([np.zeros((b, 0)), *(group.directions for group in groups)])
+        places = tuple(slice(*ends[k : k + 2]) for k in range(len(groups)))
+        return cls(rows, value, rows @ directions, places, courses, dof)
+
+    def clearest(
+        self, taken: Sequence[Candidate], rng: np.random.Generator, draws: int
+    ) -> tuple[Candidate | None, float]:
+        """Return the change with the least tail probability beside those taken, and its p-value among all candidates.
+
+        None where no candidate is left. The p-value is the share of draws without a further change whose least tail
+        probability is no larger, counting the data as one of them.
+        """
+        noise = rng.standard_normal((draws, *self.value.shape))
+        known = self._known(taken)
+        scores, top = self._scores(known, np.concatenate([self.value[None], noise])), np.full(draws + 1, -np.inf)
+        best: Candidate | None = None
+        for g, part in enumerate(self.parts):
+            gains, rank = self._gains(known, scores, part)
+            m = max(self.dof - (part.stop - part.start) + 1, 1.0)
+            heavy = np.concatenate([[1.0], m / rng.chisquare(m, draws)])  # as of a variance that is estimated
+            for r in np.unique(rank[rank > 0]):
+                some = np.flatnonzero(rank == r)
+                told = evidence(gains[some].max(axis=0) * heavy, int(r))
+                if told[0] > top[0]:
+                    best = g, int(some[np.argmax(gains[some, 0])])
+                top = np.maximum(top, told)
+        return best, float((1 + (top[1:] >= top[0]).sum()) / (draws + 1)) if best else 1.0
+
+    def refined(self, taken: Sequence[Candidate]) -> list[Candidate]:
+        """Return the same changes, each with the course that fits best beside the others."""
+        now = list(taken)
+        for k, (g, _) in enumerate(taken):
+            known = self._known([one for j, one in enumerate(now) if j != k])
+            gains, rank = self._gains(known, self._scores(known, self.value[None]), self.parts[g])
+            now[k] = g, int(np.argmax(np.where(rank == rank.max(), gains[:, 0], -np.inf)))
+        return now
+
+    def fit(self, taken: Sequence[Candidate]) -> list[tuple[Array, Array]]:
+        """Return for each change its size (k) and standard error (k), infinite where the logs do not show it."""
+        X = self._design(taken)
+        scale = np.linalg.norm(X, axis=0)
+        X, scale = X / np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0)
+        information = X.T @ X
+        covariance = pseudo_inverse(information)
+        shown = np.abs(np.diag(covariance @ information) - 1) < 1e-6
+        size = covariance @ (X.T @ self.value.ravel()) / scale
+        std = np.where(shown, np.sqrt(np.diag(covariance)) / scale, np.inf)
+        found, end = [], self.value.shape[1]
+        for g, _ in taken:
+            start, end = end, end + self.parts[g].stop - self.parts[g].start
+            found.append((size[start:end], std[start:end]))
+        return found
+
+    def _design(self, taken: Sequence[Candidate]) -> Array:
+        """Return the columns (K b, q) of the base parameters and of the changes taken."""
+        changed = [self.courses[s][:, None, None] * self.columns[:, :, self.parts[g]] for g, s in taken]
+        return np.concatenate([self.rows, *changed], axis=2).reshape(self.value.size, -1)
+
+    def _known(self, taken: Sequence[Candidate]) -> Array:
+        """Return an orthonormal basis (K, b, q) of what is known: the base parameters and the changes taken."""
+        X = self._design(taken)
+        scale = np.linalg.norm(X, axis=0)
+        U, s, _ = np.linalg.svd(X / np.where(scale > 0, scale, 1.0), full_matrices=False)
+        return np.asarray(U[:, s > 1e-6 * s[0]].reshape(*self.value.shape, -1))
+
+    def _scores(self, known: Array, values: Array) -> Array:
+        """Return (S, N, M) the products of the groups' columns with what the known leaves of values (N, K, b)."""
+        flat, Q = values.reshape(len(values), -1), known.reshape(-1, known.shape[2])
+        left = (flat - (flat @ Q) @ Q.T).reshape(values.shape)
+        return np.tensordot(self.courses, left.swapaxes(0, 1) @ self.columns, axes=1)
+
+    def _gains(self, known: Array, scores: Array, part: slice) -> tuple[Array, NDArray[np.intp]]:
+        """Return twice the log-likelihood ratios (S, N) of one group by course, and their ranks (S)."""
+        X = self.columns[:, :, part]
+        shared = np.tensordot(self.courses, known.swapaxes(1, 2) @ X, axes=1)
+        whole = np.tensordot(self.courses**2, X.swapaxes(1, 2) @ X, axes=1)
+        scale = np.sqrt(np.einsum("sii->si", whole))
+        scale = np.where(scale > 0, scale, 1.0)
+        roots, vectors = np.linalg.eigh(
+            (whole - shared.swapaxes(1, 2) @ shared) / (scale[:, :, None] * scale[:, None, :])
+        )
+        alone = roots > ALONE
+        half = vectors * np.where(alone, 1 / np.sqrt(np.where(alone, roots, 1.0)), 0.0)[:, None, :]
+        gains = ((scores[:, :, part] @ (half / scale[:, :, None])) ** 2).sum(axis=2)
+        return gains, alone.sum(axis=1)
+
+
+def evidence(gain: Array, rank: int) -> Array:
+    """Return minus the logarithm of the tail probability of chi-square with ``rank`` degrees of freedom at gain (N).
+
+    Of large gains, whose probability underflows, by the first terms of its asymptotic series.
+    """
+    from scipy.special import gammaincc, gammaln
+
+    a, x = 0.5 * rank, 0.5 * np.asarray(gain)
+    tail = gammaincc(a, x)
+    large = tail < 1e-280
+    far = np.where(large, x, 1.0)
+    series = far - (a - 1) * np.log(far) + gammaln(a) - np.log1p((a - 1) / far)
+    return np.asarray(np.where(large, series, -np.log(np.where(large, 1.0, tail))))

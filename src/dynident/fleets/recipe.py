@@ -1,0 +1,205 @@
+"""The recipe of a fleet: a configuration in which all that can be chosen is chosen once, for all logs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dynident.errors import ConfigError, InputError, brief
+from dynident.fleets.listing import FleetLog
+from dynident.fleets.settings import FleetSettings
+from dynident.identification import SourceFile, identify
+from dynident.io.config import config_text, parse_config
+from dynident.io.config_draft import relative
+from dynident.io.explicit_config import explicit_settings, relocated, settings_text
+from dynident.io.opener import content, real
+from dynident.io.places import is_address, local_file
+from dynident.io.project import parse_project
+from dynident.io.results import write_json, write_text
+from dynident.io.robot import SUFFIXES, fingerprint, robot_text
+from dynident.io.yaml_text import load_yaml
+from dynident.log import Log
+
+__all__ = ["FleetRecipe", "fleet_recipe"]
+
+Progress = Callable[[str], None]
+MOST = 5  # robots whose first logs choose, and logs of one that are tried
+FILE, NOTE = "recipe.yaml", "fleet.json"
+FORMAT = "dynident-fleet"
+COMMENTS = {
+    "": ("All logs of the fleet are identified with this recipe, so that they have the same parameters.",
+         "Delete the file to choose it anew; what is changed here holds for all logs."),
+    "train": ("the logs that chose it",),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class FleetRecipe:
+    """Settings of a configuration without a choice and without logs, with file names relative to ``folder``, and the
+    ``changes`` to them by robot."""
+
+    settings: Mapping[str, Any]
+    folder: Path
+    changes: Mapping[str, Mapping[str, Any]]
+    reading: Mapping[str, Any]
+
+    __repr__ = brief
+
+    def of(self, robot: str) -> dict[str, Any]:
+        """Return the settings of a robot."""
+        return merged(self.settings, self.changes.get(robot, {}))
+
+    def digest(self, robot: str) -> str:
+        """Return what tells the recipe of a robot from others: its settings, and the content of the files in them.
+
+        Raises ModelError where a file cannot be read.
+        """
+        settings = {key: value for key, value in self.of(robot).items() if key not in ("train", "validation")}
+        return _digest(self.folder, settings, self.reading)
+
+    def spec(self, name: str, file: str) -> dict[str, Any]:
+        """Return a log as a configuration names it, read from a ``file``."""
+        return {"file": file, "name": name, **self.reading}
+
+
+def fleet_recipe(
+    settings: FleetSettings, logs: Sequence[FleetLog], folder: Path, out: Path | None, progress: Progress
+) -> FleetRecipe:
+    """Return the recipe in the folder ``out``, where it was made from the present one; else choose it on the first log
+    of up to five robots together, and write it there.
+
+    ``folder`` is that of the fleet's configuration. Raises ConfigError and ModelError where the recipe cannot be used,
+    InputError where none of these logs can.
+    """
+    path = settings.recipe
+    data = load_yaml(config_text(path), str(path))
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: is no configuration: a mapping (`key: value` lines) is expected.")
+    given = {key: value for key, value in data.items() if key not in ("train", "validation")}
+    reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
+    asked = FleetRecipe(given, path.parent, _changes(settings, folder, path.parent), reading)
+    _checked(asked, settings.robots, path)
+    place, digest = out or path.parent, _digest(path.parent, given, reading)
+    changes = _changes(settings, folder, place)
+    if out is not None and _is_of(out, digest):
+        known = load_yaml(config_text(out / FILE), str(out / FILE))
+        recipe = FleetRecipe(known, out, changes, reading)
+        _checked(recipe, (), out / FILE)
+        return recipe
+    chosen = _chosen(asked, path, logs, folder, place, progress)
+    if out is not None:
+        write_text(out / FILE, settings_text(chosen, COMMENTS))
+        write_json(out / NOTE, {"format": FORMAT, "version": 1, "recipe": digest})
+    return FleetRecipe(chosen, place, changes, reading)
+
+
+def merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with others in their place; mappings are joined."""
+    found = dict(settings)
+    for key, value in changes.items():
+        before = found.get(key)
+        found[key] = merged(before, value) if isinstance(before, Mapping) and isinstance(value, Mapping) else value
+    return found
+
+
+def _yaml(settings: Mapping[str, Any]) -> str:
+    return str(yaml.safe_dump(dict(settings), sort_keys=False, allow_unicode=True))
+
+
+def _changes(settings: FleetSettings, was: Path, folder: Path) -> dict[str, dict[str, Any]]:
+    """Return what differs by robot, with names of files relative to a folder."""
+    found = {}
+    for robot, one in settings.robots.items():
+        own = {name: _plain(value) for name, value in one.changes.items()}
+        model = own.get("model")
+        named = isinstance(model, str) or (isinstance(model, dict) and "file" in model)
+        found[robot] = relocated(own, was, folder) if named else own
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return {key: _plain(one) for key, one in value.items()} if isinstance(value, Mapping) else value
+
+
+def _checked(recipe: FleetRecipe, robots: Iterable[str], path: Path) -> None:
+    """Raise ConfigError where the settings, or what differs in them for a robot, are wrong."""
+    for robot in (None, *robots):
+        settings = recipe.settings if robot is None else recipe.of(robot)
+        source = str(path) if robot is None else f"{path} with the changes of robots.{robot}"
+        logs = {"train": [{"file": "-"}]}
+        parse_config(_yaml({**settings, **logs, "validation": []}), path.parent, source)
+
+
+def _is_of(out: Path, digest: str) -> bool:
+    """Whether the recipe in a folder was made from the one with this digest."""
+    try:
+        note = json.loads(content(out / NOTE, remember=False))
+        return (out / FILE).is_file() and note["format"] == FORMAT and note["recipe"] == digest
+    except (InputError, ValueError, RecursionError, KeyError, TypeError):
+        return False
+
+
+def _digest(folder: Path, *settings: Any) -> str:
+    text = json.dumps([_content(one, folder) for one in settings], sort_keys=True, default=str)
+    return sha256(text.encode()).hexdigest()[:12]
+
+
+def _content(value: Any, folder: Path) -> Any:
+    """Return settings in which the content of a robot file, or of a Python file, stands for its name."""
+    if isinstance(value, Mapping):
+        return {str(key): _content(one, folder) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_content(one, folder) for one in value]
+    if not isinstance(value, str):
+        return value
+    if value.lower().endswith(SUFFIXES):
+        return sha256(robot_text(real(folder / value)).encode()).hexdigest()
+    place, colon, name = value.rpartition(":")
+    return f"{fingerprint(real(folder / place))}{colon}{name}" if place.endswith(".py") else value
+
+
+def _chosen(
+    asked: FleetRecipe, path: Path, logs: Sequence[FleetLog], folder: Path, place: Path, progress: Progress
+) -> dict[str, Any]:
+    """Return the settings with all that an identification of the first logs has chosen, for a configuration in the
+    folder ``place``."""
+    with ExitStack() as stack:
+        used: dict[str, Log] = {}
+        specs, faults = [], list[str]()
+        for robot in dict.fromkeys(one.robot for one in logs):
+            for log in [one for one in logs if one.robot == robot][:MOST]:
+                progress(f"reading {log.log} for the recipe")
+                try:
+                    used |= _read(asked, path, log, folder, stack)
+                except (InputError, ConfigError) as error:
+                    faults.append(str(error))
+                    continue
+                file = log.log if is_address(log.log) else relative(folder / log.log, path.parent)
+                specs.append(asked.spec(f"{robot}: {log.log}", file))
+                break
+            if len(specs) == MOST:
+                break
+        if not specs:
+            raise InputError(f"no log can be read to choose the recipe: {faults[0]}")
+        text = _yaml({**asked.settings, "train": specs})
+        project = parse_project(text, path)
+        found = identify(project.model, used, (), project.recipe, progress=progress)
+    sources = replace(found.provenance, configuration=SourceFile(str(real(path)), "", text))
+    return explicit_settings(replace(found, provenance=sources), place)
+
+
+def _read(asked: FleetRecipe, path: Path, log: FleetLog, folder: Path, stack: ExitStack) -> dict[str, Log]:
+    """Return a recording by name; InputError where it has a fault."""
+    if log.fault:
+        raise InputError(log.fault)
+    file = stack.enter_context(local_file(log.log, folder))
+    settings = {**asked.of(log.robot), "train": [asked.spec(log.log, str(real(file)))]}
+    found, _ = parse_project(_yaml(settings), path, f"{path} for {log.robot}").logs()
+    return {f"{log.robot}: {name}": one for name, one in found["train"].items()}

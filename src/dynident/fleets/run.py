@@ -1,0 +1,188 @@
+"""Runs a fleet: its logs as jobs, their rows in a table, and what the rows say together."""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
+from dataclasses import replace
+from math import ceil
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynident.errors import Step
+from dynident.fleets.changes import DRAWS, find_changes
+from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
+from dynident.fleets.folders import folder_names
+from dynident.fleets.groups import groups_of
+from dynident.fleets.listing import FleetLog, fleet_logs
+from dynident.fleets.pooled import FEWEST, Pooled, pooled
+from dynident.fleets.recipe import FleetRecipe, fleet_recipe
+from dynident.fleets.result import FleetBase, FleetResult
+from dynident.fleets.rows import KEY, histories_of, schema
+from dynident.fleets.settings import read_fleet_settings
+from dynident.io.folder import result_folder
+from dynident.io.opener import watched
+from dynident.io.results import as_path
+from dynident.io.row_store import RowStore
+from dynident.jobs import Done, Limits, Status, run_jobs
+
+if TYPE_CHECKING:
+    import polars as pl
+
+__all__ = ["REPORT", "TABLE", "fleet"]
+
+Progress = Callable[[str], None]
+TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
+AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
+
+
+def fleet(
+    config: str | Path,
+    out: str | Path | None = None,
+    *,
+    executor: Executor | None = None,
+    limits: Limits | None = None,
+    rerun: bool = False,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> FleetResult:
+    """Identify all logs of a fleet that are not known yet, and return what is known of all: parameters over time, what
+    has changed, and what robots of one type share.
+
+    ``config`` is the configuration of the fleet (YAML). In the folder ``out`` are kept: ``report.html``; the table
+    ``fleet.parquet``, with a row for each log; ``recipe.yaml``, in which all that can be chosen is chosen, so that all
+    logs have the same parameters; and below ``runs`` a folder for each log with its own report. A log that is in the
+    table, with its file and its recipe as they are now, is not identified again, unless ``rerun`` or it failed. What
+    fails is a row, and the rest goes on. The logs are spread over ``executor``; ``limits`` hold for each of them.
+    ``rng`` draws fleets in which nothing changes, by default the same ones each time. ``progress`` is called with a few
+    words before each step.
+
+    Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
+    """
+    path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
+    with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
+        say("listing the logs")
+        settings = read_fleet_settings(path)
+        logs, warnings = fleet_logs(settings, path.parent)
+        recipe = fleet_recipe(settings, logs, path.parent, folder, say)
+        model, basis = model_of(recipe)
+        base = FleetBase.of(model, basis)
+        work = LogFit(recipe, path.parent, base.names, folder if settings.reports else None)
+        rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
+        start = min((one for one in rows["date"] if one), default=None)
+        groups = groups_of(model, basis)
+        warnings = (*warnings, *_gone(rows, logs))
+        found = FleetResult(
+            path.stem,
+            rows,
+            base,
+            tuple(histories_of(rows, start)),
+            groups,
+            _types(rows),
+            start,
+            folder,
+            fitted,
+            warnings,
+        )
+        found = with_statistics(found, settings.false_alarms, rng or np.random.default_rng(0), say)
+        if place is not None:
+            from dynident.report.fleet import fleet_page
+
+            say("writing the report")
+            place.replace({REPORT: fleet_page(found)})
+    return found
+
+
+def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, say: Progress) -> FleetResult:
+    """Return a result with the changes of its robots and what those of a type share, where there are enough."""
+    changes, shared = [], dict[str, Pooled]()
+    for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
+        histories = [one for one in found.histories if one.robot in robots]
+        if histories:
+            say(f"looking for changes of {kind}")
+            changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
+        if len(histories) >= FEWEST:
+            shared[kind] = pooled(histories, found.groups, changes[-1].scatter, changes[-1].found)
+    return replace(found, changes=tuple(changes), pooled=shared)
+
+
+def _rows(
+    work: LogFit,
+    jobs: Sequence[LogJob],
+    folder: Path | None,
+    executor: Executor | None,
+    limits: Limits | None,
+    rerun: bool,
+    say: Progress,
+) -> tuple[pl.DataFrame, int]:
+    """Return the rows of all logs, and how many of them are new; the others were known."""
+    with RowStore(None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, again=AGAIN) as store:
+        wanted = [job for job in jobs if job.key not in store]
+        say(Step("identifying logs", 0, len(wanted)))
+        for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
+            store.add([_kept(done, folder)])
+            say(Step("identifying logs", count, len(wanted)))
+        return _present(store.table(), jobs), len(wanted)
+
+
+def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
+    """Return the robots of each type."""
+    found: dict[str, tuple[str, ...]] = {}
+    for robot, kind in rows.select("robot", "type").unique("robot", maintain_order=True).iter_rows():
+        found[kind] = (*found.get(kind, ()), robot)
+    return found
+
+
+def _jobs(logs: Sequence[FleetLog], recipe: FleetRecipe) -> list[LogJob]:
+    """Return the job of each log; the folder of its run is named after robot and file."""
+    robots = folder_names(one.robot for one in logs)
+    usual = recipe.digest("")
+    digests = {robot: recipe.digest(robot) if robot in recipe.changes else usual for robot in robots}
+    of: dict[str, list[FleetLog]] = {}
+    for one in logs:
+        of.setdefault(one.robot, []).append(one)
+    jobs = []
+    for robot, own in of.items():
+        ends = [PurePosixPath(one.log).stem for one in own]
+        names, whole, count = folder_names(ends), folder_names(one.log for one in own), Counter(ends)
+        for one, end in zip(own, ends, strict=True):
+            name = names[end] if count[end] == 1 else whole[one.log]
+            jobs.append(LogJob(one, digests[robot], f"{RUNS}/{robots[robot]}/{name}"))
+    return jobs
+
+
+def _kept(done: Done[LogJob, Fitted], folder: Path | None) -> Mapping[str, object]:
+    """Return the row of a log, once the files of its run are written."""
+    fitted = done.value or Fitted(empty_row(done.job, done.status, done.reason))
+    if fitted.files and folder is not None:
+        with result_folder(folder / done.job.folder) as place:
+            place.replace({name: zlib.decompress(data) for name, data in fitted.files.items()})
+    return {**fitted.row, "seconds": done.seconds}
+
+
+def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
+    """Return the rows of the present files and recipes, with type and date as they are listed now, and those of files
+    that are gone, by robot and date."""
+    import polars as pl
+
+    kinds: dict[str, Any] = {name: schema()[name] for name in (*KEY, "type", "date")}
+    listed = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
+    order = rows.columns
+    present = rows.drop("type", "date").join(listed, on=KEY, how="inner").select(order)
+    recipes = listed.select("robot", "recipe").unique()
+    gone = rows.join(recipes, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
+    gone = gone.filter(pl.col("status") == Status.OK).unique(["robot", "log"], keep="last", maintain_order=True)
+    return pl.concat([present, gone]).sort("robot", "date", "log")
+
+
+def _gone(rows: pl.DataFrame, logs: Sequence[FleetLog]) -> Iterator[str]:
+    """Yield a warning where logs of the table are not there any more."""
+    listed = {(one.robot, one.log) for one in logs}
+    gone = [key for key in rows.select("robot", "log").iter_rows() if key not in listed]
+    if gone:
+        yield f"{len(gone)} logs are gone, such as {gone[0][1]}; what was found of them stays."

@@ -1,0 +1,127 @@
+"""What a fleet's figures draw: the parameters of a group from log to log, beside the changes found in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.fleets import GroupKind, Shape
+from dynident.report.figures import Array, Course, Mark
+
+if TYPE_CHECKING:
+    from dynident.fleets import Change, Group, History, Scatter
+
+__all__ = ["RobotCourses"]
+
+SHOWN = 1e-6  # what a log may lack of a direction that it shows
+SINGULAR = 1e-10  # relative eigenvalues of an information matrix that are zero
+
+
+class RobotCourses:
+    """The parameters of one robot over time, by group, with all else as in the mean of its logs.
+
+    ``changes`` are those found in this robot; ``scatter`` is that of its type, which intervals and means count.
+    """
+
+    def __init__(self, history: History, changes: Sequence[Change], scatter: Scatter | None) -> None:
+        self.history, self.changes = history, changes
+        self.information = _with_scatter(history.information, scatter)
+        self.mean = self._mean()
+
+    def of(self, group: Group) -> list[Course]:
+        """Return one course for each direction of the group.
+
+        A log says a = (D' I D)^-1 D' I (beta - mean - the other changes) of it. Friction, offset and ripple have their
+        values, where a direction is one base parameter; all others the difference from the mean before the changes.
+        """
+        own = [one for one in self.changes if _same(one.group, group)]
+        others = [one for one in self.changes if not _same(one.group, group)]
+        rest = self.history.value - self.mean - _effect(others, self.history.days, self.history)
+        value, std = _along(group.directions, self.information, rest)
+        zero = self._zero(group)
+        line = self._line(own, zero) if own else None
+        marks = [Mark(one.day, one.shape.value) for one in own]
+        return [
+            Course(
+                self.history.robot,
+                f"{name}{'' if np.isfinite(zero[k]) else ', difference from the mean'}",
+                group.units[k],
+                self.history.logs,
+                self.history.days,
+                np.nan_to_num(zero[k]) + value[:, k],
+                std[:, k],
+                (line[0], line[1][:, k]) if line else None,
+                marks,
+            )
+            for k, name in enumerate(group.names)
+        ]
+
+    def _mean(self) -> Array:
+        """Return the mean (b) of the logs by their information, without the changes found."""
+        quiet = self.history.value - _effect(self.changes, self.history.days, self.history)
+        right = np.einsum("kij,kj->i", self.information, quiet)
+        mean: Array = _solved(self.information.sum(axis=0)[None], right[None])[0][0]
+        return mean
+
+    def _zero(self, group: Group) -> Array:
+        """Return the value (k) of each direction in the mean, nan where it has none of its own."""
+        D = group.directions
+        row = np.abs(D).argmax(axis=0)
+        own = ((D != 0).sum(axis=0) == 1) & (group.kind is not GroupKind.PAYLOAD)
+        size = D[row, np.arange(D.shape[1])]
+        zero: Array = np.divide(self.mean[row], size, out=np.full(len(size), np.nan), where=own)
+        return zero
+
+    def _line(self, own: Sequence[Change], zero: Array) -> tuple[Array, Array]:
+        """Return the days (L) and values (L, k) of the changes of one group, with both ends of each step."""
+        corners = np.unique([self.history.days[0], self.history.days[-1], *(one.day for one in own)])
+        ends = [sum(_course(one, corners, self.history, after) * one.size for one in own) for after in (False, True)]
+        return np.repeat(corners, 2), np.nan_to_num(zero) + np.stack(ends, axis=1).reshape(-1, len(zero))
+
+
+def _same(one: Group, other: Group) -> bool:
+    return (one.kind, one.joint) == (other.kind, other.joint)
+
+
+def _course(change: Change, days: Array, history: History, after: bool = True) -> Array:
+    """Return how much of a change there is on days (L, 1), just ``after`` a step or just before it."""
+    if change.shape is Shape.STEP:
+        return np.where(days >= change.day if after else days > change.day, 1.0, 0.0)[:, None]
+    return np.asarray(np.clip((days - change.day) / (history.days[-1] - change.day), 0.0, 1.0))[:, None]
+
+
+def _effect(changes: Sequence[Change], days: Array, history: History) -> Array:
+    """Return what the changes do to the base parameters (K, b), as far as the logs tell."""
+    effect = np.zeros((len(days), history.value.shape[1]))
+    for one in changes:
+        size = np.where(np.isfinite(one.std), one.size, 0.0)
+        effect += _course(one, days, history) * (one.group.directions @ size)
+    return effect
+
+
+def _with_scatter(information: Array, scatter: Scatter | None) -> Array:
+    """Return the information (K, b, b) of logs that scatter: the inverse of s^2 I^-1 + V, written for a singular I."""
+    if scatter is None:
+        return information
+    square = scatter.inflation**2 * np.eye(information.shape[1])
+    found: Array = np.linalg.solve(square + information @ scatter.covariance, information)
+    return 0.5 * (found + found.swapaxes(1, 2))
+
+
+def _along(directions: Array, information: Array, rest: Array) -> tuple[Array, Array]:
+    """Return the amounts (K, k) of the directions in each log's ``rest`` (K, b), with their standard errors."""
+    left = directions.T @ information
+    return _solved(left @ directions, (left @ rest[..., None])[..., 0])
+
+
+def _solved(matrix: Array, right: Array) -> tuple[Array, Array]:
+    """Return x (K, k) of A x = right for information matrices A (K, k, k), with standard errors, infinite if free."""
+    scale = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2).max(axis=0))
+    scale = np.where(scale > 0, scale, 1.0)
+    scaled: Array = matrix / np.outer(scale, scale)
+    inverse = np.linalg.pinv(scaled, SINGULAR, hermitian=True)
+    shown = np.diagonal(inverse @ scaled, axis1=1, axis2=2) > 1 - SHOWN
+    std = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2), 0.0)) / scale
+    return (inverse @ (right / scale)[..., None])[..., 0] / scale, np.where(shown, std, np.inf)

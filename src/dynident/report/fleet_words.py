@@ -1,0 +1,117 @@
+"""What a fleet's report says of a change: what changed on which robot, since when, and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dynident.errors import listed
+from dynident.fleets import Group, GroupKind, Shape
+from dynident.report.figures import Array
+from dynident.report.page import Column, PageTable, number
+
+if TYPE_CHECKING:
+    from dynident.fleets import Change
+
+__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "worst_first"]
+
+GROUPS = {
+    GroupKind.FRICTION: "friction of {}",
+    GroupKind.PAYLOAD: "load at {}",
+    GroupKind.OFFSET: "offset of {}",
+    GroupKind.RIPPLE: "ripple of {}",
+}
+VERBS = {
+    (Shape.STEP, 1): "rose",
+    (Shape.STEP, -1): "fell",
+    (Shape.STEP, 0): "changed",
+    (Shape.DRIFT, 1): "has been rising",
+    (Shape.DRIFT, -1): "has been falling",
+    (Shape.DRIFT, 0): "has been drifting",
+}
+SURE, FEW = 2.0, 3  # standard errors from which on a part of a change is named, and how many are
+RATE = 100.0  # days
+
+
+def group_words(group: Group) -> str:
+    """Word what can change, such as "friction of elbow"."""
+    return GROUPS[group.kind].format(group.joint)
+
+
+def day_words(day: float, start: datetime | None) -> str:
+    """Word a day as its date, where ``start`` is that of day 0."""
+    return f"day {number(day)}" if start is None else (start + timedelta(days=float(day))).strftime("%Y-%m-%d")
+
+
+def worst_first(changes: Sequence[Change]) -> list[Change]:
+    """Return the changes, the least probable by chance first, and of equal ones the largest in standard errors."""
+    return sorted(changes, key=lambda one: (one.p_value, -_ratios(one).max(initial=0.0)))
+
+
+def changed_in(change: Change) -> list[int]:
+    """Return the directions that a change is certain of, the clearest first; at least one."""
+    ratios = _ratios(change)
+    order = np.argsort(-ratios, kind="stable")
+    return [int(k) for k in order if ratios[k] >= SURE] or [int(order[0])]
+
+
+def _ratios(change: Change) -> Array:
+    """Return the sizes (k) in standard errors, zero where the logs do not show a direction."""
+    seen = np.isfinite(change.std) & (change.std > 0)
+    ratios: Array = np.divide(np.abs(change.size), change.std, out=np.zeros(len(change.size)), where=seen)
+    return ratios
+
+
+def change_words(change: Change, start: datetime | None) -> str:
+    """Return a change as a sentence."""
+    join = "on" if change.shape is Shape.STEP else "since"
+    what = f"{group_words(change.group)} {_verb(change)} {join} {day_words(change.day, start)}"
+    return f"{change.robot}: {what}: {listed(_sizes(change), FEW)}."
+
+
+def _verb(change: Change) -> str:
+    """Return the word for a change: rises, where all that is certain grows and has a sign by nature."""
+    signs = {int(np.sign(change.size[k])) for k in changed_in(change)}
+    signed = change.group.kind in (GroupKind.FRICTION, GroupKind.RIPPLE) and len(signs) == 1
+    return VERBS[change.shape, signs.pop() if signed else 0]
+
+
+def _sizes(change: Change) -> Iterator[str]:
+    for k in changed_in(change):
+        size = f"{change.group.names[k]} by {_signed(change.size[k])} +- {number(float(change.std[k]), 2)}"
+        rate = f" ({_signed(RATE * change.per_day[k])} in {RATE:.0f} days)" if change.per_day is not None else ""
+        yield f"{size} {change.group.units[k]}{rate}"
+
+
+def _signed(value: float) -> str:
+    return f"{'+' if value > 0 else ''}{number(float(value), 3)}"
+
+
+def change_table(changes: Sequence[Change], start: datetime | None, most: int) -> PageTable:
+    """Return the table of the first ``most`` changes."""
+    heads = (
+        Column("robot", numeric=False),
+        Column("what", numeric=False),
+        Column("since", numeric=False),
+        Column("shape", numeric=False),
+        Column("by", numeric=False, prose=True),
+        Column("p-value"),
+        Column("log", numeric=False),
+    )
+    rows = tuple(
+        (
+            one.robot,
+            group_words(one.group),
+            day_words(one.day, start),
+            one.shape.value,
+            "; ".join(list(_sizes(one))[:FEW]),
+            number(one.p_value, 2),
+            one.since,
+        )
+        for one in changes[:most]
+    )
+    more = f", the {most} worst of {len(changes)}" if len(changes) > most else ""
+    return PageTable(heads, rows, f"Changes, worst first{more}")

@@ -1,0 +1,58 @@
+"""What of a robot can change, as directions of its base parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynident.demo.arm import true_model
+from dynident.fleets import GroupKind, groups_of
+from dynident.models import Coulomb, CoupledMotor, Joint, Model, Offset, Ripple, RotorInertia, Viscous
+from dynident.models.gallery import MODELS
+from dynident.regression import structural_base_parameters
+
+
+def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:
+    arm = true_model()
+    joints = arm.joints
+    arm = Model((*arm.terms[:1], RotorInertia(joints), Viscous(joints), Coulomb(joints), Offset(joints)))
+    arm = arm.with_terms(Ripple(joints, on=(joints[1].name,), cycles=(50.0, 100.0)))
+    basis = structural_base_parameters(arm)
+    groups = groups_of(arm, basis)
+    found = {(one.kind, one.joint): one for one in groups}
+    assert len(found) == len(groups) == 6 + 1 + 6 + 1
+    assert found[GroupKind.FRICTION, joints[3].name].names == (f"Fv_{joints[3].name}", f"Fc_{joints[3].name}")
+    assert len(found[GroupKind.RIPPLE, joints[1].name].names) == 4
+    payload = found[GroupKind.PAYLOAD, joints[-1].name]
+    assert len(payload.names) == 10
+    for one in groups:
+        assert one.directions.shape == (basis.rank, len(one.names))
+        assert np.linalg.matrix_rank(one.directions / np.linalg.norm(one.directions, axis=0)) == len(one.names)
+
+
+def test_a_change_of_the_parameters_moves_the_base_parameters_within_its_group() -> None:
+    arm = true_model()
+    basis, rng = structural_base_parameters(arm), np.random.default_rng(0)
+    for one in groups_of(arm, basis):
+        theta, other = np.zeros(len(arm.names)), np.zeros(len(arm.names))
+        columns = [arm.names.index(name) for name in one.names]
+        other[columns] = step = rng.standard_normal(len(columns))
+        np.testing.assert_allclose(basis.to_base(other) - basis.to_base(theta), one.directions @ step, atol=1e-12)
+
+
+def test_the_friction_of_a_coupled_motor_is_its_own() -> None:
+    joints = (Joint("five"), Joint("six"))
+    motor = CoupledMotor(joints, {"five": 1, "six": 1}, name="wrist", offset=True)
+    arm = Model((Viscous(joints), motor))
+    found = {(one.kind, one.joint): one.names for one in groups_of(arm, structural_base_parameters(arm))}
+    assert found == {
+        (GroupKind.FRICTION, "five"): ("Fv_five",),
+        (GroupKind.FRICTION, "six"): ("Fv_six",),
+        (GroupKind.FRICTION, "wrist"): ("Fv_wrist", "Fc_wrist"),
+        (GroupKind.OFFSET, "wrist"): ("offset_wrist",),
+    }
+
+
+def test_models_without_bodies_carry_no_payload() -> None:
+    arm = MODELS["two_link_arm"]()
+    kinds = {one.kind for one in groups_of(arm, structural_base_parameters(arm))}
+    assert kinds == {GroupKind.FRICTION}

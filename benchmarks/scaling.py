@@ -11,9 +11,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,12 +27,13 @@ from scaling_cluster import Cluster, cluster, cpu_of
 from scaling_jobs import Still, Wait
 from scaling_page import draw
 
+import dynident
 from dynident.cli.reproduce import PRELOADED
 from dynident.estimators import LeastSquares, Problem
 from dynident.io.row_store import RowStore
 from dynident.jobs import local_workers, run_jobs
 from dynident.models.gallery import two_link_arm
-from dynident.regression import Regression
+from dynident.regression import Regression, factorise
 from dynident.studies import METHODS, SCENARIOS, SmoothAndFit, run_study
 from dynident.studies.article import LEVELS, PERIOD, SAMPLES, ArmScenario
 from dynident.studies.table import KEY, key_type
@@ -69,23 +72,22 @@ def stages(repeats: int = 100) -> Figures:
         method = METHODS[name]
         assert isinstance(method, SmoothAndFit)
         motions = (method.motion(record),)
-        regression = Regression(model, motions)
-        problem = Problem(model, motions, regression)
-        _ = regression.triangular_factors
+        linear = Regression(model, motions)
+        problem = Problem(model, motions, linear)
+        _ = linear.triangular_factors
         own = {
-            "smooth": timed(lambda method=method: method.motion(record), repeats),  # type: ignore[misc]
-            "regress": timed(lambda motions=motions: reduced(model, method.motion(record)), repeats),  # type: ignore[misc]
-            "fit": timed(lambda problem=problem: LeastSquares()(problem), repeats),  # type: ignore[misc]
+            "smooth": timed(partial(method.motion, record), repeats),
+            "regress": timed(partial(factorised, linear), repeats),
+            "fit": timed(partial(LeastSquares(), problem), repeats),
         }
-        own["regress"] -= own["smooth"]  # of a motion whose factors are not known
         found[name] = {key: round(value, 3) for key, value in (shared | own).items()}
     likely = METHODS["ml"]
     found["ml"] = {"all": round(timed(lambda: likely.estimate(record), 3), 1)}
     return found
 
 
-def reduced(model: Any, motion: Any) -> Any:
-    return Regression(model, (motion,)).triangular_factors
+def factorised(linear: Regression) -> Any:
+    return factorise(linear.entries(), linear.model.structure)
 
 
 def written(rows: int) -> float:
@@ -118,7 +120,7 @@ def places(two: Cluster) -> Iterator[dict[str, Any]]:
     }
 
 
-def spread(runs: int = 100) -> Figures:
+def spread(runs: int = 300) -> Figures:
     """The article's study by one process, two, and Dask: seconds, and CPU of all that take part."""
     found: Figures = {"fits": runs * len(LEVELS) * len(ARTICLE), "places": {}}
     _ = SCENARIOS["tabulated"].truth
@@ -127,13 +129,15 @@ def spread(runs: int = 100) -> Figures:
         for name, place in known.items():
             with TemporaryDirectory() as folder, place() as executor:
                 path = Path(folder) / "study.parquet"
-                run_study([SCENARIOS["tabulated"]], methods, LEVELS[:1], 20, 1, executor=executor)  # workers are warm
+                began = time.perf_counter()
+                run_study([SCENARIOS["tabulated"]], methods, LEVELS, 60, 1, executor=executor)  # workers are warm
+                start = time.perf_counter() - began
                 began, before, others = time.perf_counter(), cpu(), two.cpu() + cpu_of(os.getpid(), children=True)
                 table = run_study([SCENARIOS["tabulated"]], methods, LEVELS, runs, path=path, executor=executor)
                 took, own = time.perf_counter() - began, cpu() - before
                 of_others = two.cpu() + cpu_of(os.getpid(), children=True) - others
                 work = float(table["seconds"].sum())
-            row = {"seconds": took, "own CPU": own, "CPU of workers": of_others, "in fits": work}
+            row = {"first": start, "seconds": took, "own CPU": own, "CPU of workers": of_others, "in fits": work}
             found["places"][name] = {key: round(value, 2) for key, value in row.items()}
             print(name, found["places"][name], flush=True)
     return found
@@ -157,7 +161,7 @@ def rows(count: int = 20_000) -> Figures:
     return found
 
 
-def scheduler(slots: Sequence[int] = (2, 16, 64, 256), seconds: Sequence[float] = (0.03, 0.3, 3.0)) -> Figures:
+def scheduler(slots: Sequence[int] = (16, 256), seconds: Sequence[float] = (0.03, 0.3, 3.0)) -> Figures:
     """A real scheduler whose workers wait as long as a fit takes: the share of their time in jobs, CPU for each job."""
     found: Figures = {"tiny": tiny(), "waiting": []}
     for many in slots:
@@ -193,8 +197,68 @@ def tiny(tasks: int = 4000) -> Figures:
         }
 
 
+def fleet() -> Figures:
+    """Logs of the arm in the box: CPU seconds of a log, for a worker and for who asks, with reports and without."""
+    found: Figures = {}
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        joints, samples = prepared(folder, 1)
+        began = cpu()
+        dynident.fleet(folder / "fleet.yaml", folder / "out")
+        found |= {"joints": joints, "samples": samples, "choice, once": round(cpu() - began, 2)}
+        for name, words in (("with reports", ""), ("without", "reports: false\n")):
+            prepared(folder, 1, words)
+            found[name] = costs_of_a_log(folder)
+            print(name, found[name], flush=True)
+    return found
+
+
+def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
+    """CPU seconds of a log more, so that what is done once for all does not count, and megabytes of its files."""
+    costs = []
+    shutil.rmtree(folder / "out" / "runs", ignore_errors=True)
+    for count in (few, more):
+        prepared(folder, count)
+        with local_workers(2, ("dynident.fleets.fit", "dynident.report.run_files")) as executor:
+            before, others = cpu(), cpu_of(os.getpid(), children=True)
+            dynident.fleet(folder / "fleet.yaml", folder / "out", executor=executor, rerun=True)
+            costs.append((cpu() - before, cpu_of(os.getpid(), children=True) - others))
+    own, workers = ((b - a) / (more - few) for a, b in zip(*costs, strict=True))
+    size = sum(one.stat().st_size for one in folder.glob("out/runs/**/*") if one.is_file()) / more / 1e6
+    return {"own CPU": round(own, 4), "CPU of worker": round(workers, 2), "MB": round(size, 2)}
+
+
+def prepared(folder: Path, logs: int, settings: str | None = None) -> tuple[int, int]:
+    """Write a fleet of some robots with recordings of the arm in the box; return its joints, and samples of a log."""
+    from click.testing import CliRunner
+
+    from dynident.cli import main as command
+
+    def typed(*words: str) -> None:
+        done = CliRunner().invoke(command, [*words, "--quiet"])
+        if done.exit_code:
+            raise SystemExit(done.output)
+
+    if not (folder / "arm").exists():
+        typed("demo", "--files", "--out", str(folder / "arm"))
+        log, config = folder / "arm" / "monday.parquet", folder / "robot.yaml"
+        typed("init", str(folder / "arm" / "arm.urdf"), str(log), "--out", str(config))
+    if settings is not None or not (folder / "fleet.yaml").exists():
+        text = "recipe: robot.yaml\nlogs: logs/{robot}/{date}.parquet\n"
+        (folder / "fleet.yaml").write_text(text + (settings or ""), encoding="utf-8")
+    for k in range(logs):
+        place = folder / "logs" / f"robot{k % 4}"
+        place.mkdir(parents=True, exist_ok=True)
+        shutil.copy(folder / "arm" / "monday.parquet", place / f"2026-01-{1 + k // 4:02d}.parquet")
+    import polars as pl
+
+    table = pl.scan_parquet(folder / "arm" / "monday.parquet")
+    joints = len(dynident.read_robot(folder / "arm" / "arm.urdf").joints)
+    return joints, int(table.select(pl.len()).collect().item())
+
+
 PARTS: dict[str, Callable[[], Figures]] = {
-    "stages": stages, "spread": spread, "rows": rows, "scheduler": scheduler,
+    "stages": stages, "spread": spread, "rows": rows, "scheduler": scheduler, "fleet": fleet,
 }  # fmt: skip
 
 

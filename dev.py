@@ -42,6 +42,9 @@ NUMERICAL = (
     *("--ignore=tests/laws/test_damaged_files.py", "--ignore=tests/laws/test_damaged_robot_files.py"),
     *("--ignore=tests/laws/test_hostile_names.py", "--ignore=tests/laws/test_inputs_kept.py"),
     *("--ignore=tests/laws/test_log_formats.py", "--ignore=tests/laws/test_bombs.py"),
+    *("--ignore=tests/laws/test_reprs.py", "--deselect=tests/laws/test_rank.py::test_intervals"),
+    # of the measured robots two: a drive with all its examples, and an arm of seven joints as it comes
+    *("-k", "not test_real_logs or test_emps or test_lwr4 and not consistent"),
 )
 # for their robot files; robosuite would need an older NumPy to run
 ROBOT_FILES = ("example-robot-data==6.0.0", "robosuite==1.5.2")
@@ -181,7 +184,8 @@ def test(arguments: list[str]) -> None:
     """Run the tests that are named; else all of them, in two processes, and what computes again without the kernel."""
     if arguments:
         return run(PYTHON, "-m", "pytest", *arguments)
-    two = ("-n", "2", "--dist", "worksteal")
+    # by file, so that what the tests of one share is made once; in their order, the longest of which are not the last
+    two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
     run(PYTHON, "-m", "pytest", *two)
     asked = "import sys; from dynident.kernel import kernel; sys.exit(not kernel().level)"
     if subprocess.run([PYTHON, "-c", asked]).returncode:

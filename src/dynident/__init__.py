@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
     from dynident.fleets.run import fleet
-    from dynident.identification import Identification, Recipe
+    from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
     from dynident.io.saved import load
@@ -67,6 +67,7 @@ __all__ = [
     "Spline",
     "Viscous",
     "accuracy_bound",
+    "bootstrap",
     "check",
     "cramer_rao_bound",
     "errors",
@@ -107,6 +108,7 @@ _MODULES = {
     "Spline": "dynident.smoothers",
     "Viscous": "dynident.models",
     "accuracy_bound": "dynident.io.shortcuts",
+    "bootstrap": "dynident.identification",
     "check": "dynident.io.shortcuts",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",

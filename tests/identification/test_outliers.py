@@ -143,6 +143,7 @@ def test_torques_that_are_all_zero_are_refused() -> None:
         fitted(replace(TRAIN, tau=0 * TRAIN.tau))
 
 
+@cache
 def two_links(tau2: float | None = None) -> Log:
     """A recording of two joints, of which the second torque may be constant."""
     arm = two_link_arm()

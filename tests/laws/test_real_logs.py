@@ -74,10 +74,11 @@ def level(*more: str) -> str:
 
 
 def short(example: str) -> str:
-    """Two seconds of the recording and no choice of a smoother: for what depends on neither."""
+    """Two seconds of the recording and nothing to choose but the tilt of the base: for what depends on neither."""
     settings = yaml.safe_load((ROOT / "examples" / f"{example}.yaml").read_text())
     train = [one | {"window": [0, 2]} for one in settings["train"]]
-    return yaml.safe_dump({"estimator": {"kind": "consistent"}, "train": train, "validation": [], **UNCHOSEN})
+    estimator = {"kind": "consistent", "strength": 0.0}
+    return yaml.safe_dump({"estimator": estimator, "train": train, "validation": [], "delay": 0.0, **UNCHOSEN})
 
 
 def errors(result: dict[str, Any], role: str, kind: str = "relative_error") -> list[float]:

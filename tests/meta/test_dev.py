@@ -204,10 +204,17 @@ def test_what_computes_is_tested_without_the_kernel_too(
     assert runs == [("", ("tests/splines", "-x"))]
     runs.clear()
     names["test"]([])
-    two = ("-n", "2", "--dist", "worksteal")
+    two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
     assert runs == [("", two), *([("off", (*two, *names["NUMERICAL"]))] * kernel)]
     assert ("kernel was not tested" in capsys.readouterr().out) is not kernel
-    assert all((ROOT / path.removeprefix("--ignore=")).exists() for path in names["NUMERICAL"])
+    *paths, key, expression = names["NUMERICAL"]
+    for path in paths:
+        file, _, test = path.removeprefix("--ignore=").removeprefix("--deselect=").partition("::")
+        assert (ROOT / file).exists()
+        assert not test or f"def {test}" in (ROOT / file).read_text()
+    logs = (ROOT / "tests" / "laws" / "test_real_logs.py").read_text()
+    assert key == "-k"
+    assert all(f"def {one}" in logs for one in re.findall(r"test_\w+", expression) if one != "test_real_logs")
 
 
 def test_an_installation_compiles_whatever_the_variable_says(

@@ -18,28 +18,13 @@ train: [ { file: monday.npz } ]
 validation: [ { file: tuesday.npz } ]
 """
 SLOW = {"scipy.signal", "scipy.stats", "scipy.ndimage"}  # 70 to 450 ms each
+UNUSED = {"sympy", "plotly", "narwhals", "clarabel", "pinocchio"} | SLOW
 COMMANDS = {
     "--version": {"numpy", "scipy", "sympy", "polars", "plotly", "pydantic", "jinja2", "pinocchio", "yaml"},
-    "identify arm.yaml --out out": {"sympy", "polars", "plotly", "narwhals", "clarabel", "pinocchio"} | SLOW,
-    "predict out/result.json monday.npz --out torque.csv": {
-        "sympy",
-        "plotly",
-        "narwhals",
-        "clarabel",
-        "pinocchio",
-        "scipy.optimize",
-    }
-    | SLOW,
-    "check arm.yaml": {"sympy", "plotly", "narwhals", "clarabel", "pinocchio"} | SLOW,
-    "smooth monday.npz --time t --column q --out smoothed": {
-        "sympy",
-        "plotly",
-        "narwhals",
-        "clarabel",
-        "pinocchio",
-        "scipy.optimize",
-    }
-    | SLOW,
+    "identify arm.yaml --out out": UNUSED | {"polars"},
+    "predict out/result.json monday.npz --out torque.csv": UNUSED | {"scipy.optimize"},
+    "check arm.yaml": UNUSED,
+    "smooth monday.npz --time t --column q --out smoothed": UNUSED | {"scipy.optimize"},
 }
 
 

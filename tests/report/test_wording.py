@@ -26,16 +26,7 @@ from dynident.identification import (
     WorstRun,
 )
 from dynident.identification.verdict import reasons as why
-from dynident.identification.verdict.steps import (
-    CheckRipple,
-    Cover,
-    ExcitingMotion,
-    HoldOutFaster,
-    LeaveOut,
-    SetRight,
-    Sharpen,
-    SlowReversals,
-)
+from dynident.identification.verdict import steps
 from dynident.models.gallery import two_link_arm
 from dynident.regression import UnexcitedParameters
 from dynident.report import advice
@@ -83,8 +74,8 @@ def test_findings_of_the_checks_are_among_the_notes() -> None:
 
 def test_every_choice_has_words() -> None:
     assert all(words(remedy).endswith(".") for remedy in Remedy)
-    for excitation in ExcitingMotion:
-        said = words(Sharpen("Fv", 1.0, 0.5, 12.3, excitation, None))
+    for excitation in steps.ExcitingMotion:
+        said = words(steps.Sharpen("Fv", 1.0, 0.5, 12.3, excitation, None))
         assert said.startswith("Fv is 1 +- 0.5 (one standard error, 12 % of the torque): ")
         assert "the joints" in said
 
@@ -285,33 +276,33 @@ def test_a_noun_without_words_is_an_error() -> None:
             "the free simulation of fast has an error of 2 % of the motion of a in the controller's loop",
         ),
         (
-            Sharpen("M", 5.0, 4.0, 43.2, ExcitingMotion.ACCELERATE, "a"),
+            steps.Sharpen("M", 5.0, 4.0, 43.2, steps.ExcitingMotion.ACCELERATE, "a"),
             (
                 "M is 5 +- 4 (one standard error, 43 % of the torque): accelerate a harder, in several poses of the "
                 "others."
             ),
         ),
         (
-            SlowReversals(("a", "b")),
+            steps.SlowReversals(("a", "b")),
             "a, b: record slow motion through zero speed, or try `coulomb_width` or `min_speed`.",
         ),
-        (SlowReversals(("a",), chosen=True), "a: record slow motion through zero speed."),
+        (steps.SlowReversals(("a",), chosen=True), "a: record slow motion through zero speed."),
         (
-            SlowReversals(("a",), (0.0312,), gain=0.456),
+            steps.SlowReversals(("a",), (0.0312,), gain=0.456),
             (
                 "a: record slow motion through zero speed, or try `coulomb_width` or `min_speed` (below 0.031 rad/s or "
                 "m/s). May gain at most 0.46 points of the torque error."
             ),
         ),
         (
-            Sharpen("M", 5.0, 4.0, 43.2, ExcitingMotion.ACCELERATE, "a", 1.83, gain=1e-3),
+            steps.Sharpen("M", 5.0, 4.0, 43.2, steps.ExcitingMotion.ACCELERATE, "a", 1.83, gain=1e-3),
             (
                 "M is 5 +- 4 (one standard error, 43 % of the torque): accelerate a harder, in several poses of the "
                 "others, up to 1.8 times the speed. May gain less than 0.01 points of the torque error."
             ),
         ),
         (
-            LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
+            steps.LeaveOut("tuesday", 8.0, 9.96, 12.3, gain=1.24),
             (
                 "tuesday: leave 8.00 to 9.96 s out of the training (`window`): predicted from the rest, their squared "
                 "residual is 12 times that of the rest. Did the robot touch something there? May gain about 1.2 points "
@@ -319,18 +310,18 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
-            Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
+            steps.Cover("fast", 1.0, 2.5, "a", 1.52, 3.14, gain=0.4),
             (
                 "a: record a training motion 1.5 times as fast, up to 3.1 rad/s or m/s: fast is beyond what was "
                 "trained, above all at 1.00 to 2.50 s. May gain about 0.4 points of the torque error."
             ),
         ),
         (
-            HoldOutFaster(2.52),
+            steps.HoldOutFaster(2.52),
             "Record a held-out motion 2.5 times as fast, on other paths: little is seen of the inertias in a slow one.",
         ),
         (
-            SetRight(
+            steps.SetRight(
                 Finding(Severity.INFO, "a", robot_notes.MissingTerm(robot_notes.TermKind.VISCOUS, 1.0, 0.1, 0.3)),
                 gain=0.5,
             ),
@@ -340,11 +331,13 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
-            SetRight(Finding(Severity.WARNING, None, robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))),
+            steps.SetRight(
+                Finding(Severity.WARNING, None, robot_notes.TiltedBase(0.01, -0.02, (1e-3, 1e-3), 6.0, 5.0))
+            ),
             "set `base_tilt: estimate`: the base seems to be tilted by 0.57 deg about x and -1.15 deg about y.",
         ),
         (
-            CheckRipple(("a",)),
+            steps.CheckRipple(("a",)),
             "a: record constant speeds to see whether the ripple follows the position.",
         ),
     ],

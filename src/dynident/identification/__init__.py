@@ -1,6 +1,7 @@
 """The whole method: calibrate, choose a smoother, estimate, validate, judge."""
 
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
+from dynident.identification.block_bootstrap import Bootstrap, bootstrap
 from dynident.identification.cross_validation import Gain
 from dynident.identification.identify import identify
 from dynident.identification.long import (
@@ -38,6 +39,7 @@ from dynident.identification.verdict.verdict import HeldOut, LargestResidual, Us
 
 __all__ = [
     "BaseTilt",
+    "Bootstrap",
     "Calibration",
     "Choice",
     "Division",
@@ -75,6 +77,7 @@ __all__ = [
     "Use",
     "Verdict",
     "WorstRun",
+    "bootstrap",
     "choose_smoother",
     "choose_terms",
     "cross_validated_error",

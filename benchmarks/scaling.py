@@ -1,0 +1,285 @@
+"""What studies and fleets cost, and how far they scale: python3 benchmarks/scaling.py [PART ...] [--page].
+
+Parts: stages (of a run, by CPU time), spread (the same study here, on processes, on Dask), rows (what the process that
+asks does for each), scheduler (a real Dask scheduler under load: its workers only wait), fleet (logs of an arm). Dask
+runs on the loopback interface. --page keeps the figures in docs/scaling.json and writes the tables of docs/scaling.md;
+--draw does without measuring. Figures depend on what else the machine does: its load stands beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import numpy as np
+from scaling_cluster import Cluster, cluster, cpu_of
+from scaling_jobs import Still, Wait
+from scaling_page import draw
+
+import dynident
+from dynident.cli.reproduce import PRELOADED
+from dynident.estimators import LeastSquares, Problem
+from dynident.io.row_store import RowStore
+from dynident.jobs import local_workers, run_jobs
+from dynident.models.gallery import two_link_arm
+from dynident.regression import Regression, factorise
+from dynident.studies import METHODS, SCENARIOS, SmoothAndFit, run_study
+from dynident.studies.article import LEVELS, PERIOD, SAMPLES, ArmScenario
+from dynident.studies.table import KEY, key_type
+
+FIGURES = Path(__file__).resolve().parents[1] / "docs" / "scaling.json"
+ARTICLE = ("raw", "filtered", "spline")
+Figures = dict[str, Any]
+
+
+def cpu() -> float:
+    """CPU time (s) of this process."""
+    return time.process_time()
+
+
+def timed(what: Callable[[], Any], repeats: int) -> float:
+    """Return CPU seconds of 1000 calls."""
+    what()
+    began = cpu()
+    for _ in range(repeats):
+        what()
+    return 1000.0 * (cpu() - began) / repeats
+
+
+def stages(repeats: int = 100) -> Figures:
+    """CPU seconds of 1000 runs by stage, for each method of the article; the motion is simulated once for a study."""
+    scenario = SCENARIOS["tabulated"]
+    anew = ArmScenario("anew", "", scenario.amplitudes, scenario.sigma_tau)
+    began = cpu()
+    _ = anew.truth
+    found: Figures = {"simulate, once": round(cpu() - began, 3), "samples": SAMPLES, "period": PERIOD}
+    rng = np.random.default_rng(0)
+    record = scenario.record(LEVELS[1], rng)
+    shared = {"noise": timed(lambda: scenario.record(LEVELS[1], rng), repeats), "write": written(2000)}
+    model = two_link_arm()
+    for name in ARTICLE:
+        method = METHODS[name]
+        assert isinstance(method, SmoothAndFit)
+        motions = (method.motion(record),)
+        linear = Regression(model, motions)
+        problem = Problem(model, motions, linear)
+        _ = linear.triangular_factors
+        own = {
+            "smooth": timed(partial(method.motion, record), repeats),
+            "regress": timed(partial(factorised, linear), repeats),
+            "fit": timed(partial(LeastSquares(), problem), repeats),
+        }
+        found[name] = {key: round(value, 3) for key, value in (shared | own).items()}
+    likely = METHODS["ml"]
+    found["ml"] = {"all": round(timed(lambda: likely.estimate(record), 3), 1)}
+    return found
+
+
+def factorised(linear: Regression) -> Any:
+    return factorise(linear.entries(), linear.model.structure)
+
+
+def written(rows: int) -> float:
+    """CPU seconds of 1000 rows, from the store to the merged table."""
+    numbers = np.random.default_rng(0).standard_normal((rows, 7))
+    schema = key_type() | dict(row_types())
+    began = cpu()
+    with TemporaryDirectory() as place, RowStore(Path(place) / "study.parquet", schema, KEY) as store:
+        for k, value in enumerate(numbers):
+            key = dict(zip(KEY, ("tabulated", "spline", 1e-6, k, 0, "0.1.0"), strict=True))
+            more = {"status": "ok", "reason": "", "seconds": 0.01, "value": value.tolist(), "std": value.tolist()}
+            store.add([key | more | {"interval": []}])
+    return 1000.0 * (cpu() - began) / rows
+
+
+def row_types() -> Iterator[tuple[str, Any]]:
+    import polars as pl
+
+    yield from (("status", pl.String), ("reason", pl.String), ("seconds", pl.Float64))
+    yield from ((name, pl.List(pl.Float64)) for name in ("value", "std", "interval"))
+
+
+@contextmanager
+def places(two: Cluster) -> Iterator[dict[str, Any]]:
+    """The places where a study runs, each a context that gives an executor."""
+    yield {
+        "serial": nullcontext,
+        "2 processes": lambda: local_workers(2, PRELOADED),
+        "Dask, 2 workers": lambda: two.executor(PRELOADED),
+    }
+
+
+def spread(runs: int = 300) -> Figures:
+    """The article's study by one process, two, and Dask: seconds, and CPU of all that take part."""
+    found: Figures = {"fits": runs * len(LEVELS) * len(ARTICLE), "places": {}}
+    _ = SCENARIOS["tabulated"].truth
+    methods = [METHODS[name] for name in ARTICLE]
+    with cluster(workers=2, threads=1) as two, places(two) as known:
+        for name, place in known.items():
+            with TemporaryDirectory() as folder, place() as executor:
+                path = Path(folder) / "study.parquet"
+                began = time.perf_counter()
+                run_study([SCENARIOS["tabulated"]], methods, LEVELS, 60, 1, executor=executor)  # workers are warm
+                start = time.perf_counter() - began
+                began, before, others = time.perf_counter(), cpu(), two.cpu() + cpu_of(os.getpid(), children=True)
+                table = run_study([SCENARIOS["tabulated"]], methods, LEVELS, runs, path=path, executor=executor)
+                took, own = time.perf_counter() - began, cpu() - before
+                of_others = two.cpu() + cpu_of(os.getpid(), children=True) - others
+                work = float(table["seconds"].sum())
+            row = {"first": start, "seconds": took, "own CPU": own, "CPU of workers": of_others, "in fits": work}
+            found["places"][name] = {key: round(value, 2) for key, value in row.items()}
+            print(name, found["places"][name], flush=True)
+    return found
+
+
+def rows(count: int = 20_000) -> Figures:
+    """CPU seconds of the process that asks, for 1000 runs of a study of which the fits cost nothing, by place."""
+    found: Figures = {}
+    with cluster(workers=2, threads=1) as two, places(two) as known:
+        for name, place in known.items():
+            with TemporaryDirectory() as folder, place() as executor:
+                for _ in run_jobs(Wait(0.0), range(200), executor):
+                    pass
+                before, scheduler = cpu(), two.scheduler_cpu()
+                run_study([Still()], [Still()], [1.0], count, path=Path(folder) / "rows.parquet", executor=executor)
+                own = 1000.0 * (cpu() - before) / count
+            found[name] = {"own CPU": round(own, 3)}
+            if two.scheduler_cpu() - scheduler > 0.05:
+                found[name]["scheduler"] = round(1000.0 * (two.scheduler_cpu() - scheduler) / count, 3)
+            print(name, found[name], flush=True)
+    return found
+
+
+def scheduler(slots: Sequence[int] = (16, 256), seconds: Sequence[float] = (0.03, 0.3, 3.0)) -> Figures:
+    """A real scheduler whose workers wait as long as a fit takes: the share of their time in jobs, CPU for each job."""
+    found: Figures = {"tiny": tiny(), "waiting": []}
+    for many in slots:
+        with cluster(workers=min(2, many), threads=max(1, many // 2)) as some, some.in_threads(many) as executor:
+            for one in seconds:
+                count = int(many * min(max(8.0 / one, 4.0), 20_000 / many))
+                list(run_jobs(Wait(0.0), range(100 * many), executor))  # all workers have answered
+                began, before, its = time.perf_counter(), cpu(), some.scheduler_cpu()
+                done = sum(1 for _ in run_jobs(Wait(one), range(count), executor))
+                took = time.perf_counter() - began
+                row = {
+                    "slots": many, "job": one, "jobs": done, "share": round(done * one / (many * took), 3),
+                    "client": round(1e6 * (cpu() - before) / done, 1),
+                    "scheduler": round(1e6 * (some.scheduler_cpu() - its) / done, 1),
+                }  # fmt: skip
+                found["waiting"].append(row)
+                print(row, flush=True)
+    return found
+
+
+def tiny(tasks: int = 4000) -> Figures:
+    """Many tasks that do nothing, each by itself, without the batches of run_jobs: CPU (us) for each task."""
+    with cluster(workers=2, threads=1) as two, two.in_threads(2) as executor:
+        list(executor.map(abs, range(200)))
+        began, before, its = time.perf_counter(), cpu(), two.scheduler_cpu()
+        for future in [executor.submit(abs, k) for k in range(tasks)]:
+            future.result()
+        took = time.perf_counter() - began
+        return {
+            "a second": round(tasks / took),
+            "client": round(1e6 * (cpu() - before) / tasks),
+            "scheduler": round(1e6 * (two.scheduler_cpu() - its) / tasks),
+        }
+
+
+def fleet() -> Figures:
+    """Logs of the arm in the box: CPU seconds of a log, for a worker and for who asks, with reports and without."""
+    found: Figures = {}
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        joints, samples = prepared(folder, 1)
+        began = cpu()
+        dynident.fleet(folder / "fleet.yaml", folder / "out")
+        found |= {"joints": joints, "samples": samples, "choice, once": round(cpu() - began, 2)}
+        for name, words in (("with reports", ""), ("without", "reports: false\n")):
+            prepared(folder, 1, words)
+            found[name] = costs_of_a_log(folder)
+            print(name, found[name], flush=True)
+    return found
+
+
+def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
+    """CPU seconds of a log more, so that what is done once for all does not count, and megabytes of its files."""
+    costs = []
+    shutil.rmtree(folder / "out" / "runs", ignore_errors=True)
+    for count in (few, more):
+        prepared(folder, count)
+        with local_workers(2, ("dynident.fleets.fit", "dynident.report.run_files")) as executor:
+            before, others = cpu(), cpu_of(os.getpid(), children=True)
+            dynident.fleet(folder / "fleet.yaml", folder / "out", executor=executor, rerun=True)
+            costs.append((cpu() - before, cpu_of(os.getpid(), children=True) - others))
+    own, workers = ((b - a) / (more - few) for a, b in zip(*costs, strict=True))
+    size = sum(one.stat().st_size for one in folder.glob("out/runs/**/*") if one.is_file()) / more / 1e6
+    return {"own CPU": round(own, 4), "CPU of worker": round(workers, 2), "MB": round(size, 2)}
+
+
+def prepared(folder: Path, logs: int, settings: str | None = None) -> tuple[int, int]:
+    """Write a fleet of some robots with recordings of the arm in the box; return its joints, and samples of a log."""
+    from click.testing import CliRunner
+
+    from dynident.cli import main as command
+
+    def typed(*words: str) -> None:
+        done = CliRunner().invoke(command, [*words, "--quiet"])
+        if done.exit_code:
+            raise SystemExit(done.output)
+
+    if not (folder / "arm").exists():
+        typed("demo", "--files", "--out", str(folder / "arm"))
+        log, config = folder / "arm" / "monday.parquet", folder / "robot.yaml"
+        typed("init", str(folder / "arm" / "arm.urdf"), str(log), "--out", str(config))
+    if settings is not None or not (folder / "fleet.yaml").exists():
+        text = "recipe: robot.yaml\nlogs: logs/{robot}/{date}.parquet\n"
+        (folder / "fleet.yaml").write_text(text + (settings or ""), encoding="utf-8")
+    for k in range(logs):
+        place = folder / "logs" / f"robot{k % 4}"
+        place.mkdir(parents=True, exist_ok=True)
+        shutil.copy(folder / "arm" / "monday.parquet", place / f"2026-01-{1 + k // 4:02d}.parquet")
+    import polars as pl
+
+    table = pl.scan_parquet(folder / "arm" / "monday.parquet")
+    joints = len(dynident.read_robot(folder / "arm" / "arm.urdf").joints)
+    return joints, int(table.select(pl.len()).collect().item())
+
+
+PARTS: dict[str, Callable[[], Figures]] = {
+    "stages": stages, "spread": spread, "rows": rows, "scheduler": scheduler, "fleet": fleet,
+}  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--page", action="store_true", help="keep the figures for docs/scaling.md, and write it")
+    parser.add_argument("--draw", action="store_true", help="write docs/scaling.md from the figures that it has")
+    given = parser.parse_args()
+    if wrong := [name for name in given.parts if name not in PARTS]:
+        parser.error(f"unknown part {wrong[0]!r}; known: {', '.join(PARTS)}")
+    kept = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    for name in () if given.draw else given.parts or PARTS:
+        load = os.getloadavg()[0]
+        kept[name] = PARTS[name]() | {"load": round(load, 1), "cores": os.cpu_count()}
+        print(name, json.dumps(kept[name], indent=1), flush=True)
+        if given.page:
+            FIGURES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    if given.page or given.draw:
+        draw(kept)
+
+
+if __name__ == "__main__":
+    main()

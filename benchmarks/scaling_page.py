@@ -1,0 +1,148 @@
+"""The tables of docs/scaling.md, from the figures that benchmarks/scaling.py has measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dynident.jobs.pace import SHARE, SLOWEST
+
+__all__ = ["draw"]
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "scaling.md"
+CORES = (1, 16, 256)
+Figures = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Work:
+    """Many jobs: CPU seconds of one for a worker, and for the process that asks."""
+
+    name: str
+    jobs: int
+    worker: float
+    own: float
+
+    def seconds(self, cores: int) -> float:
+        """Seconds on some cores: those of the workers, who lose a share between jobs, or of who asks if it is more."""
+        if cores == 1:
+            return self.jobs * (self.worker + self.own)
+        return self.jobs * max(self.worker / (1 - SHARE) / cores, self.own)
+
+    @property
+    def most(self) -> float:
+        """The number of cores beyond which more do not help: who asks has no time left."""
+        return self.worker / (1 - SHARE) / self.own
+
+
+def draw(kept: Figures) -> None:
+    """Write the tables anew."""
+    text = PAGE.read_text(encoding="utf-8")
+    for name, table in TABLES.items():
+        if name in kept or name == "cost":
+            before, _, rest = text.partition(f"<!-- {name} -->")
+            body = f"{table(kept)}\n\n{measured(kept[name])}" if name != "cost" else table(kept)
+            text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
+    PAGE.write_text(text, encoding="utf-8")
+
+
+def measured(part: Figures) -> str:
+    return f"Measured on {part['cores']} cores, at a load of {part['load']:g} by others."
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def stages(kept: Figures) -> str:
+    """CPU seconds of 1000 runs by stage."""
+    found, names = kept["stages"], ("noise", "smooth", "regress", "fit", "write")
+    rows = [
+        [method, *(f"{own[name]:.2f}" for name in names), f"{sum(own.values()):.2f}"]
+        for method, own in found.items()
+        if method in ("raw", "filtered", "spline")
+    ]
+    likely = found["ml"]["all"]
+    rows.append(["maximum likelihood", *[""] * len(names), f"{likely:.0f}"])
+    return markdown(["CPU s of 1000 runs", *names, "all"], rows)
+
+
+def spread(kept: Figures) -> str:
+    """The same study by one process, two, and Dask."""
+    found = kept["spread"]
+    serial = found["places"]["serial"]
+    alone = serial["own CPU"] + serial["CPU of workers"]
+    rows = []
+    for name, own in found["places"].items():
+        cpu = own["own CPU"] + own["CPU of workers"]
+        figures = own["seconds"], serial["seconds"] / own["seconds"], cpu, 100 * (cpu / alone - 1)
+        took, faster, whole, more = figures
+        more_text = "" if name == "serial" else f"{more:+.0f} %"
+        rows.append([name, f"{took:.1f}", f"{faster:.2f}", f"{whole:.1f}", more_text, f"{own['first']:.1f}"])
+    head = [f"{found['fits']} fits", "s", "speed-up", "CPU s of all", "more CPU", "s of a first study"]
+    return markdown(head, rows)
+
+
+def rows(kept: Figures) -> str:
+    """What who asks does for each row, and the scheduler for each task."""
+    found, tiny = kept["rows"], kept["scheduler"]["tiny"]
+    each = [[f"a row of a study, {name}", f"{1000 * own['own CPU']:.0f}", ""] for name, own in found.items()
+            if isinstance(own, Mapping)]  # fmt: skip
+    each.append(["a task of Dask by itself", f"{tiny['client']}", f"{tiny['scheduler']}"])
+    return markdown(["CPU, microseconds", "who asks", "scheduler"], each)
+
+
+def scheduler(kept: Figures) -> str:
+    """The share of time in jobs where a real scheduler has many workers that wait."""
+    lines = [
+        [f"{one['slots']}", f"{one['job']:g}", f"{one['jobs']}", f"{100 * one['share']:.0f} %", f"{one['client']:.0f}",
+         f"{one['scheduler']:.0f}"]
+        for one in kept["scheduler"]["waiting"]
+    ]  # fmt: skip
+    return markdown(["workers", "s of a job", "jobs", "share in jobs", "client, us of a job", "scheduler"], lines)
+
+
+def works(kept: Figures) -> list[Work]:
+    """The work of the table: studies of the article's arm, and a log of each of many robots."""
+    found, own = kept["stages"], kept["rows"]["Dask, 2 workers"]["own CPU"] / 1000
+    each = {name: sum(value for key, value in found[name].items() if key != "write") / 1000
+            for name in ("raw", "filtered", "spline", "ml")}  # fmt: skip
+    three = sum(each[name] for name in ("raw", "filtered", "spline")) - 2 * found["raw"]["noise"] / 1000
+    some = [
+        Work("10^6 runs, spline and least squares", 10**6, each["spline"], own),
+        Work("10^6 runs, three methods each", 10**6, three, 3 * own),
+        Work("10^6 runs, maximum likelihood", 10**6, each["ml"], own),
+    ]
+    for name, words in (("without", "without reports"), ("with reports", "each with its report")):
+        if one := kept.get("fleet", {}).get(name):
+            some.append(Work(f"10^5 robots, a log each, {words}", 10**5, one["CPU of worker"], one["own CPU"]))
+    return some
+
+
+def cost(kept: Figures) -> str:
+    """What much work takes on some cores, and where more do not help."""
+    lines = [
+        [one.name, f"{one.jobs * one.worker / 3600:.1f}", *(clock(one.seconds(cores)) for cores in CORES),
+         f"{one.most:.0f}"]
+        for one in works(kept)
+    ]  # fmt: skip
+    head = ["", "core hours", *(f"{n} core{'s' * (n > 1)}" for n in CORES), "more cores do not help from"]
+    tasks = SLOWEST / kept["scheduler"]["tiny"]["scheduler"] * 1e6
+    return (
+        markdown(head, lines)
+        + f"\n\nThe scheduler of Dask, by itself, has time for {tasks:.0f} workers with batches of {SLOWEST:g} s."
+    )
+
+
+def clock(seconds: float) -> str:
+    """Return a time in few digits."""
+    for unit, size in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.2g} s"
+
+
+TABLES = {"stages": stages, "spread": spread, "rows": rows, "scheduler": scheduler, "cost": cost}

@@ -17,7 +17,7 @@ import pytest
 from dynident.errors import InputError
 from dynident.jobs import Limits, Status, local_workers, run_jobs, workers
 from dynident.jobs.processes import ForkServer, Start
-from tests.jobs.work import HANGS, Trouble, by_job, loaded, process, threads
+from tests.jobs.work import HANGS, Trouble, blas_threads, by_job, chance_to_be_killed, loaded, process, threads
 
 posix = pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
 forks = pytest.mark.skipif(sys.platform != "linux", reason="workers are not forked on this system")
@@ -31,6 +31,18 @@ def test_each_worker_is_a_process_with_one_thread() -> None:
         assert os.getpid() not in found
         assert {one.value for one in run_jobs(threads, range(4), executor)} == {("1", "1")}
         assert {one.value for one in run_jobs(process, range(200), executor)} == found
+
+
+@forks
+def test_where_memory_runs_out_workers_end_first() -> None:
+    with local_workers(1) as executor:
+        assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
+    assert chance_to_be_killed(0) < 500
+
+
+def test_a_process_of_a_pool_has_one_thread() -> None:
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        assert [one.value for one in run_jobs(blas_threads, [0], executor)] == [{1}]
 
 
 @forks

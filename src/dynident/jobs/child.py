@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, NamedTuple, NoReturn
@@ -41,6 +42,8 @@ def serve(connection: Connection, parent: int) -> NoReturn:
     """
     for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
         signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, Linux ends this one first
     orders: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_read, args=(connection, orders, parent), daemon=True).start()
     function: Any = None
@@ -124,7 +127,7 @@ def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
             children.add(answer)
         control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
     for one in children:
-        os.kill(one, signal.SIGKILL)
+        _end(one)
     os._exit(0)
 
 

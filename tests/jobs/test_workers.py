@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,8 +17,10 @@ import pytest
 
 from dynident.errors import InputError
 from dynident.jobs import Limits, Status, local_workers, run_jobs, workers
+from dynident.jobs.child import NUMBER
+from dynident.jobs.packed import packed
 from dynident.jobs.processes import ForkServer, Start
-from tests.jobs.work import HANGS, Trouble, blas_threads, by_job, chance_to_be_killed, loaded, process, threads
+from tests.jobs.work import HANGS, Trouble, blas_threads, by_job, chance_to_be_killed, loaded, process, stuck, threads
 
 posix = pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
 forks = pytest.mark.skipif(sys.platform != "linux", reason="workers are not forked on this system")
@@ -81,6 +84,20 @@ def test_a_server_that_is_killed_is_started_again(tmp_path: Path) -> None:
         server.start()
     for child in (first, second, third):
         child.connection.close()
+
+
+@forks
+def test_a_server_ends_its_workers_though_nobody_reads_its_answer() -> None:
+    server = ForkServer(())
+    child = server.start()
+    child.connection.send((packed(stuck), None, [packed(0)]))
+    assert child.connection.recv() == ""
+    mine, other = socket.socketpair()
+    socket.send_fds(server._control, [bytes(NUMBER)], [other.fileno()])
+    server.close()
+    with mine, other, pytest.raises(EOFError):
+        child.connection.recv()
+    child.connection.close()
 
 
 @pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])

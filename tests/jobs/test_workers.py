@@ -71,9 +71,12 @@ def test_a_server_that_is_killed_is_started_again(tmp_path: Path) -> None:
     server = ForkServer(())
     try:
         first, second = server.start(), server.start()
+        second.connection.send((packed(stuck), None, [packed(0)]))
+        assert second.connection.recv() == ""
         server._process.kill()
-        with pytest.raises(EOFError):  # its workers follow
-            first.connection.recv()
+        for child in (first, second):  # its workers follow
+            with pytest.raises(EOFError):
+                child.connection.recv()
         assert first.end() == -signal.SIGKILL
         third = server.start()
         third.connection.send((None, None, ()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import signal
@@ -24,6 +25,7 @@ __all__ = ["NUMBER", "Order", "fork_server", "serve"]
 
 NUMBER = 8  # bytes of a number between a server and the process that started it
 PATIENCE = 1.0  # s between looks whether that is still there
+PDEATHSIG = 1  # of prctl(2): the signal that comes when the server dies
 SPARE = 16_000_000  # bytes that a job needs at least
 
 
@@ -141,6 +143,7 @@ def _fork(control: socket.socket, descriptor: int) -> int:
         os.close(descriptor)
         return child
     try:
+        ctypes.CDLL(None).prctl(PDEATHSIG, signal.SIGKILL)
         control.close()
         serve(Connection(descriptor), server)
     finally:

@@ -166,6 +166,11 @@ class TestAddress:
         assert told.startswith(f"{address!r} is no address of a Dask scheduler: ")
         assert told.endswith("; give tcp://HOST:PORT.")
 
+    def test_one_without_its_certificates(self) -> None:
+        told = refused("tls://127.0.0.1:8786")
+        assert told.startswith("'tls://127.0.0.1:8786' cannot be used: ")
+        assert told.endswith("at distributed.comm.tls.")
+
     def test_one_that_nobody_answers(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(cluster, "ANSWER", 0.3)
         before = set(threading.enumerate())

@@ -17,6 +17,7 @@ from concurrent.futures import CancelledError
 from functools import partial
 from pathlib import Path
 
+import distributed
 import numpy as np
 import polars as pl
 import pytest
@@ -56,6 +57,9 @@ class TestWorkers:
         with cluster_workers(running.address) as executor:
             done = by_job(list(run_jobs(noise, range(50), executor)))
         assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+        with distributed.Client(running.address, set_as_default=False) as client:  # Dask's own executor
+            own = by_job(list(run_jobs(noise, range(50), client.get_executor())))
+        assert {job: one.value for job, one in own.items()} == {job: one.value for job, one in done.items()}
 
     def test_each_has_a_process_for_its_jobs_with_one_thread(self, running: DaskCluster) -> None:
         with cluster_workers(running.address) as executor:

@@ -15,6 +15,7 @@ TROUBLES = {
     "raises": (Status.FAILED, "ValueError: no 3"),
     "leaves": (Status.FAILED, "SystemExit: 3"),
     "unpicklable": (Status.FAILED, "TypeError: stays here"),
+    "silent": (Status.FAILED, "_SilentError"),
     "hangs": (Status.TIMED_OUT, "longer than the limit of 1 s"),
     "ends": (Status.DIED, "its process has ended with exit code 7"),
     "crashes": (Status.DIED, "its process was killed by signal 9, perhaps for want of memory"),

@@ -55,7 +55,10 @@ def _python(call: str, **how: Any) -> subprocess.Popen[bytes]:
     code = f"import sys; sys.path[:] = {sys.path!r}; from dynident.jobs import child; child.{call}"
     environment = {**os.environ, **ONE_THREAD}
     words = [sys.executable, "-c", code]
-    return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    try:
+        return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    except OSError as error:
+        raise InputError(f"no worker process can be started: {error}.") from error
 
 
 class Start:

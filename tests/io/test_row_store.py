@@ -275,11 +275,6 @@ def test_a_damaged_part_is_named_and_the_rest_goes_on_without_it(path: Path, at:
         assert len(table) == 2
 
 
-def test_a_name_without_parquet_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"t\.csv: rows are kept in Parquet"), store(tmp_path / "t.csv"):
-        pass
-
-
 def test_files_of_others_in_the_folder_of_the_parts_stay(path: Path) -> None:
     path.with_name("t.parquet.parts").mkdir()
     mine = path.with_name("t.parquet.parts") / "mine.parquet"
@@ -290,7 +285,9 @@ def test_files_of_others_in_the_folder_of_the_parts_stay(path: Path) -> None:
     assert runs(pl.read_parquet(path)) == [0]
 
 
-def test_a_second_run_is_told_who_works_there(path: Path) -> None:
+def test_a_run_is_told_why_it_cannot_work_there(path: Path) -> None:
+    with pytest.raises(InputError, match=r"t\.csv: rows are kept in Parquet"), store(path.with_suffix(".csv")):
+        pass
     with store(path) as table:
         table.add([row(0)])
         with pytest.raises(InputError, match=f"another run writes here .process {os.getpid()} on "), store(path):

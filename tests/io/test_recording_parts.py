@@ -41,6 +41,13 @@ def test_a_recording_in_parts_is_read_as_one_table(tmp_path: Path, name: str) ->
     assert table.column("q").shape == (15,)
 
 
+def test_all_parts_together_must_fit_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "day", (400, 400, 400))
+    monkeypatch.setenv("DYNIDENT_MEMORY", "5e-5")
+    with pytest.raises(InputError, match=r"day: 1200 rows of 2 columns would take 0.0576 MB of memory"):
+        read_columns(folder, needed={"t", "q"})
+
+
 def test_rows_of_a_part_keep_their_place_in_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "day", (50,)) / "part8.parquet"
     assert count_rows(path) == 50

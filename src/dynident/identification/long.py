@@ -208,7 +208,7 @@ def prepared(
     if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
         raise ConfigError(
             f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
-            "memory; take `least_squares` or `physically_consistent`, or fit a shorter part."
+            "memory; take least squares or the physically consistent fit, or a shorter part."
         )
     smoother, log, motion = _fixed(chosen, logs)
     step = float(np.median(np.diff(log.t)))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from dynident.jobs import Done
 
@@ -40,6 +43,9 @@ class Trouble:
 
     def calls(self, number: int) -> int:
         return len((self.folder / f"{number}").read_text().splitlines())
+
+    def silent(self, number: int) -> int:
+        raise _SilentError
 
     def fine(self, number: int) -> int:
         return number**2
@@ -73,6 +79,11 @@ class Trouble:
         return _Odd()
 
 
+class _SilentError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("no words")
+
+
 class _Odd(int):
     def __reduce__(self) -> Any:
         raise TypeError("stays here")
@@ -86,6 +97,14 @@ def threads(_: object) -> tuple[str | None, str | None]:
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
 
 
+def blas_threads(_: object) -> set[int]:
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+def chance_to_be_killed(_: object) -> int:
+    return int(Path("/proc/self/oom_score_adj").read_text())
+
+
 def sleeps(seconds: float) -> float:
     time.sleep(seconds)
     return seconds
@@ -96,3 +115,40 @@ def by_job(done: list[Done[Any, Any]]) -> dict[Any, Done[Any, Any]]:
     found = {one.job: one for one in done}
     assert len(found) == len(done)
     return found
+
+
+def loaded(name: str) -> bool:
+    return name in sys.modules
+
+
+def told(_: object) -> None:
+    """Says that it runs, and goes on."""
+    os.write(2, b"a job\n")
+
+
+def stuck(_: object) -> None:
+    """Says that it runs, and never lets another thread of Python run."""
+    told(_)
+    sum(itertools.repeat(1))
+
+
+def soon_stuck(number: int) -> None:
+    """The first job ends."""
+    if number:
+        stuck(number)
+
+
+class Stranger:
+    """Cannot be loaded in another process."""
+
+    def __reduce__(self) -> Any:
+        return _load, (os.getpid(),)
+
+    def __call__(self, job: object) -> None:
+        """Nothing."""
+
+
+def _load(process: int) -> Stranger:
+    if process != os.getpid():
+        raise RuntimeError("not here")
+    return Stranger()

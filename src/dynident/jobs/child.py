@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
-import pickle
 import signal
 import socket
 import sys
@@ -12,16 +12,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, NamedTuple, NoReturn
 
 from dynident.jobs.attempt import attempt
+from dynident.jobs.job import Status
+from dynident.jobs.packed import unpacked
 
 __all__ = ["NUMBER", "Order", "fork_server", "serve"]
 
 NUMBER = 8  # bytes of a number between a server and the process that started it
 PATIENCE = 1.0  # s between looks whether that is still there
+PDEATHSIG = 1  # of prctl(2): the signal that comes when the server dies
 SPARE = 16_000_000  # bytes that a job needs at least
 
 
@@ -33,20 +37,22 @@ class Order(NamedTuple):
     jobs: Sequence[bytes]
 
 
-def serve(connection: Connection) -> NoReturn:
-    """Run orders until the other end is closed, which ends this process at once, whatever it is at.
+def serve(connection: Connection, parent: int) -> NoReturn:
+    """Run orders until the other end is closed or ``parent`` gone, which ends this process, whatever it is at.
 
     The answer to an order is a text, empty or why it cannot be run, then what became of each job.
     """
     for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
         signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, Linux ends this one first
     orders: SimpleQueue[bytes] = SimpleQueue()
-    Thread(target=_read, args=(connection, orders), daemon=True).start()
+    Thread(target=_read, args=(connection, orders, parent), daemon=True).start()
     function: Any = None
     while True:
-        order = Order(*pickle.loads(orders.get()))  # noqa: S301 -- of the process that started us
+        order = Order(*unpacked(orders.get()))
         try:
-            function = function if order.function is None else pickle.loads(order.function)  # noqa: S301
+            function = function if order.function is None else unpacked(order.function)
             with _limited(order.memory):
                 bytearray(SPARE)
         except MemoryError:
@@ -60,13 +66,16 @@ def serve(connection: Connection) -> NoReturn:
             with _limited(order.memory):
                 ended = attempt(function, job)
             connection.send(tuple(ended))
+            if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
+                os._exit(0)
         sys.stdout.flush()  # what jobs have printed
 
 
-def _read(connection: Connection, orders: SimpleQueue[bytes]) -> NoReturn:
+def _read(connection: Connection, orders: SimpleQueue[bytes], parent: int) -> NoReturn:
     try:
-        while True:
-            orders.put(connection.recv_bytes())
+        while os.getppid() == parent or sys.platform == "win32":
+            if connection.poll(PATIENCE):
+                orders.put(connection.recv_bytes())
     finally:
         os._exit(1)
 
@@ -103,34 +112,40 @@ def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
             import_module(name)
     gc.freeze()  # what is imported stays shared
     control.settimeout(PATIENCE)
-    while os.getppid() == parent:  # another process may have inherited the other end
-        try:
-            request, descriptors, _, _ = socket.recv_fds(control, NUMBER, 1)
-        except TimeoutError:
-            continue
-        except OSError:
-            break
-        if not request:
-            break
-        if child := int.from_bytes(request, "little"):
-            children.discard(child)
-            answer = _end(child)
-        else:
-            answer = _fork(control, descriptors[0])
-            children.add(answer)
-        control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
-    for one in children:
-        os.kill(one, signal.SIGKILL)
-    os._exit(0)
+    try:
+        while os.getppid() == parent:  # another process may have inherited the other end
+            with suppress(TimeoutError):
+                _obey(control, children)
+    except (EOFError, OSError):  # the other end is closed
+        pass
+    finally:
+        for one in children:
+            _end(one)
+        os._exit(0)
+
+
+def _obey(control: socket.socket, children: set[int]) -> None:
+    request, descriptors, _, _ = socket.recv_fds(control, NUMBER, 1)
+    if not request:
+        raise EOFError
+    if child := int.from_bytes(request, "little"):
+        children.discard(child)
+        answer = _end(child)
+    else:
+        answer = _fork(control, descriptors[0])
+        children.add(answer)
+    control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
 
 
 def _fork(control: socket.socket, descriptor: int) -> int:
+    server = os.getpid()
     if child := os.fork():
         os.close(descriptor)
         return child
     try:
+        ctypes.CDLL(None).prctl(PDEATHSIG, signal.SIGKILL)
         control.close()
-        serve(Connection(descriptor))
+        serve(Connection(descriptor), server)
     finally:
         os._exit(1)
 

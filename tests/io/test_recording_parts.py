@@ -8,6 +8,7 @@ import pytest
 
 from dynident.errors import InputError
 from dynident.io.recording_parts import is_divided, recording_parts
+from dynident.io.settings import LogSpec
 from dynident.io.tables import count_rows, read_columns, read_rows
 
 
@@ -77,3 +78,12 @@ def test_what_is_no_recording_in_parts_is_said(tmp_path: Path) -> None:
     (folder / "part12.parquet").write_bytes(b"nothing")
     with pytest.raises(InputError, match=r"part12\.parquet: is not a readable \.parquet file"):
         count_rows(folder / "part12.parquet")
+
+
+@pytest.mark.parametrize(
+    ("file", "label"), [("day/*.parquet", "day"), ("day", "day"), ("day/monday.parquet", "monday")]
+)
+def test_a_recording_is_named_after_its_file_or_folder(file: str, label: str) -> None:
+    spec = LogSpec.model_validate({"file": file}, context={"folder": "logs"})
+    assert spec.label == label
+    assert LogSpec.model_validate({"file": file, "name": "first"}).label == "first"

@@ -120,7 +120,7 @@ def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() 
     *excerpts, last = found.validations
     assert [one.role for one in found.validations] == ["train"] * 3 + ["validation"]
     assert [len(one.motion) for one in excerpts] == [1500] * 3
-    assert all(one.name.startswith("day from ") for one in excerpts)
+    assert [one.name for one in excerpts] == ["day excerpt 1", "day excerpt 2", "day excerpt 3"]
     again = found.predict(held)
     assert last.errors.relative_error == pytest.approx(again.errors.relative_error, rel=1e-12)
 

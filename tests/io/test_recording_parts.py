@@ -8,6 +8,7 @@ import pytest
 
 from dynident.errors import InputError
 from dynident.io.recording_parts import is_divided, recording_parts
+from dynident.io.settings import LogSpec
 from dynident.io.tables import count_rows, read_columns, read_rows
 
 
@@ -41,6 +42,13 @@ def test_a_recording_in_parts_is_read_as_one_table(tmp_path: Path, name: str) ->
     assert table.column("q").shape == (15,)
 
 
+def test_all_parts_together_must_fit_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "day", (400, 400, 400))
+    monkeypatch.setenv("DYNIDENT_MEMORY", "5e-5")
+    with pytest.raises(InputError, match=r"day: 1200 rows of 2 columns would take 0.0576 MB of memory"):
+        read_columns(folder, needed={"t", "q"})
+
+
 def test_rows_of_a_part_keep_their_place_in_the_file(tmp_path: Path) -> None:
     path = written(tmp_path / "day", (50,)) / "part8.parquet"
     assert count_rows(path) == 50
@@ -70,3 +78,12 @@ def test_what_is_no_recording_in_parts_is_said(tmp_path: Path) -> None:
     (folder / "part12.parquet").write_bytes(b"nothing")
     with pytest.raises(InputError, match=r"part12\.parquet: is not a readable \.parquet file"):
         count_rows(folder / "part12.parquet")
+
+
+@pytest.mark.parametrize(
+    ("file", "label"), [("day/*.parquet", "day"), ("day", "day"), ("day/monday.parquet", "monday")]
+)
+def test_a_recording_is_named_after_its_file_or_folder(file: str, label: str) -> None:
+    spec = LogSpec.model_validate({"file": file}, context={"folder": "logs"})
+    assert spec.label == label
+    assert LogSpec.model_validate({"file": file, "name": "first"}).label == "first"

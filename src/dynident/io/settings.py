@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from glob import has_magic
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -127,8 +128,9 @@ class LogSpec(Section):
 
     @property
     def label(self) -> str:
-        """The name of the log, by default the stem of its first file."""
-        return self.name or next(iter(self.file.values())).stem
+        """The name of the log, by default the stem of its first file, or the folder of a pattern."""
+        first = next(iter(self.file.values()))
+        return self.name or (first.parent.name if has_magic(first.name) and first.parent.name else first.stem)
 
 
 class CouplingSettings(Section):

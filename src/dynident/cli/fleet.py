@@ -24,7 +24,7 @@ PRELOADED = ("dynident.fleets.fit", "dynident.report.run_files")
 @click.argument("config", type=CONFIG)
 @click.option(
     "--out", type=DIRECTORY, required=True,
-    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there is not identified again.",
+    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there stays.",
 )  # fmt: skip
 @click.option("--rerun", is_flag=True, help="Identify all logs anew.")
 @spread

@@ -86,7 +86,7 @@ def fleet_recipe(
     path = settings.recipe
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: is no configuration: a mapping (`key: value` lines) is expected.")
+        raise ConfigError(f"{path}: is no configuration: a mapping of settings is expected.")
     given = {key: value for key, value in data.items() if key not in ("train", "validation")}
     reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
     asked = FleetRecipe(given, path.parent, _changes(settings, folder, path.parent), reading)

@@ -63,6 +63,30 @@ def fleet(
     words before each step.
 
     Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> recipe = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     for robot, mass in (("old", 5), ("new", 6)):
+    ...         table = np.column_stack([t, np.sin(3 * t), -9 * mass * np.sin(3 * t) + 24 * np.cos(3 * t)])
+    ...         file = Path(folder, f"{robot}_2026-11-22.csv")
+    ...         np.savetxt(file, table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(recipe)
+    ...     _ = Path(folder, "fleet.yaml").write_text("recipe: robot.yaml\\nlogs: '{robot}_{date}.csv'")
+    ...     found = dy.fleet(Path(folder, "fleet.yaml"))
+    >>> for history in found.histories:
+    ...     print(history.robot, found.base.names[0], round(history.value[0, 0], 2))
+    new M 6.0
+    old M 5.0
     """
     path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
     with watched(path), nullcontext() if folder is None else result_folder(folder) as place:

@@ -20,7 +20,7 @@ __all__ = ["change_table", "change_words", "changed_in", "day_words", "group_wor
 
 GROUPS = {
     GroupKind.FRICTION: "friction of {}",
-    GroupKind.PAYLOAD: "load at {}",
+    GroupKind.PAYLOAD: "payload at {}",
     GroupKind.OFFSET: "offset of {}",
     GroupKind.RIPPLE: "ripple of {}",
 }

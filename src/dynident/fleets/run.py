@@ -17,7 +17,7 @@ import numpy as np
 from dynident.errors import Step
 from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
-from dynident.fleets.folders import folder_names
+from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
 from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
@@ -34,10 +34,9 @@ from dynident.jobs import Done, Limits, Status, run_jobs
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["REPORT", "TABLE", "fleet"]
+__all__ = ["fleet"]
 
 Progress = Callable[[str], None]
-TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 

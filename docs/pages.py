@@ -23,7 +23,7 @@ SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.s
 GUIDES = {
     "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "supported"),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
-    "Reference": ("configuration", "cli", "extending", "performance", "defaults"),
+    "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
 }
 
 

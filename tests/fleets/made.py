@@ -27,7 +27,7 @@ smoother: { kind: spline, rule: gcv }
 estimator: { kind: least_squares }
 delay: 0
 """
-FLEET = "recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\n"
+FLEET = "recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\nreports: false\n"
 RATE, SECONDS = 100.0, 4.0
 
 
@@ -46,10 +46,11 @@ def truth(model: dy.Model, **changed: float) -> np.ndarray:
     return theta
 
 
-def recording(model: dy.Model, theta: np.ndarray, seed: int, seconds: float = SECONDS) -> pl.DataFrame:
-    """A recording of a random motion."""
-    rng, t = np.random.default_rng(seed), np.arange(round(seconds * RATE)) / RATE
+def recording(model: dy.Model, theta: np.ndarray, seed: int, *, still: bool = False) -> pl.DataFrame:
+    """A recording of a random motion, in which the elbow may stand ``still``."""
+    rng, t = np.random.default_rng(seed), np.arange(round(SECONDS * RATE)) / RATE
     sizes, rates, phases = rng.uniform(0.3, 0.5, (3, 2)), rng.uniform(1.5, 7.0, (3, 2)), rng.uniform(0, 6.3, (3, 2))
+    sizes = sizes * [1, not still]
     angle = rates * t[:, None, None] + phases
     q, dq, ddq = ((sizes * rates**order * np.sin(angle + order * np.pi / 2)).sum(axis=1) for order in range(3))
     tau = model.torque(q, dq, ddq, theta) + 0.02 * rng.standard_normal(q.shape)
@@ -66,11 +67,10 @@ def write_log(folder: Path, robot: str, date: str, seed: int, **changed: float) 
     return path
 
 
-def make_fleet(folder: Path, robots: int = 2, days: int = 2) -> Path:
-    """Write a fleet with so many robots and logs of each, and return its configuration."""
-    for robot in range(robots):
-        for day in range(days):
-            write_log(folder, f"arm-{robot + 1}", f"2026-01-{day + 1:02}", 100 * robot + day)
+def make_fleet(folder: Path) -> Path:
+    """Write a fleet of two robots, the first with two logs, and return its configuration."""
+    for seed, (robot, date) in enumerate((("arm-1", "2026-01-01"), ("arm-1", "2026-01-02"), ("arm-2", "2026-01-01"))):
+        write_log(folder, robot, date, seed)
     (folder / "robot.yaml").write_text(RECIPE)
     (folder / "fleet.yaml").write_text(FLEET)
     return folder / "fleet.yaml"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +43,9 @@ class Trouble:
     def calls(self, number: int) -> int:
         return len((self.folder / f"{number}").read_text().splitlines())
 
+    def silent(self, number: int) -> int:
+        raise _SilentError
+
     def fine(self, number: int) -> int:
         return number**2
 
@@ -73,6 +78,11 @@ class Trouble:
         return _Odd()
 
 
+class _SilentError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("no words")
+
+
 class _Odd(int):
     def __reduce__(self) -> Any:
         raise TypeError("stays here")
@@ -96,3 +106,40 @@ def by_job(done: list[Done[Any, Any]]) -> dict[Any, Done[Any, Any]]:
     found = {one.job: one for one in done}
     assert len(found) == len(done)
     return found
+
+
+def loaded(name: str) -> bool:
+    return name in sys.modules
+
+
+def told(_: object) -> None:
+    """Says that it runs, and goes on."""
+    os.write(2, b"a job\n")
+
+
+def stuck(_: object) -> None:
+    """Says that it runs, and never lets another thread of Python run."""
+    told(_)
+    sum(itertools.repeat(1))
+
+
+def soon_stuck(number: int) -> None:
+    """The first job ends."""
+    if number:
+        stuck(number)
+
+
+class Stranger:
+    """Cannot be loaded in another process."""
+
+    def __reduce__(self) -> Any:
+        return _load, (os.getpid(),)
+
+    def __call__(self, job: object) -> None:
+        """Nothing."""
+
+
+def _load(process: int) -> Stranger:
+    if process != os.getpid():
+        raise RuntimeError("not here")
+    return Stranger()

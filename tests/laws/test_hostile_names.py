@@ -11,6 +11,7 @@ import json
 import re
 import time
 from html.parser import HTMLParser
+from urllib.parse import unquote
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -23,7 +24,9 @@ from dynident.cli.terminal import status
 from dynident.errors import Step
 from dynident.export import Identified, Mjcf, Numpy, Urdf, Yaml, export, random_states
 from dynident.models import Joint, Model, RigidBodies, Viscous, from_physical
+from dynident.report.fleet import fleet_page
 from tests.cli.commands import run
+from tests.report.fleets import fleet
 from tests.robots import joint, link, urdf
 
 RUNS = "__import__('builtins').__dict__.update(ran=1)"
@@ -144,12 +147,13 @@ class Tags(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.tags, self.running = [], []
+        self.tags, self.running, self.links = [], [], []
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.running += [key for key, _ in attrs if key.startswith("on")]
+        self.links += [value for key, value in attrs if key == "href"]
 
 
 def files(folder, joints, odd):
@@ -233,6 +237,38 @@ def test_every_command_only_shows_names(tmp_path):
     assert tuple(one["name"] for one in yaml.safe_load((wrong / "out/parameters.yaml").read_text())["joints"]) == JOINTS
     drafted = yaml.safe_load((wrong / f"init {ODD}.yaml").read_text())
     assert drafted["model"]["file"] == f"{ODD}.urdf"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_of_a_fleet_only_shows_names(name):
+    """Of robots, types, joints, parameters, logs, and what errors say of them."""
+    mine, usual = Tags(fleet_page(fleet(4, 4, name))), Tags(fleet_page(fleet(4, 4, "odd")))
+    assert mine.tags == usual.tags
+    assert mine.running == usual.running
+    assert [link for link in mine.links if not link.startswith(("./", "#"))] == []
+
+
+def test_a_fleet_only_shows_names(tmp_path):
+    def made(folder, odd):
+        files(folder, ("one", "two") if odd == "odd" else JOINTS, odd)
+        logs = {"log": [f"{odd}.parquet"] * 3 + [f"{odd}-lost.parquet"], "robot": [f"{odd} {k}" for k in range(4)]}
+        dates = ["2026-01-01", "2026-01-02", odd, "2026-01-04"]
+        pl.DataFrame({**logs, "date": dates, f"note {odd}": "x"}).write_csv(folder / f"{odd}.csv")
+        (folder / f"fleet {odd}.yaml").write_text(
+            yaml.safe_dump({"recipe": f"{odd}.yaml", "table": f"{odd}.csv", "type": odd}, allow_unicode=True)
+        )
+        return run("fleet", folder / f"fleet {odd}.yaml", "--out", folder / "out", "--workers", "1")
+
+    plain, wrong = made(tmp_path / "plain", "odd"), made(tmp_path / "wrong", ODD)
+    assert (plain.exit_code, wrong.exit_code) == (0, 0), (plain.output, wrong.output)
+    assert not ACTS.search(wrong.output)
+    assert not re.search(r"^\s*Verdict: Good\b", wrong.output, re.M), wrong.output
+    mine, usual = (Tags((tmp_path / one / "out" / "report.html").read_text()) for one in ("wrong", "plain"))
+    assert mine.tags == usual.tags
+    assert mine.running == usual.running
+    reports = [link for link in mine.links if not link.startswith("#")]
+    assert len(reports) == 2
+    assert all((tmp_path / "wrong" / "out" / unquote(link)).is_file() for link in reports)
 
 
 class Terminal(io.StringIO):

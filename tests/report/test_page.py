@@ -21,6 +21,7 @@ from dynident.report.page import (
     PageTable,
     number,
     pairs,
+    relative,
     render,
 )
 
@@ -199,3 +200,31 @@ def test_a_page_with_figures_does_not_import_plotly():
 def test_without_its_file_plotly_is_asked_for_the_script(monkeypatch):
     monkeypatch.setattr("dynident.report.page.find_spec", lambda name: None)
     assert get_plotlyjs() in render("t", "l", [PageSection("s", (figure("a"),))])
+
+
+@pytest.mark.parametrize(
+    ("path", "link"),
+    [
+        ("runs/arm/1/report.html", "./runs/arm/1/report.html"),
+        ("arm=201/a b#c?.html", "./arm%3D201/a%20b%23c%3F.html"),
+        ("javascript:alert(1)", "./javascript%3Aalert%281%29"),
+        ('"><script>/\udc80', "./%22%3E%3Cscript%3E/%3F"),
+        ("//host/page", ""),
+        ("/etc/passwd", ""),
+        ("a/../../b", ""),
+        ("", ""),
+    ],
+)
+def test_links_stay_below_the_page(path, link):
+    assert relative(path) == link
+
+
+def test_the_first_cell_of_a_row_leads_to_its_link():
+    heads = (Column("log", numeric=False), Column("error"))
+    table = PageTable(heads, ((EVIL, "-1"), ("b", "2")), links=("./a", ""))
+    outline = Outline(render("t", "", [PageSection("s", (table,))]))
+    links = [attrs["href"] for tag, attrs in outline.tags if tag == "a"]
+    assert links == ["#part-1", "./a"]
+    assert outline.count("script") == 0
+    with pytest.raises(ValueError, match="1 links for 2 rows"):
+        PageTable(heads, (("a", "1"), ("b", "2")), links=("./a",))

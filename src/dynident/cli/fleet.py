@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynident.cli.escapes import one_line
 from dynident.cli.options import CONFIG, DIRECTORY
 from dynident.cli.terminal import console, status, tell
 from dynident.cli.voice import complain
@@ -24,8 +25,7 @@ PRELOADED = ("dynident.fleets.fit", "dynident.report.run_files")
 @click.argument("config", type=CONFIG)
 @click.option(
     "--out", type=DIRECTORY, required=True,
-    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; logs that are known there are not identified "
-    "again.",
+    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there stays.",
 )  # fmt: skip
 @click.option("--rerun", is_flag=True, help="Identify all logs anew.")
 @spread
@@ -33,13 +33,17 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
     """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
     change over time, which changes are beyond their uncertainty, and what robots of one type share."""
     from dynident.fleets.run import REPORT, TABLE
-    from dynident.report.fleet import fleet_text
+    from dynident.report.fleet import fleet_findings, fleet_heading, fleet_tables
 
     found = _run(config, out, rerun, spread)
     for words in found.warnings:
-        complain(f"Warning: {words}")
+        complain(one_line(f"Warning: {words}"))
     screen = console()
-    screen.put(fleet_text(found))
+    screen.say(f"{found.name}: {fleet_heading(found)}", "bold")
+    for table in fleet_tables(found):
+        screen.show(table)
+    for line in fleet_findings(found):
+        screen.say(f"* {line}")
     if known := len(found.rows) - found.fitted:
         screen.remark(f"{found.fitted} logs were identified now, {known} were known.")
     for what, name in (("Table", TABLE), ("Report", REPORT)):

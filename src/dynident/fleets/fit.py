@@ -30,6 +30,7 @@ from dynident.regression import BaseParameters, structural_base_parameters
 __all__ = ["Fitted", "LogFit", "LogJob", "empty_row", "model_of"]
 
 CONFIG = "config.yaml"
+FAST = 1  # of the levels of zlib: a report holds megabytes
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class LogFit:
         from dynident.report.run_files import run_files
 
         files = {**run_files(found), CONFIG: source.text}
-        return {name: zlib.compress(text.encode("utf-8", "backslashreplace")) for name, text in files.items()}
+        return {name: zlib.compress(text.encode("utf-8", "backslashreplace"), FAST) for name, text in files.items()}
 
 
 def model_of(recipe: FleetRecipe) -> tuple[Model, BaseParameters]:

@@ -64,6 +64,11 @@ class FleetRecipe:
         settings = {key: value for key, value in self.of(robot).items() if key not in ("train", "validation")}
         return _digest(self.folder, settings, self.reading)
 
+    def digests(self, robots: Iterable[str]) -> dict[str, str]:
+        """Return the digests of robots by name."""
+        usual = self.digest("")
+        return {robot: self.digest(robot) if robot in self.changes else usual for robot in robots}
+
     def spec(self, name: str, file: str) -> dict[str, Any]:
         """Return a log as a configuration names it, read from a ``file``."""
         return {"file": file, "name": name, **self.reading}
@@ -81,7 +86,7 @@ def fleet_recipe(
     path = settings.recipe
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: is no configuration: a mapping (`key: value` lines) is expected.")
+        raise ConfigError(f"{path}: is no configuration: a mapping of settings is expected.")
     given = {key: value for key, value in data.items() if key not in ("train", "validation")}
     reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
     asked = FleetRecipe(given, path.parent, _changes(settings, folder, path.parent), reading)

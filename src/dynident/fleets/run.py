@@ -63,6 +63,30 @@ def fleet(
     words before each step.
 
     Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> recipe = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     for robot, mass in (("old", 5), ("new", 6)):
+    ...         table = np.column_stack([t, np.sin(3 * t), -9 * mass * np.sin(3 * t) + 24 * np.cos(3 * t)])
+    ...         file = Path(folder, f"{robot}_2026-11-22.csv")
+    ...         np.savetxt(file, table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(recipe)
+    ...     _ = Path(folder, "fleet.yaml").write_text("recipe: robot.yaml\\nlogs: '{robot}_{date}.csv'")
+    ...     found = dy.fleet(Path(folder, "fleet.yaml"))
+    >>> for history in found.histories:
+    ...     print(history.robot, found.base.names[0], round(history.value[0, 0], 2))
+    new M 6.0
+    old M 5.0
     """
     path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
     with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
@@ -127,7 +151,7 @@ def _rows(
         for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
             store.add([_kept(done, folder)])
             say(Step("identifying logs", count, len(wanted)))
-        return _present(store.table(), jobs), len(wanted)
+        return _present(store.table(), jobs, work.recipe), len(wanted)
 
 
 def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
@@ -141,8 +165,7 @@ def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:
 def _jobs(logs: Sequence[FleetLog], recipe: FleetRecipe) -> list[LogJob]:
     """Return the job of each log; the folder of its run is named after robot and file."""
     robots = folder_names(one.robot for one in logs)
-    usual = recipe.digest("")
-    digests = {robot: recipe.digest(robot) if robot in recipe.changes else usual for robot in robots}
+    digests = recipe.digests(robots)
     of: dict[str, list[FleetLog]] = {}
     for one in logs:
         of.setdefault(one.robot, []).append(one)
@@ -165,7 +188,7 @@ def _kept(done: Done[LogJob, Fitted], folder: Path | None) -> Mapping[str, objec
     return {**fitted.row, "seconds": done.seconds}
 
 
-def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
+def _present(rows: pl.DataFrame, jobs: Sequence[LogJob], recipe: FleetRecipe) -> pl.DataFrame:
     """Return the rows of the present files and recipes, with type and date as they are listed now, and those of files
     that are gone, by robot and date."""
     import polars as pl
@@ -174,8 +197,9 @@ def _present(rows: pl.DataFrame, jobs: Sequence[LogJob]) -> pl.DataFrame:
     listed = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
     order = rows.columns
     present = rows.drop("type", "date").join(listed, on=KEY, how="inner").select(order)
-    recipes = listed.select("robot", "recipe").unique()
-    gone = rows.join(recipes, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
+    digests = recipe.digests(rows["robot"].unique())
+    same = pl.DataFrame(list(digests.items()), schema={"robot": pl.String, "recipe": pl.String}, orient="row")
+    gone = rows.join(same, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
     gone = gone.filter(pl.col("status") == Status.OK).unique(["robot", "log"], keep="last", maintain_order=True)
     return pl.concat([present, gone]).sort("robot", "date", "log")
 

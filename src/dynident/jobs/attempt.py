@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from dynident.jobs.job import Status
+from dynident.jobs.packed import packed, unpacked
 
 __all__ = ["Ended", "attempt", "status_of"]
 
@@ -25,7 +25,7 @@ def attempt(function: Callable[[Any], Any], job: bytes) -> Ended:
     """Return what ``function`` makes of a pickled job."""
     began = time.perf_counter()
     try:
-        value = pickle.dumps(function(pickle.loads(job)), pickle.HIGHEST_PROTOCOL)  # noqa: S301 -- of our own process
+        value = packed(function(unpacked(job)))
         return Ended(Status.OK, time.perf_counter() - began, value)
     except KeyboardInterrupt:
         raise
@@ -37,4 +37,7 @@ def attempt(function: Callable[[Any], Any], job: bytes) -> Ended:
 def status_of(error: BaseException) -> tuple[Status, str]:
     """Return what an exception makes of a job, and how it is said."""
     status = Status.OUT_OF_MEMORY if isinstance(error, MemoryError) else Status.FAILED
-    return status, f"{type(error).__name__}: {error}"
+    try:
+        return status, f"{type(error).__name__}: {error}"
+    except Exception:  # of its own text
+        return status, type(error).__name__

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-import pickle
 import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from multiprocessing import parent_process
 from typing import Any, NamedTuple
 
 from dynident.errors import InputError
 from dynident.jobs.attempt import Ended, attempt
 from dynident.jobs.job import Limits
+from dynident.jobs.packed import unpacked
 from dynident.jobs.workers import runner_of_thread
 
 __all__ = ["Batch", "Report", "run_batch"]
@@ -25,10 +26,11 @@ KEPT = 4  # functions that a process remembers
 class Batch(NamedTuple):
     """Pickled jobs for a worker, with their function: by digest, and whole where the worker may not know it.
 
-    ``name`` tells a batch from all others, also for executors that run equal ones once.
+    ``run`` and ``number`` tell a batch from all others, also for executors that run equal ones once.
     """
 
-    name: str
+    run: str
+    number: int
     digest: bytes
     function: bytes | None
     jobs: Sequence[bytes]
@@ -36,7 +38,7 @@ class Batch(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What became of the jobs of a batch; ``lost``: seconds, since the batch before, in which no job ran."""
+    """What became of the jobs of a batch; ``lost``: seconds since the one before, of this run, in which no job ran."""
 
     worker: tuple[str, int, int]
     ended: Sequence[Ended]
@@ -52,16 +54,27 @@ class _Function:
     @cached_property
     def itself(self) -> Callable[[Any], Any]:
         try:
-            return pickle.loads(self.packed)  # type: ignore[no-any-return]  # noqa: S301 -- from who asks us to run it
+            function: Callable[[Any], Any] = unpacked(self.packed)
         except Exception as error:
             raise InputError(
                 f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}; define it in a "
                 "module that can be imported there."
             ) from error
+        if parent_process() is not None:  # a worker: others use the other cores
+            _one_thread()
+        return function
+
+
+@cache
+def _one_thread() -> None:
+    import scipy.linalg  # noqa: F401  # SciPy's own BLAS must be loaded to be found
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
 
 
 _FUNCTIONS: dict[bytes, _Function] = {}
-_LAST = threading.local()  # ``ended``: when this worker was done with the batch before
+_LAST = threading.local()  # ``run`` of the batch before, and when this worker had ``ended`` it
 
 
 def run_batch(batch: Batch) -> Report | None:
@@ -72,8 +85,8 @@ def run_batch(batch: Batch) -> Report | None:
         ended = runner.run(function.packed, batch.jobs, batch.limits)
     else:
         ended = [attempt(function.itself, job) for job in batch.jobs]
-    before, now = getattr(_LAST, "ended", None), time.monotonic()
-    _LAST.ended = now
+    before, now = _LAST.ended if getattr(_LAST, "run", None) == batch.run else None, time.monotonic()
+    _LAST.run, _LAST.ended = batch.run, now
     lost = None if before is None else max(now - before - sum(one.seconds for one in ended), 0.0)
     return Report((socket.gethostname(), os.getpid(), threading.get_ident()), ended, lost)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import pickle
 import signal
 import socket
 import sys
@@ -17,6 +16,8 @@ from threading import Thread
 from typing import Any, NamedTuple, NoReturn
 
 from dynident.jobs.attempt import attempt
+from dynident.jobs.job import Status
+from dynident.jobs.packed import unpacked
 
 __all__ = ["NUMBER", "Order", "fork_server", "serve"]
 
@@ -33,20 +34,20 @@ class Order(NamedTuple):
     jobs: Sequence[bytes]
 
 
-def serve(connection: Connection) -> NoReturn:
-    """Run orders until the other end is closed, which ends this process at once, whatever it is at.
+def serve(connection: Connection, parent: int) -> NoReturn:
+    """Run orders until the other end is closed or ``parent`` gone, which ends this process, whatever it is at.
 
     The answer to an order is a text, empty or why it cannot be run, then what became of each job.
     """
     for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
         signal.signal(number, signal.SIG_IGN)
     orders: SimpleQueue[bytes] = SimpleQueue()
-    Thread(target=_read, args=(connection, orders), daemon=True).start()
+    Thread(target=_read, args=(connection, orders, parent), daemon=True).start()
     function: Any = None
     while True:
-        order = Order(*pickle.loads(orders.get()))  # noqa: S301 -- of the process that started us
+        order = Order(*unpacked(orders.get()))
         try:
-            function = function if order.function is None else pickle.loads(order.function)  # noqa: S301
+            function = function if order.function is None else unpacked(order.function)
             with _limited(order.memory):
                 bytearray(SPARE)
         except MemoryError:
@@ -60,13 +61,16 @@ def serve(connection: Connection) -> NoReturn:
             with _limited(order.memory):
                 ended = attempt(function, job)
             connection.send(tuple(ended))
+            if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
+                os._exit(0)
         sys.stdout.flush()  # what jobs have printed
 
 
-def _read(connection: Connection, orders: SimpleQueue[bytes]) -> NoReturn:
+def _read(connection: Connection, orders: SimpleQueue[bytes], parent: int) -> NoReturn:
     try:
-        while True:
-            orders.put(connection.recv_bytes())
+        while os.getppid() == parent or sys.platform == "win32":
+            if connection.poll(PATIENCE):
+                orders.put(connection.recv_bytes())
     finally:
         os._exit(1)
 
@@ -125,12 +129,13 @@ def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
 
 
 def _fork(control: socket.socket, descriptor: int) -> int:
+    server = os.getpid()
     if child := os.fork():
         os.close(descriptor)
         return child
     try:
         control.close()
-        serve(Connection(descriptor))
+        serve(Connection(descriptor), server)
     finally:
         os._exit(1)
 

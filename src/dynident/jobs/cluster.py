@@ -155,10 +155,8 @@ def _require_workers(client: Any, address: str) -> None:
     failed = {place: one for place, one in found.items() if isinstance(one, BaseException)}
     if failed:
         why = next(iter(failed.values()))
-        raise InputError(
-            f"workers of {address} cannot load this dynident ({type(why).__name__}: {why}): {listed(failed, FEW)}; "
-            "install the same there."
-        )
+        places = listed(failed, FEW)
+        raise InputError(f"workers cannot load this dynident ({why}): {places}. Install the same everywhere.")
     scheduler = client.get_versions()["scheduler"]["packages"]
     version = {"Python": ".".join(scheduler["python"].split(".")[:2]), "distributed": scheduler["distributed"]}
     if differing := differences(software(), {**found, "the scheduler": version}):

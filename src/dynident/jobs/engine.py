@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import time
 import uuid
 from collections import deque
@@ -20,6 +19,7 @@ from dynident.jobs.attempt import Ended, status_of
 from dynident.jobs.batch import Batch, Report, run_batch
 from dynident.jobs.job import Done, Limits, Status
 from dynident.jobs.pace import Pace
+from dynident.jobs.packed import packed, unpacked
 from dynident.jobs.workers import local_workers
 
 __all__ = ["run_jobs"]
@@ -69,7 +69,7 @@ class _Spread(Generic[J, T]):
     """Jobs on their way to the workers of an executor and back."""
 
     def __init__(self, function: Callable[[J], T], jobs: Iterable[J], executor: Executor, limits: Limits) -> None:
-        self._function = pickle.dumps(function, pickle.HIGHEST_PROTOCOL)
+        self._function = packed(function)
         self._digest = sha256(self._function).digest()
         self._jobs, self._rest = iter(jobs), length_hint(jobs, -1)
         self._executor, self._limits = executor, limits
@@ -98,7 +98,7 @@ class _Spread(Generic[J, T]):
 
     def _fill(self) -> bool:
         """Submit jobs; return whether any are under way."""
-        while len(self._under_way) < self._pace.ahead:
+        while len(self._under_way) < (self._pace.ahead if self._answered else self._pace.workers):
             if self._again:
                 self._submit(*self._again.popleft())
             elif jobs := list(islice(self._jobs, self._pace.size(None if self._rest < 0 else self._rest))):
@@ -109,9 +109,9 @@ class _Spread(Generic[J, T]):
         return bool(self._under_way)
 
     def _submit(self, jobs: list[J], whole: bool) -> None:
-        packed = [pickle.dumps(job, pickle.HIGHEST_PROTOCOL) for job in jobs]
-        name = f"{self._run}-{next(self._numbers)}"
-        batch = Batch(name, self._digest, self._function if whole else None, packed, self._limits)
+        function = self._function if whole else None
+        given = [packed(job) for job in jobs]
+        batch = Batch(self._run, next(self._numbers), self._digest, function, given, self._limits)
         future = self._executor.submit(run_batch, batch)
         self._under_way[future] = jobs
         future.add_done_callback(self._ended.put)
@@ -156,6 +156,6 @@ def _read(job: J, ended: Ended) -> Done[J, Any]:
     if ended.status is not Status.OK:
         return Done(job, None, ended.status, ended.reason, ended.seconds)
     try:
-        return Done(job, pickle.loads(ended.value), seconds=ended.seconds)  # noqa: S301 -- of our own workers
+        return Done(job, unpacked(ended.value), seconds=ended.seconds)
     except Exception as error:
         return Done(job, None, *status_of(error), ended.seconds)

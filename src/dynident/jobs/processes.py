@@ -55,7 +55,10 @@ def _python(call: str, **how: Any) -> subprocess.Popen[bytes]:
     code = f"import sys; sys.path[:] = {sys.path!r}; from dynident.jobs import child; child.{call}"
     environment = {**os.environ, **ONE_THREAD}
     words = [sys.executable, "-c", code]
-    return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    try:
+        return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    except OSError as error:
+        raise InputError(f"no worker process can be started: {error}.") from error
 
 
 class Start:
@@ -77,7 +80,7 @@ class Start:
                 }
             else:
                 new = {"pass_fds": (handle,), "start_new_session": True}
-            process = _python(f"serve(child.{type(other).__name__}({handle}))", **new)
+            process = _python(f"serve(child.{type(other).__name__}({handle}), {os.getpid()})", **new)
         self._processes.add(process)
         return Child(mine, partial(self._end, process))
 

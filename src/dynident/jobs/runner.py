@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 
@@ -67,7 +66,7 @@ class Runner:
             child = self._child = self._child or self._starter.start()
             given = None if function == self._function else function
             try:
-                child.connection.send_bytes(pickle.dumps(Order(given, limits.memory, jobs), pickle.HIGHEST_PROTOCOL))
+                child.connection.send(tuple(Order(given, limits.memory, jobs)))
                 refused = child.connection.recv()
             except (EOFError, OSError):
                 code = self.close()
@@ -87,7 +86,8 @@ class Runner:
         return child.end()
 
     def __del__(self) -> None:
-        self.close()
+        if self._child is not None:  # the process ends by that; more might wait for what this thread itself holds
+            self._child.connection.close()
 
 
 def _death(code: int) -> str:

@@ -12,7 +12,7 @@ from dynident.report import figures
 from dynident.report.fleet_courses import RobotCourses
 from dynident.report.fleet_logs import failed, failed_table, failure_words, log_section, robot_table, rows_of
 from dynident.report.fleet_pooled import pooled_sections
-from dynident.report.fleet_words import change_table, change_words, changed_in, group_words, worst_first
+from dynident.report.fleet_words import change_table, change_words, changed_in, group_words, with_times, worst_first
 from dynident.report.page import (
     Badge,
     Column,
@@ -27,15 +27,12 @@ from dynident.report.page import (
     pairs,
     render,
 )
-from dynident.report.terminal import terminal
 from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
-    import rich.console
-
     from dynident.fleets import Change, FleetResult, Group
 
-__all__ = ["fleet_findings", "fleet_page", "fleet_tables", "fleet_text"]
+__all__ = ["fleet_findings", "fleet_heading", "fleet_page", "fleet_tables"]
 
 IN_WORDS, IN_TABLE = 8, 200  # changes in sentences, and in the table
 DRAWN, OPEN, PANELS = 40, 8, 4  # robots whose changes are drawn, those of them that are not folded, panels of a change
@@ -65,13 +62,15 @@ def fleet_page(found: FleetResult) -> str:
         log_section(found),
         PageSection("What was done", tuple(_method(found))),
     ]
-    return render(f"Fleet {found.name}", _lead(found), sections)
+    return render(f"Fleet {found.name}", fleet_heading(found), sections)
 
 
 def fleet_findings(found: FleetResult) -> list[str]:
     """Return plain sentences: each change, the worst first, what could not be said, and which logs have no result."""
     changes = worst_first(_changes(found))
-    lines = [change_words(one, found.start) for one in changes[:IN_WORDS]] or ["No robot has changed."]
+    tested = sum(len(one.p_values) for one in found.changes)
+    quiet = [f"No change is found on {count(tested, 'robot')}."] if tested else []
+    lines = [change_words(one, found.start) for one in changes[:IN_WORDS]] or quiet
     if len(changes) > IN_WORDS:
         lines.append(f"There are {count(len(changes) - IN_WORDS, 'more change')}; the table has them.")
     if silent := [robot for one in found.changes for robot in one.silent]:
@@ -83,33 +82,25 @@ def fleet_tables(found: FleetResult) -> list[PageTable]:
     """Return for a terminal: the changes, the robots, and the logs without a result."""
     changes = worst_first(_changes(found))
     rows, times = rows_of(found), Counter(one.robot for one in changes)
-    tables = [change_table(changes, found.start, IN_TERMINAL)] if changes else []
+    tables = [change_table(found, changes, IN_TERMINAL)] if changes else []
     return [*tables, robot_table(rows, times, IN_TERMINAL), *failed_table(rows, IN_TERMINAL)]
 
 
-def fleet_text(found: FleetResult) -> rich.console.Group:
-    """Return the fleet for a terminal: heading, tables, findings; for ``rich.console.Console.print``."""
-    from rich.console import Group
-    from rich.text import Text
-
-    lines = [Text(f"* {line}") for line in fleet_findings(found)]
-    return Group(Text(f"{found.name}: {_lead(found)}"), Text(), *map(terminal, fleet_tables(found)), *lines)
-
-
-def _changes(found: FleetResult) -> list[Change]:
-    return [change for one in found.changes for change in one.found]
-
-
-def _lead(found: FleetResult) -> str:
+def fleet_heading(found: FleetResult) -> str:
+    """Return what the fleet is, in a line."""
     rows = rows_of(found)
     dates = sorted(row["date"] for row in rows if row["date"])
     span = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     return f"{count(len(rows), 'log')} of {count(len({row['robot'] for row in rows}), 'robot')}{span}."
 
 
+def _changes(found: FleetResult) -> list[Change]:
+    return [change for one in found.changes for change in one.found]
+
+
 def _badge(found: FleetResult, changes: Sequence[Change]) -> Badge:
-    if not found.changes:
-        return Badge("not examined", "fair")
+    if not any(one.p_values for one in found.changes):
+        return Badge("too few logs to say", "fair")
     robots = len({one.robot for one in changes})
     return Badge(f"{count(robots, 'robot')} changed", "bad") if robots else Badge("no change", "good")
 
@@ -127,10 +118,10 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
     yield Facts(tuple(facts))
     yield tuple(fleet_findings(found))
     if changes:
-        table = change_table(changes, found.start, IN_TABLE)
+        table = with_times(change_table(found, changes, IN_TABLE), found, changes)
         table = replace(table, rows=tuple(tuple(map(_typeset, row)) for row in table.rows))
         yield table if len(changes) > IN_WORDS else Fold("With p-values and logs", (table,))
-    if found.changes:
+    if tested:
         rate = found.changes[0].rate
         expected, words = number(tested * rate, 2), percent(100 * rate)
         yield _CHANGES.format(tested=count(tested, "robot"), expected=expected, rate=words)

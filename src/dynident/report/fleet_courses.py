@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,9 +27,13 @@ class RobotCourses:
     """
 
     def __init__(self, history: History, changes: Sequence[Change], scatter: Scatter | None) -> None:
-        self.history, self.changes = history, changes
-        self.information = _with_scatter(history.information, scatter)
-        self.mean = self._mean()
+        self.history, self.changes, self.scatter = history, changes, scatter
+
+    @cached_property
+    def information(self) -> Array:
+        """What each log says of the robot (K, b, b), not of its day."""
+        told = self.history.information
+        return told if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in told])
 
     def of(self, group: Group) -> list[Course]:
         """Return one course for each direction of the group.
@@ -42,7 +47,7 @@ class RobotCourses:
         value, std = _along(group.directions, self.information, rest)
         zero = self._zero(group)
         line = self._line(own, zero) if own else None
-        marks = [Mark(one.day, one.shape.value) for one in own]
+        marks = [Mark(one.day, one.shape.value, self.between(one)) for one in own]
         return [
             Course(
                 self.history.robot,
@@ -58,8 +63,14 @@ class RobotCourses:
             for k, name in enumerate(group.names)
         ]
 
-    def _mean(self) -> Array:
-        """Return the mean (b) of the logs by their information, without the changes found."""
+    def between(self, change: Change) -> tuple[float, float]:
+        """Return the first and the last day that a change may have begun."""
+        first, last = (self.history.days[self.history.logs.index(log)] for log in change.between)
+        return float(first), float(last)
+
+    @cached_property
+    def mean(self) -> Array:
+        """The mean (b) of the logs by their information, without the changes found."""
         quiet = self.history.value - _effect(self.changes, self.history.days, self.history)
         right = np.einsum("kij,kj->i", self.information, quiet)
         mean: Array = _solved(self.information.sum(axis=0)[None], right[None])[0][0]
@@ -99,15 +110,6 @@ def _effect(changes: Sequence[Change], days: Array, history: History) -> Array:
         size = np.where(np.isfinite(one.std), one.size, 0.0)
         effect += _course(one, days, history) * (one.group.directions @ size)
     return effect
-
-
-def _with_scatter(information: Array, scatter: Scatter | None) -> Array:
-    """Return the information (K, b, b) of logs that scatter: the inverse of s^2 I^-1 + V, written for a singular I."""
-    if scatter is None:
-        return information
-    square = scatter.inflation**2 * np.eye(information.shape[1])
-    found: Array = np.linalg.solve(square + information @ scatter.covariance, information)
-    return 0.5 * (found + found.swapaxes(1, 2))
 
 
 def _along(directions: Array, information: Array, rest: Array) -> tuple[Array, Array]:

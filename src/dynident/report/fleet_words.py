@@ -14,13 +14,13 @@ from dynident.report.figures import Array
 from dynident.report.page import Column, PageTable, number
 
 if TYPE_CHECKING:
-    from dynident.fleets import Change
+    from dynident.fleets import Change, FleetResult
 
-__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "worst_first"]
+__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "with_times", "worst_first"]
 
 GROUPS = {
     GroupKind.FRICTION: "friction of {}",
-    GroupKind.PAYLOAD: "load at {}",
+    GroupKind.PAYLOAD: "payload at {}",
     GroupKind.OFFSET: "offset of {}",
     GroupKind.RIPPLE: "ripple of {}",
 }
@@ -34,6 +34,7 @@ VERBS = {
 }
 SURE, FEW = 2.0, 3  # standard errors from which on a part of a change is named, and how many are
 RATE = 100.0  # days
+TOLD = 3.0  # odds from which on a shape is told from the other
 
 
 def group_words(group: Group) -> str:
@@ -47,7 +48,7 @@ def day_words(day: float, start: datetime | None) -> str:
 
 
 def worst_first(changes: Sequence[Change]) -> list[Change]:
-    """Return the changes, the least probable by chance first, and of equal ones the largest in standard errors."""
+    """Return the changes, the least probable by chance first, of equal ones the largest in standard errors."""
     return sorted(changes, key=lambda one: (one.p_value, -_ratios(one).max(initial=0.0)))
 
 
@@ -90,28 +91,32 @@ def _signed(value: float) -> str:
     return f"{'+' if value > 0 else ''}{number(float(value), 3)}"
 
 
-def change_table(changes: Sequence[Change], start: datetime | None, most: int) -> PageTable:
+def change_table(found: FleetResult, changes: Sequence[Change], most: int) -> PageTable:
     """Return the table of the first ``most`` changes."""
-    heads = (
-        Column("robot", numeric=False),
-        Column("what", numeric=False),
-        Column("since", numeric=False),
-        Column("shape", numeric=False),
-        Column("by", numeric=False, prose=True),
-        Column("p-value"),
-        Column("log", numeric=False),
-    )
+    titles = ("robot", "what", "began", "how")
+    heads = [Column(title, numeric=False) for title in titles]
+    heads += [Column("by", numeric=False, prose=True), Column("p-value")]
     rows = tuple(
         (
             one.robot,
             group_words(one.group),
-            day_words(one.day, start),
-            one.shape.value,
+            day_words(one.day, found.start),
+            one.shape.value if one.odds >= TOLD else "step or drift",
             "; ".join(list(_sizes(one))[:FEW]),
             number(one.p_value, 2),
-            one.since,
         )
         for one in changes[:most]
     )
     more = f", the {most} worst of {len(changes)}" if len(changes) > most else ""
-    return PageTable(heads, rows, f"Changes, worst first{more}")
+    return PageTable(tuple(heads), rows, f"Changes, worst first{more}")
+
+
+def with_times(table: PageTable, found: FleetResult, changes: Sequence[Change]) -> PageTable:
+    """Return the table of the changes with the days between which each began, and the log."""
+    days = {history.robot: dict(zip(history.logs, history.days, strict=True)) for history in found.histories}
+    rows = []
+    for row, one in zip(table.rows, changes, strict=False):
+        ends = dict.fromkeys(day_words(days[one.robot][log], found.start) for log in one.between)
+        rows.append((*row, " to ".join(ends), one.since))
+    heads = (*table.columns, Column("between", numeric=False), Column("log", numeric=False))
+    return PageTable(heads, tuple(rows), table.caption)

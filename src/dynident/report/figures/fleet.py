@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -35,10 +35,11 @@ FAR = 3.0  # spreads of the robots at which the colours of a deviation end
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """Where a change begins: ``day``, and the ``word`` for it."""
+    """Where a change begins: ``day``, the first and the last that it may be, and the ``word`` for it."""
 
     day: float
     word: str
+    between: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ def course_figure(courses: Sequence[Course], start: datetime | None = None) -> D
         for curve in _course(one, start, MOST_POINTS):
             figure.add(curve | {"showlegend": row == 1}, row=row)
         figure.layout[f"yaxis{row if row > 1 else ''}"]["range"] = _range([one])
-    shapes = [_line(mark, start, row) for row, one in enumerate(courses, start=1) for mark in one.marks]
+    shapes = [shape for row, one in enumerate(courses, start=1) for shape in _shapes(one, start, row)]
     words = [_word(mark, start) for mark in (courses[0].marks if courses else ())]
     for heading in figure.layout["annotations"]:
         heading.update(x=0.0, xanchor="left", font={"size": 14})
@@ -93,7 +94,7 @@ def robots_figure(courses: Sequence[Course], start: datetime | None = None) -> D
             figure.add(curve | {"showlegend": False}, row=k)
     _time_axis(figure, start, title="")
     figure.axes("y", range=_range(courses))
-    figure.layout["shapes"] = [_line(mark, start, k) for k, one in enumerate(courses, start=1) for mark in one.marks]
+    figure.layout["shapes"] = [shape for k, one in enumerate(courses, start=1) for shape in _shapes(one, start, k)]
     figure.layout["hovermode"] = "closest"
     return figure
 
@@ -187,10 +188,15 @@ def _time_axis(figure: Drawing, start: datetime | None, title: str | None = None
     figure.layout[last]["title"] = {"text": name if title is None else title}
 
 
-def _line(mark: Mark, start: datetime | None, row: int) -> dict[str, Any]:
-    x, number = _at(np.array([mark.day]), start)[0], row if row > 1 else ""
-    place = {"xref": f"x{number}", "yref": f"y{number} domain", "x0": x, "x1": x, "y0": 0, "y1": 1}
-    return {"type": "line", **place, "line": {"color": AMBER, "width": 1.5, "dash": "dash"}}
+def _shapes(course: Course, start: datetime | None, row: int) -> Iterator[dict[str, Any]]:
+    """Yield a line where each change begins, and a pale strip where it may."""
+    number = row if row > 1 else ""
+    for mark in course.marks:
+        day, first, last = _at(np.array([mark.day, *mark.between]), start).tolist()
+        place = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1}
+        yield {"type": "line", **place, "x0": day, "x1": day, "line": {"color": AMBER, "width": 1.5, "dash": "dash"}}
+        strip = {"fillcolor": AMBER, "opacity": 0.15, "line": {"width": 0}, "layer": "below"}
+        yield {"type": "rect", **place, "x0": first, "x1": last, **strip}
 
 
 def _word(mark: Mark, start: datetime | None) -> dict[str, Any]:

@@ -1,0 +1,56 @@
+"""What one log alone says of the base parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dynident.fleets.information import information_of
+from dynident.fleets.rows import packed, unpacked
+from dynident.identification import Recipe, identify
+from dynident.log import Log
+from dynident.models import Model
+from dynident.regression import structural_base_parameters
+from dynident.smoothers import Difference, Spline
+from dynident.splines import GCV
+from tests.fleets.made import arm, recording, truth
+
+RECIPE = Recipe(Spline(GCV()))
+
+
+def logged(model: Model, seed: int, *, still: bool = False) -> Log:
+    """A recording, in which the elbow may stand still."""
+    t = recording(model, truth(model), seed, still=still)
+    q, tau = t.select("q1", "q2").to_numpy() * [1, not still], t.select("tau1", "tau2").to_numpy()
+    return Log(t["t"].to_numpy(), q, tau, ("shoulder", "elbow"), f"log {seed}")
+
+
+def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
+    model = arm(tmp_path)
+    basis = structural_base_parameters(model)
+    true, distances = basis.to_base(truth(model)), []
+    for seed in range(12):
+        value, information = information_of(identify(model, [logged(model, seed)], recipe=RECIPE), basis)
+        error = value - true
+        distances.append(error @ information @ error)
+    assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 120 degrees of freedom, over these
+
+
+def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
+    model = arm(tmp_path)
+    basis = structural_base_parameters(model)
+    found = identify(model, [logged(model, 0, still=True)], recipe=Recipe(Difference("central")))
+    _, information = information_of(found, basis)
+    names = [basis.names[k] for k in basis.independent]
+    viscous = names.index("Fv_elbow")
+    assert np.abs(information[viscous]).max() < 1e-9 * np.abs(information).max()
+    assert np.linalg.eigvalsh(information).min() > -1e-9 * np.abs(information).max()
+    assert information[names.index("Fv_shoulder"), names.index("Fv_shoulder")] > 0
+
+
+def test_packed_matrices_are_the_same_again() -> None:
+    rng = np.random.default_rng(0)
+    given = rng.standard_normal((3, 4, 4))
+    given = given + given.transpose(0, 2, 1)
+    np.testing.assert_array_equal(unpacked(np.array([packed(one) for one in given]), 4), given)

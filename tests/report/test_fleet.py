@@ -1,0 +1,152 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from dynident.fleets import Changes, Shape
+from dynident.jobs import Status
+from dynident.report.fleet import fleet_findings, fleet_heading, fleet_page, fleet_tables
+from dynident.report.page import _script
+from dynident.report.terminal import terminal
+from tests.report.fleets import NONE, change, fleet, groups, history
+from tests.report.test_page import Outline
+from tests.report.test_study import text_of
+
+
+@pytest.fixture(scope="module")
+def found():
+    return fleet()
+
+
+@pytest.fixture(scope="module")
+def page(found):
+    return fleet_page(found)
+
+
+def own(page):
+    """The page without plotly's script."""
+    return page.replace(_script(), "")
+
+
+def test_what_changed_comes_first_the_worst_before_all(found):
+    load, wear, offset, few, lost = fleet_findings(found)
+    assert load.startswith(
+        "arm-0: payload at elbow changed on 2026-07-06: hand.mass by +0.500 +- 0.050 kg, hand.mz by "
+    )
+    assert wear.startswith("arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m")
+    assert wear.endswith(" (+0.949 in 100 days).")
+    assert offset == "arm-2: offset of elbow changed on 2026-05-15: offset_elbow by -0.400 +- 0.050 N m."
+    assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
+    assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
+
+
+def test_the_page_says_the_rate_of_false_alarms(page):
+    text = re.sub(r"\s+", " ", own(page)).replace("\u00a0", " ")
+    assert "3 robots changed" in text
+    assert "Of 10 robots, in which nothing changes, 0.10 would be listed here by chance (1 %)." in text
+    assert "200 of 201" in text
+    assert "step or drift" in text  # where the odds do not tell
+    assert "± 0.050 kg" in text
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "words"),
+    [
+        (Shape.STEP, [0.0, 1.0], "friction of shoulder rose on"),
+        (Shape.STEP, [-1.0, 0.0], "friction of shoulder fell on"),
+        (Shape.STEP, [-1.0, 1.0], "friction of shoulder changed on"),
+        (Shape.DRIFT, [1.0, 1.0], "friction of shoulder has been rising since"),
+        (Shape.DRIFT, [1.0, -1.0], "friction of shoulder has been drifting since"),
+        (Shape.STEP, [0.01, 0.02], "friction of shoulder rose on"),  # the clearest, where none is certain
+    ],
+)
+def test_words_follow_what_is_certain(found, shape, size, words):
+    one = change(history("arm-9"), groups()[0], shape, 8, size)
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    assert words in fleet_findings(made)[0]
+
+
+def test_a_direction_that_no_log_shows_is_not_named(found):
+    one = change(history("arm-9"), groups()[0], Shape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    assert "Fv_shoulder" not in fleet_findings(made)[0]
+
+
+def test_a_quiet_fleet(found):
+    quiet = fleet(changed=0)
+    assert fleet_findings(quiet)[0] == "No change is found on 10 robots."
+    page = own(fleet_page(quiet))
+    assert "no change" in page
+    assert "Robots that changed" not in page
+    assert len(fleet_tables(quiet)) == 2
+    unknown = replace(quiet, changes=())
+    assert fleet_findings(unknown) == ["1 of 201 logs has no result: 1 timed out."]
+    assert "too few logs to say" in fleet_page(unknown)
+
+
+def test_a_fleet_without_any_result_has_a_page(found):
+    rows = found.rows.with_columns(
+        *(
+            pl.lit(text).alias(name)
+            for name, text in (("status", Status.FAILED.value), ("reason", "no column 'q1'"), ("folder", ""))
+        ),
+        *(pl.lit(None).cast(found.rows.schema[name]).alias(name) for name in ("error", "errors", "verdict", "date")),
+    )  # fmt: skip
+    page = own(fleet_page(replace(found, rows=rows, histories=(), changes=(), pooled={}, start=None)))
+    assert "201 of 201 logs have no result" in page
+    assert 'class="plot"' not in page
+
+
+def test_every_log_leads_to_its_report_and_says_what_became_of_it(page):
+    links = [attrs["href"] for tag, attrs in Outline(page).tags if tag == "a"]
+    reports = [link for link in links if not link.startswith("#")]
+    assert len(reports) == 200
+    assert reports[0] == "./runs/arm-0/0/report.html"
+    text = own(page)
+    assert "longer than 5 s" in text
+    assert "timed out" in text
+    assert "5.00 (elbow)" in text
+
+
+def test_each_robot_that_changed_is_drawn_and_all_side_by_side(page):
+    text = own(page)
+    assert re.findall(r"<h3>(.*?)</h3>", text) == ["arm-0", "arm-1", "arm-2"]
+    assert re.findall(r'<button type="button">(.*?)</button>', text)[1:4] == [
+        "payload at elbow", "friction of elbow", "offset of elbow",
+    ]  # fmt: skip
+    assert "Robots of type ur10" in text
+
+
+@pytest.mark.parametrize(("robots", "logs"), [(10, 500), (500, 10)])
+def test_a_page_of_5000_logs_stays_small_and_says_what_it_leaves_out(robots, logs):
+    page = own(fleet_page(fleet(robots, logs)))
+    assert len(page) < 3e6
+    assert page.count('href="./runs') <= 2500
+    assert "`fleet.parquet` has all" in page.replace("<code>", "`").replace("</code>", "`")
+    if robots == 500:
+        assert "Drawn are 48 of 500 robots" in page
+        assert "of the first 300 robots" in page
+
+
+def test_many_changes_are_counted_and_few_are_drawn():
+    made = fleet(60, 8)
+    kinds = groups()
+    some = [change(one, kinds[0], Shape.STEP, 4, [1.0, 0.0]) for one in made.histories]
+    made = replace(made, changes=(Changes(0.01, tuple(some), {one.robot: 0.0 for one in some}, (), NONE),))
+    assert "There are 52 more changes; the table has them." in fleet_findings(made)
+    page = own(fleet_page(made))
+    assert "The changes of 20 more robots are in the table above only." in page
+    assert len(fleet_tables(made)[0].rows) == 20
+    assert fleet_tables(made)[0].caption == "Changes, worst first, the 20 worst of 60"
+
+
+def test_tables_of_a_terminal(found):
+    shown = text_of(*map(terminal, fleet_tables(found)), width=100)
+    lines = shown.splitlines()
+    assert lines[0] == "Changes, worst first"
+    assert lines[3].startswith("arm-0  payload at elbow")
+    robots = lines.index("Robots")
+    assert [line.split()[0] for line in lines[robots + 3 : robots + 6]] == ["arm-0", "arm-1", "arm-2"]
+    assert "longer than 5 s" in lines[-2]

@@ -37,7 +37,10 @@ def test_what_changed_comes_first_the_worst_before_all(found):
     )
     assert wear.startswith("arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m")
     assert wear.endswith(" (+0.949 in 100 days).")
-    assert offset == "arm-2: offset of elbow changed on 2026-05-15: offset_elbow by -0.400 +- 0.050 N m."
+    assert offset == (
+        "arm-2: offset of elbow changed on 2026-05-15 (at once or slowly: the logs do not tell): offset_elbow by -0.400 "
+        "+- 0.050 N m."
+    )
     assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
     assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
 

@@ -8,7 +8,7 @@ before the next is sought (forward selection).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -28,6 +28,7 @@ FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told fro
 ROUNDS = 3  # of scatter and changes in turn
 LIKELY = 3.84  # twice the log-likelihood that the true time of a change loses at most, at 95 %
 MOST = 700.0  # of a logarithm that has an exponential
+POOLED = 100  # logs, from which on their own errors say how far logs differ by chance, with their heavy tails
 TIMES = 60  # of a change, at most, that are tried on one robot
 
 
@@ -108,17 +109,19 @@ def find_changes(
     seeds = rng.integers(2**63, size=len(histories))  # the same draws in each round
     scatter, found = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
     chances = dict[str, float]()
+    pool = None
     for _ in range(ROUNDS):
         before = _named(found)
         for history, seed in zip(histories, seeds, strict=True):
             if scatter.dof >= FEWEST and len(history.logs) > 1:
                 found[history.robot], chances[history.robot] = changes_of(
-                    history, groups, scatter, np.random.default_rng(seed), rate=rate, draws=draws
+                    history, groups, scatter, np.random.default_rng(seed), rate=rate, draws=draws, pool=pool
                 )
         if _named(found) == before:
             break
         designs = [design(history, found.get(history.robot, ())) for history in histories]
         scatter = scatter_of(histories, groups, rng, designs, scatter)
+        pool = _pool(histories, scatter, found) if scatter.dof >= POOLED else None
     silent = tuple(history.robot for history in histories if history.robot not in chances)
     return Changes(rate, tuple(change for some in found.values() for change in some), chances, silent, scatter)
 
@@ -131,13 +134,17 @@ def changes_of(
     *,
     rate: float = 0.01,
     draws: int = DRAWS,
+    pool: Array | None = None,
 ) -> tuple[tuple[Change, ...], float]:
-    """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not."""
+    """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not.
+
+    Where there is no change, logs differ as the standardised errors of a ``pool`` (L, b) of logs do, else normally.
+    """
     shapes, courses = _courses(history.days)
     ratios = Ratios.of(history, groups, scatter.parts, courses, scatter.dof)
     taken, chances = list[tuple[int, int]](), list[float]()
     while True:
-        best, chance = ratios.clearest(taken, rng, draws)
+        best, chance = ratios.clearest(taken, rng, draws, pool)
         chances.append(chance)
         if best is None or chance > rate:
             break
@@ -163,6 +170,18 @@ def design(history: History, changes: Sequence[Change]) -> Array:
     courses = [course(history.days, change.shape, change.index) for change in changes]
     parts = [one[:, None, None] * change.group.directions for one, change in zip(courses, changes, strict=True)]
     return np.concatenate([np.broadcast_to(np.eye(b), (k, b, b)), *parts], axis=2)
+
+
+def _pool(histories: Sequence[History], scatter: Scatter, found: Mapping[str, Sequence[Change]]) -> Array:
+    """Return the standardised errors (L, b) of all logs beside the changes found."""
+    errors = []
+    for history in histories:
+        some = found.get(history.robot, ())
+        courses = np.array([course(history.days, one.shape, one.index) for one in some]).reshape(-1, len(history.logs))
+        ratios = Ratios.of(history, [one.group for one in some], scatter.parts, courses, scatter.dof)
+        if len(history.logs) > len(some) + 1:
+            errors.append(ratios.left([(k, k) for k in range(len(some))]))
+    return np.concatenate(errors)
 
 
 def _courses(days: Array) -> tuple[list[tuple[Shape, int]], Array]:

@@ -62,7 +62,7 @@ def fleet_page(found: FleetResult) -> str:
         log_section(found),
         PageSection("What was done", tuple(_method(found))),
     ]
-    return render(f"Fleet {found.name}", fleet_heading(found), sections)
+    return render(f"Fleet: {found.name}", fleet_heading(found), sections)
 
 
 def fleet_findings(found: FleetResult) -> list[str]:

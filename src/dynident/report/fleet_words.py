@@ -70,7 +70,8 @@ def change_words(change: Change, start: datetime | None) -> str:
     """Return a change as a sentence."""
     join = "on" if change.shape is Shape.STEP else "since"
     what = f"{group_words(change.group)} {_verb(change)} {join} {day_words(change.day, start)}"
-    return f"{change.robot}: {what}: {listed(_sizes(change), FEW)}."
+    unsure = "" if change.odds >= TOLD else " (at once or slowly: the logs do not tell)"
+    return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}."
 
 
 def _verb(change: Change) -> str:

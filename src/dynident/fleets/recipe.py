@@ -87,7 +87,7 @@ def fleet_recipe(
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: is no configuration: a mapping of settings is expected.")
-    given = {key: value for key, value in data.items() if key not in ("train", "validation")}
+    given = {key: _named(key, value) for key, value in data.items() if key not in ("train", "validation")}
     reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
     asked = FleetRecipe(given, path.parent, _changes(settings, folder, path.parent), reading)
     _checked(asked, settings.robots, path)
@@ -124,11 +124,17 @@ def _changes(settings: FleetSettings, was: Path, folder: Path) -> dict[str, dict
     """Return what differs by robot, with names of files relative to a folder."""
     found = {}
     for robot, one in settings.robots.items():
-        own = {name: _plain(value) for name, value in one.changes.items()}
+        own = {name: _named(name, _plain(value)) for name, value in one.changes.items()}
         model = own.get("model")
         named = isinstance(model, str) or (isinstance(model, dict) and "file" in model)
         found[robot] = relocated(own, was, folder) if named else own
     return found
+
+
+def _named(key: str, value: Any) -> Any:
+    """Return a setting, a robot file that stands for the model as the ``file`` of it, to be merged with other keys."""
+    file = key == "model" and isinstance(value, str) and value.lower().endswith(SUFFIXES)
+    return {"file": value} if file else value
 
 
 def _plain(value: Any) -> Any:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import Step
+from dynident.errors import InputError, Step
 from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -125,8 +125,9 @@ def fleet(
 def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, say: Progress) -> FleetResult:
     """Return a result with the changes of its robots and what those of a type share, where there are enough."""
     changes, shared = [], dict[str, Pooled]()
+    of = {one.robot: one for one in found.histories}
     for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
-        histories = [one for one in found.histories if one.robot in robots]
+        histories = [of[robot] for robot in robots if robot in of]
         if histories:
             say(f"looking for changes of {kind}")
             changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
@@ -148,10 +149,22 @@ def _rows(
     with RowStore(None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, again=AGAIN) as store:
         wanted = [job for job in jobs if job.key not in store]
         say(Step("identifying logs", 0, len(wanted)))
-        for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
-            store.add([_kept(done, folder)])
-            say(Step("identifying logs", count, len(wanted)))
+        try:
+            for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
+                store.add([_kept(done, folder)])
+                say(Step("identifying logs", count, len(wanted)))
+        except KeyboardInterrupt as stop:
+            stop.add_note(_left(folder))
+            raise
+        except InputError as error:
+            raise InputError(f"{error} {_left(folder)}") from error
         return _present(store.table(), jobs, work.recipe), len(wanted)
+
+
+def _left(folder: Path | None) -> str:
+    if folder is None:
+        return "No log is kept; name a folder for the results to keep them."
+    return f"Finished logs are kept in {folder / TABLE}; run the same command again to go on."
 
 
 def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:

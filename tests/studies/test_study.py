@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -14,51 +17,18 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from dynident.errors import InputError
+from dynident.errors import InputError, ModelError
 from dynident.estimators import Determined, Estimate, Residual
 from dynident.estimators.notes import NotConverged, RankDeficient
+from dynident.jobs import Limits, local_workers
 from dynident.kernel import Kernel
-from dynident.log import Log, Motion
-from dynident.models import Parameter, Recording, record
+from dynident.models import Recording
 from dynident.studies import Outcome, run_study, statistics, study
 from dynident.studies.study import code_version, generator
+from dynident.studies.table import KEY
+from tests.studies.work import HANGS, LEVELS, SEEN, TROUBLES, Mean, Still, without_seconds
 
-
-@dataclass(frozen=True)
-class Still:
-    """A joint at rest at 2 rad, under a torque of 3 N m."""
-
-    name: str = "still"
-
-    def record(self, level: float, rng: np.random.Generator) -> Recording:
-        t, one = np.arange(50) * 0.01, np.ones((50, 1))
-        truth = Motion(t, 2 * one, 0 * one, 0 * one, 3 * one, ("a",), np.ones(50, bool))
-        return record(truth, level, level, rng)
-
-
-SEEN = (Parameter("q", "rad"), Parameter("tau", "N m"))
-
-
-@dataclass(frozen=True)
-class Mean:
-    """Estimates the position and the torque by their means; breaks on demand."""
-
-    name: str = "mean"
-    breaks_above: float = np.inf
-
-    def estimate(self, recording: Recording) -> Estimate:
-        log: Log = recording.log
-        value = np.array([log.q.mean(), log.tau.mean()])
-        if value[0] > self.breaks_above:
-            raise ValueError("too large")
-        return Estimate(SEEN, value, np.eye(2), Determined(2), Residual(np.ones(1), 50))
-
-
-LEVELS = (0.1, 0.2)
-
-
-def without_seconds(table: pl.DataFrame) -> pl.DataFrame:
-    return table.drop("seconds")
+ROOT = Path(__file__).parents[2]
 
 
 def test_one_row_per_fit() -> None:
@@ -133,13 +103,95 @@ def test_a_table_without_intervals_and_reasons_is_read(tmp_path: Path) -> None:
     assert len(pl.read_parquet(path)) == 2 * len(old)
 
 
-@pytest.mark.parametrize("pool", ["threads", "processes"])
+@pytest.mark.parametrize("pool", ["threads", "processes", "local workers"])
 def test_the_executor_changes_nothing(pool: str) -> None:
-    alone = run_study([Still()], [Mean()], LEVELS, 6, seed=1)
-    workers = ThreadPoolExecutor(2) if pool == "threads" else ProcessPoolExecutor(2, mp_context=get_context("spawn"))
-    with workers as executor:
-        spread = run_study([Still()], [Mean()], LEVELS, 6, seed=1, executor=executor)
+    alone = run_study([Still()], [Mean(), Sure()], LEVELS, 6, seed=1)
+    workers = {
+        "threads": lambda: ThreadPoolExecutor(2),
+        "processes": lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+        "local workers": lambda: local_workers(2),
+    }
+    with workers[pool]() as executor:
+        spread = run_study([Still()], [Mean(), Sure()], LEVELS, 6, seed=1, executor=executor)
     assert_frame_equal(without_seconds(alone), without_seconds(spread))
+
+
+def test_trouble_with_one_fit_leaves_the_others_unharmed(tmp_path: Path) -> None:
+    """On the recordings of the higher noise one method raises, one hangs, one eats memory, and one ends its process."""
+    methods, path = [Mean(), *TROUBLES], tmp_path / "study.parquet"
+    with local_workers(2) as executor:
+        table = run_study(
+            [Still()], methods, LEVELS, 1, path=path, executor=executor, limits=Limits(seconds=3.0, memory=1.0)
+        )
+    low, high = (table.filter(level=level) for level in LEVELS)
+    assert set(low["status"]) == {Outcome.OK}
+    expected = [Outcome.OK, Outcome.FAILED, Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY, Outcome.DIED]
+    assert high["status"].to_list() == expected
+    assert high["value"].list.len().to_list() == [2, 0, 0, 0, 0]
+    assert all(high["reason"][1:])
+    assert statistics(high, 2).failed == 4
+    well = [Mean(method.name) for method in methods]
+    resumed = run_study([Still()], well, LEVELS, 1, path=path)
+    assert_frame_equal(without_seconds(resumed), without_seconds(run_study([Still()], well, LEVELS, 1)))
+    assert set(table.filter(status="ok")["seconds"]) <= set(resumed["seconds"])  # computed once
+
+
+class Broken(Still):
+    """An experiment that cannot be simulated."""
+
+    def record(self, level: float, rng: np.random.Generator) -> Recording:
+        raise ModelError("no motion")
+
+
+def test_a_recording_that_cannot_be_made_is_rows() -> None:
+    table = run_study([Broken("broken"), Still()], [Mean(), Sure()], LEVELS, 1)
+    assert set(table.filter(scenario="still")["status"]) == {"ok", "unsettled"}
+    assert table.filter(scenario="broken")["status"].to_list() == ["failed"] * 4
+    assert set(table.filter(scenario="broken")["reason"]) == {"ModelError: no motion"}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system cannot fork")
+def test_killed_at_any_moment_nothing_is_lost_and_nothing_computed_twice(tmp_path: Path) -> None:
+    path = tmp_path / "study.parquet"
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.studies.killed", "7", path],
+        capture_output=True, text=True, timeout=HANGS, check=False, cwd=ROOT,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    whole, first, *found, last = done.stdout.split()
+    assert (whole, first, last) == ("0", "done", "done")
+    kept = [int(count) for count in found if count != "done"]
+    assert kept == sorted(kept)
+    assert kept[-1] > 0
+    table, expected = (pl.read_parquet(file).sort(KEY) for file in (path, tmp_path / "whole.parquet"))
+    assert_frame_equal(without_seconds(table), without_seconds(expected))
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["study.parquet", "whole.parquet"]
+
+
+def test_with_rerun_all_fits_are_computed_again(tmp_path: Path) -> None:
+    path = tmp_path / "study.parquet"
+    first = run_study([Still()], [Mean()], LEVELS, 4, path=path)
+    seen: list[tuple[int, int]] = []
+    second = run_study([Still()], [Mean()], LEVELS, 2, path=path, rerun=True, progress=lambda *now: seen.append(now))
+    assert (seen[0], seen[-1]) == ((0, 4), (4, 4))
+    assert not set(second["seconds"]) & set(first["seconds"])
+    assert len(pl.read_parquet(path)) == 8  # the others are still there
+
+
+def test_two_studies_on_one_table(tmp_path: Path) -> None:
+    path = tmp_path / "study.parquet"
+    told: list[str] = []
+
+    def second(done: int, total: int) -> None:
+        if not told:
+            with pytest.raises(InputError) as caught:
+                run_study([Still()], [Mean()], LEVELS, 2, path=path)
+            told.append(str(caught.value))
+
+    table = run_study([Still()], [Mean()], LEVELS, 2, path=path, progress=second)
+    assert f"another run writes here (process {os.getpid()} on" in told[0]
+    assert table["status"].to_list() == ["ok"] * 4
 
 
 def test_noise_depends_on_seed_level_and_run_alone() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -41,7 +41,7 @@ KEY_BYTES = 300  # memory of a key
 PART = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Part:
     """Rows that belong together: a file, or a table in memory; ``replaced`` are the keys of which a later part has
     another row."""
@@ -106,16 +106,12 @@ class RowStore:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Save all rows and merge the parts into the table; after an error (not Ctrl-C) they stay as they are."""
-        with self._held:
+        """Save all rows and merge the parts into the table; where that fails after an error, they stay as they are."""
+        with self._held, suppress(InputError) if isinstance(error, Exception) else nullcontext():
             if self._timer is not None:
                 self._timer.cancel()
-            if isinstance(error, Exception):
-                with suppress(InputError):
-                    self.save()
-            else:
-                self.save()
-                self._merge()
+            self.save()
+            self._merge()
 
     def __contains__(self, key: object) -> bool:
         return self._latest.get(key, -1) >= 0  # type: ignore[call-overload,no-any-return]
@@ -212,33 +208,36 @@ class RowStore:
 
     def _read(self, file: Path) -> None:
         """Read the keys of a file."""
+        part, number = self._part(file), len(self._parts)
+        self._parts.append(part)
+        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
+        keys = part.rows.select(*self.key, self._unknown().alias(""))
+        shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
+        for start in range(0, part.count, GROUP):
+            frame = self._done(keys.slice(start, GROUP).collect)
+            for name in self.key:
+                if frame[name].null_count():
+                    raise _other(file, f"its column {name!r} has empty cells")
+            for *values, unknown in frame.iter_rows():
+                key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
+                if self._latest.get(key) in (number, ~number):
+                    raise _other(file, "a row stands in it twice")
+                self._place(key, number, known=not unknown)
+
+    def _part(self, file: Path) -> _Part:
         import polars as pl
 
         with opened(file, remember=False):  # no pipe, and not too large
             pass
         try:
             schema = unpanicked(lambda: dict(pl.read_parquet_schema(file)))
+            count = unpanicked(lambda: _scan(file).select(pl.len()).collect().item())
         except (pl.exceptions.PolarsError, ValueError, OSError) as error:
             raise _damaged(file, error) from error
         if reason := self._foreign(schema):
             raise _other(file, reason)
-        rows = _scan(file).select(
-            name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items()
-        )
-        part = _Part(rows, 0, file)
-        self._parts.append(part)
-        part.count = int(self._done(lambda: rows.select(pl.len()).collect().item()))
-        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
-        frame = self._done(rows.select(*self.key, self._unknown().alias("")).collect)
-        for name in self.key:
-            if frame[name].null_count():
-                raise _other(file, f"its column {name!r} has empty cells")
-        if frame.select(self.key).is_duplicated().any():
-            raise _other(file, "a row stands in it twice")
-        shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
-        for *values, unknown in frame.iter_rows():
-            key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
-            self._place(key, len(self._parts) - 1, known=not unknown)
+        columns = (name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items())
+        return _Part(_scan(file).select(columns), int(count), file)
 
     def _unknown(self) -> pl.Expr:
         """Tell the rows that count as not known."""

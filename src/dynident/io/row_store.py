@@ -77,11 +77,11 @@ class RowStore:
         self.added, self.again = tuple(added), {name: list(values) for name, values in (again or {}).items()}
         self._parts: list[_Part] = []
         self._latest: dict[Key, int] = {}  # the number of the part with the row that counts; ~number of one not known
-        self._known = 0
+        self._count = 0
         self._new: dict[Key, Mapping[str, Any]] = {}  # the next part
         self._lock = RLock()
         self._timer: Timer | None = None
-        self._error: InputError | None = None
+        self._error: Exception | None = None
         self._held = ExitStack()
 
     @property
@@ -114,10 +114,10 @@ class RowStore:
             self._merge()
 
     def __contains__(self, key: object) -> bool:
-        return self._latest.get(key, -1) >= 0  # type: ignore[call-overload,no-any-return]
+        return key in self._new or self._latest.get(key, -1) >= 0  # type: ignore[call-overload]
 
     def __len__(self) -> int:
-        return self._known
+        return self._count
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; one of a key that is known replaces it. They are on the disk within seconds.
@@ -131,7 +131,7 @@ class RowStore:
                 if unknown := row.keys() - self.schema.keys():
                     raise ValueError(f"the table has no columns {sorted(unknown)}")
                 key = tuple(row[name] for name in self.key)
-                self._place(key, len(self._parts))
+                self._count += key not in self
                 self._new[key] = row
                 if len(self._new) >= MOST:
                     self.save()
@@ -149,10 +149,10 @@ class RowStore:
                 return
             frame, path = pl.DataFrame(list(self._new.values()), schema=self.schema), None
             if self.folder is not None:
-                last = max(
-                    (_number(part.path) for part in self._parts if part.path not in (None, self.path)), default=0
-                )
+                last = _number(self._parts[-1].path) if self._parts else 0
                 path = write_table(self.folder / f"{last + 1:04d}-{uuid4().hex[:8]}.parquet", frame)
+            for key in self._new:  # in this order: Ctrl-C may come between any two steps
+                self._place(key, len(self._parts))
             self._parts.append(_Part(frame.lazy() if path is None else _scan(path), len(frame), path))
             self._new = {}
 
@@ -192,7 +192,7 @@ class RowStore:
             self._timer = None
             try:
                 self.save()
-            except InputError as error:
+            except Exception as error:  # for the next call
                 self._error = error
 
     def _place(self, key: Key, number: int, *, known: bool = True) -> None:
@@ -202,9 +202,7 @@ class RowStore:
             part = ~before if before < 0 else before
             if part < number:
                 self._parts[part].replaced.append(key)
-            self._known -= before >= 0
         self._latest[key] = number if known else ~number
-        self._known += known
 
     def _read(self, file: Path) -> None:
         """Read the keys of a file."""
@@ -222,6 +220,7 @@ class RowStore:
                 key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
                 if self._latest.get(key) in (number, ~number):
                     raise _other(file, "a row stands in it twice")
+                self._count += (not unknown) - (key in self)
                 self._place(key, number, known=not unknown)
 
     def _part(self, file: Path) -> _Part:

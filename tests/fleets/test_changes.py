@@ -123,6 +123,20 @@ def test_what_a_log_does_not_show_changes_nothing() -> None:
     np.testing.assert_allclose(list(one.p_values.values()), list(other.p_values.values()), atol=0.05)
 
 
+def test_heavy_tails_raise_no_alarms_once_the_fleet_shows_them() -> None:
+    """Every twentieth log has errors five times as large."""
+    rng, flagged, robots = np.random.default_rng(12), 0, 0
+    for _ in range(12):
+        histories = fleet(rng, 12, 12)
+        for history in histories:
+            mean = history.value.mean(axis=0)
+            odd = rng.random(len(history.logs)) < 0.05
+            history.value[odd] = mean + 5 * (history.value[odd] - mean)
+        found = find_changes(histories, GROUPS, rng, rate=0.05, draws=100)
+        flagged, robots = flagged + len({one.robot for one in found.found}), robots + len(histories)
+    assert flagged <= binom.ppf(0.999, robots, 0.05)
+
+
 def test_draws_depend_on_the_generator_alone() -> None:
     histories = fleet(np.random.default_rng(7), 6, 10, {2: carries})
     one, other = (find_changes(histories, GROUPS, np.random.default_rng(1), draws=200) for _ in range(2))

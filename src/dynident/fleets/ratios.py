@@ -80,7 +80,7 @@ class Ratios:
         flat = self.value.ravel()
         rows = (flat - Q @ (Q.T @ flat)).reshape(self.value.shape)
         shown = int(np.count_nonzero(self.rows.any(axis=2)))
-        return np.einsum("kij,ki->kj", self.turns, rows) * np.sqrt(shown / max(shown - Q.shape[1], 1))
+        return np.asarray(np.einsum("kij,ki->kj", self.turns, rows) * np.sqrt(shown / max(shown - Q.shape[1], 1)))
 
     def _drawn(self, rng: np.random.Generator, draws: int, pool: Array) -> Array:
         """Return rows of errors (N, K, b), each log's those of one of the pool, with a sign by chance."""

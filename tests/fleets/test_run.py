@@ -209,13 +209,19 @@ def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -
         shutil.copy(made / LOGS[0], tmp_path / "logs" / log)
     for name in ("robot.yaml", "arm.urdf"):
         shutil.copy(made / name, tmp_path / name)
-    listed = [f"logs/{log},{log.partition('/')[0]},2026-01-01" for log in logs]
-    (tmp_path / "runs.csv").write_text("\n".join(["log,robot,date", *listed]))
+    listed = [f"logs/{log},{log.partition('/')[0]},2026-01-01," for log in logs]
+    (tmp_path / "runs.csv").write_text("\n".join(["log,robot,date,hold_out", *listed]) + "logs/arm/day.csv")
     (tmp_path / "fleet.yaml").write_text("recipe: robot.yaml\ntable: runs.csv\n")
     out = tmp_path / "out"
     rows = dy.fleet(tmp_path / "fleet.yaml", out).rows.to_dicts()
     assert [row["status"] for row in rows] == ["ok"] * 4
     assert len({row["folder"].casefold() for row in rows}) == 4
+    assert [(row["verdict"] is None, len(row["held_out"])) for row in rows] == [
+        (True, 0),
+        (True, 0),
+        (False, 2),
+        (True, 0),
+    ]
     for row in rows:
         assert (out / row["folder"] / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
         assert dy.load(out / row["folder"] / "result.json").provenance.logs[0].path == str(tmp_path / row["log"])

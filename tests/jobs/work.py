@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from dynident.jobs import Done
 
@@ -94,6 +95,14 @@ def process(_: object) -> int:
 
 def threads(_: object) -> tuple[str | None, str | None]:
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
+def blas_threads(_: object) -> set[int]:
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+def chance_to_be_killed(_: object) -> int:
+    return int(Path("/proc/self/oom_score_adj").read_text())
 
 
 def sleeps(seconds: float) -> float:

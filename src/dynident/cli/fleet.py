@@ -32,7 +32,7 @@ PRELOADED = ("dynident.fleets.fit", "dynident.report.run_files")
 def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
     """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
     change over time, which changes are beyond their uncertainty, and what robots of one type share."""
-    from dynident.fleets.run import REPORT, TABLE
+    from dynident.fleets.folders import REPORT, TABLE
     from dynident.report.fleet import fleet_findings, fleet_heading, fleet_tables
 
     found = _run(config, out, rerun, spread)
@@ -52,7 +52,7 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
 
 def _run(config: Path, out: Path, rerun: bool, spread: Spread) -> FleetResult:
     """Run the fleet; where it is interrupted, what is said then is where the finished logs are."""
-    from dynident.fleets.run import TABLE
+    from dynident.fleets.folders import TABLE
     from dynident.fleets.run import fleet as run
 
     try:

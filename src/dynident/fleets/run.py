@@ -17,7 +17,7 @@ import numpy as np
 from dynident.errors import Step
 from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
-from dynident.fleets.folders import folder_names
+from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
 from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
@@ -26,7 +26,7 @@ from dynident.fleets.result import FleetBase, FleetResult
 from dynident.fleets.rows import KEY, histories_of, schema
 from dynident.fleets.settings import read_fleet_settings
 from dynident.io.folder import result_folder
-from dynident.io.opener import watched
+from dynident.io.opener import GIGABYTE, memory, watched
 from dynident.io.results import as_path
 from dynident.io.row_store import RowStore
 from dynident.jobs import Done, Limits, Status, run_jobs
@@ -34,10 +34,9 @@ from dynident.jobs import Done, Limits, Status, run_jobs
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["REPORT", "TABLE", "fleet"]
+__all__ = ["fleet"]
 
 Progress = Callable[[str], None]
-TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 
@@ -92,11 +91,12 @@ def fleet(
     with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
         say("listing the logs")
         settings = read_fleet_settings(path)
-        logs, warnings = fleet_logs(settings, path.parent)
+        logs, warnings = fleet_logs(settings, path.parent, folder)
         recipe = fleet_recipe(settings, logs, path.parent, folder, say)
         model, basis = model_of(recipe)
         base = FleetBase.of(model, basis)
-        work = LogFit(recipe, path.parent, base.names, folder if settings.reports else None)
+        kept = folder if settings.reports else None
+        work = LogFit(recipe, path.parent, base.names, kept, memory() / GIGABYTE)
         rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
         start = min((one for one in rows["date"] if one), default=None)
         groups = groups_of(model, basis)

@@ -52,7 +52,7 @@ def starter(preload: Iterable[str]) -> Starter:
 
 def _python(call: str, **how: Any) -> subprocess.Popen[bytes]:
     """Start Python to call a function of ``child``."""
-    code = f"import sys; sys.path[:] = {sys.path!r}; from dynident.jobs import child; child.{call}"
+    code = f"import sys; sys.path[:] = {list(map(str, sys.path))}; from dynident.jobs import child; child.{call}"
     environment = {**os.environ, **ONE_THREAD}
     words = [sys.executable, "-c", code]
     try:

@@ -46,7 +46,8 @@ _CHANGES = (
 )
 _COURSES = (
     "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
-    "mean of the robot's logs. The line is what was found, dashed where it begins; it may begin where there is a pale strip (95 %)."
+    "mean of the robot's logs. The line is what was found, dashed where it begins; where there is a pale strip, it may "
+    "have begun anywhere in it (95 %)."
 )
 
 

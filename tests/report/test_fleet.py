@@ -5,9 +5,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.fleets import Changes, Shape
+from dynident.fleets import Changes, GroupKind, Shape
 from dynident.jobs import Status
 from dynident.report.fleet import fleet_findings, fleet_heading, fleet_page, fleet_tables
+from dynident.report.fleet_words import change_words
 from dynident.report.page import _script
 from dynident.report.terminal import terminal
 from tests.report.fleets import NONE, change, fleet, groups, history
@@ -64,14 +65,25 @@ def test_the_page_says_the_rate_of_false_alarms(page):
     ],
 )
 def test_words_follow_what_is_certain(found, shape, size, words):
-    one = change(history("arm-9"), groups()[0], shape, 8, size)
-    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    one = change(history("arm-0"), groups()[0], shape, 8, size)
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
     assert words in fleet_findings(made)[0]
 
 
+@pytest.mark.parametrize(
+    ("size", "word"),
+    [([-3.0, 4.0], "rising"), ([3.0, -2.0], "falling"), ([3.0, 4.0], "rising"), ([0.0, 0.0], "drifting")],
+)
+def test_a_ripple_rises_by_its_size_whatever_its_phase(found, size, word):
+    ripple = replace(groups()[0], kind=GroupKind.RIPPLE)
+    one = change(history("arm-0"), ripple, Shape.DRIFT, 8, size)
+    assert f"ripple of shoulder has been {word} since" in change_words(one, found.start, np.array([-2.0, 3.0]))
+    assert "has been drifting" in change_words(one, found.start, np.full(2, np.nan))
+
+
 def test_a_direction_that_no_log_shows_is_not_named(found):
-    one = change(history("arm-9"), groups()[0], Shape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
-    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    one = change(history("arm-0"), groups()[0], Shape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
     assert "Fv_shoulder" not in fleet_findings(made)[0]
 
 

@@ -12,6 +12,7 @@ drives would report them, and all is done by ``dynident fleet``.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -141,20 +142,21 @@ def recorded(model: Model, theta: dict[str, float], rng: np.random.Generator, se
 
 
 def fitted(model: Model, basis: BaseParameters, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Return the base parameters of one log, by weighted least squares, and their information."""
-    kept = list(basis.independent)
-    X = model.regressor(motion.q, motion.dq, motion.ddq)[:, :, kept]
-    weights = 1 / EFFORT
-    beta = np.linalg.lstsq((weights[:, None] * X).reshape(-1, len(kept)), (weights * motion.tau).ravel())[0]
+    """Return the base parameters of one log, by weighted least squares, and their information, as a fleet has it."""
+    kept, weights = list(basis.independent), 1 / (NOISE * EFFORT)
+    X = (weights[:, None] * model.regressor(motion.q, motion.dq, motion.ddq)[:, :, kept]).reshape(-1, len(kept))
+    scale = np.linalg.norm(X, axis=0)
+    U, s, axes = np.linalg.svd(X / scale, full_matrices=False)
+    beta = axes.T @ (U.T @ (weights * motion.tau).ravel() / s) / scale
     theta = np.zeros(len(model.names))
     theta[kept] = beta
-    try:
+    to_axes = s[:, None] * axes * scale
+    variance = np.full(len(kept), (1 + REMAINS) / (1 - REMAINS))  # of a log too short to tell
+    with contextlib.suppress(ModelError):
         covariance = robust_covariance(Regression(model, (motion,)), theta, weights, kept)
-    except ModelError:  # a short log does not show all: independent errors, fewer by their correlation
-        information = np.tensordot(X / EFFORT[:, None], X / EFFORT[:, None], axes=((0, 1), (0, 1)))
-        return beta, information * (1 - REMAINS) / (1 + REMAINS) / NOISE**2
-    scale = np.sqrt(np.diag(covariance))
-    return beta, np.linalg.inv(covariance / np.outer(scale, scale)) / np.outer(scale, scale)
+        variance = np.maximum(np.einsum("ij,jk,ik->i", to_axes, covariance, to_axes), 1.0)
+    half = to_axes / np.sqrt(variance)[:, None]
+    return beta, half.T @ half
 
 
 @dataclass(frozen=True)

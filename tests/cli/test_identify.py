@@ -276,7 +276,7 @@ class TestFolder:
 
     def test_a_report_that_fails_leaves_no_result(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_log(tmp_path)
-        monkeypatch.setattr("dynident.report.identification_page", lambda *_: 1 / 0)
+        monkeypatch.setattr("dynident.report.run_files.identification_page", lambda *_: 1 / 0)
         done = run("identify", configure(tmp_path), "--out", tmp_path / "out")
         assert done.exit_code == 70
         assert "ZeroDivisionError" in done.output

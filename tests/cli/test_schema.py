@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from dynident.fleets.settings import fleet_schema
 from dynident.io.schema import config_schema, result_schema
 from tests.cli.commands import run
 
@@ -17,4 +18,6 @@ def test_it_prints_and_writes_the_schemas(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "result.schema.json" in done.output
     assert json.loads((tmp_path / "result.schema.json").read_text()) == result_schema()
+    done = run("schema", "fleet")
+    assert json.loads(done.output) == fleet_schema()
     assert run("schema", "robot").exit_code == 2

@@ -49,6 +49,12 @@ def test_a_field_that_stands_twice_has_one_value(tmp_path: Path) -> None:
     assert [one.log for one in listed(tmp_path, logs="{robot}/{robot}-{date}.csv")] == ["a/a-2026-11-22.csv"]
 
 
+def test_results_are_no_logs(tmp_path: Path) -> None:
+    touched(tmp_path, "a/2026-11-22.parquet", "out/fleet.parquet", "out/runs/2026-11-22.parquet")
+    found, _ = fleet_logs(settings(logs="**/{robot}/{date}.parquet"), tmp_path, tmp_path / "out")
+    assert [one.robot for one in found] == ["a"]
+
+
 @pytest.mark.parametrize(
     ("pattern", "words"),
     [("{robt}/{date}.csv", "'robt'; did you mean 'robot'"), ("{robot}.csv", "lacks the field {date}")],

@@ -67,6 +67,35 @@ def test_chunks_of_draws_are_all_counted(monkeypatch: pytest.MonkeyPatch) -> Non
     assert abs(parts - whole) < 0.1
 
 
+def test_errors_drawn_from_a_pool_are_those_of_logs() -> None:
+    """Standardised errors have a variance of one, and rows made of them the spread of the logs they are drawn for."""
+    rng = np.random.default_rng(9)
+    many = [ratios(history) for history in fleet(rng, 30, 8)]
+    pool = np.concatenate([one.left([]) for one in many])
+    assert pool.shape == (240, B)
+    drawn = many[0]._drawn(rng, 400, pool)
+    rows = np.concatenate([one.value - _fitted(one) for one in many]).ravel()
+    assert np.std(drawn) == pytest.approx(np.std(rows) * np.sqrt(8 / 7), rel=0.1)
+    value = many[0].rows[0].T @ many[0].turns[0]  # the symmetric root of the log's information
+    scale = np.linalg.norm(many[0].rows[0], axis=0)
+    root = value / scale[:, None]
+    np.testing.assert_allclose(root, root.T, atol=1e-9)
+
+
+def test_a_pool_with_heavy_tails_makes_changes_less_clear() -> None:
+    (history,) = fleet(np.random.default_rng(10), 1, 8)
+    pool = np.random.default_rng(11).standard_normal((300, B))
+    _, plain = ratios(history).clearest([], np.random.default_rng(12), 400, pool)
+    pool[:15] *= 8.0
+    _, heavy = ratios(history).clearest([], np.random.default_rng(12), 400, pool)
+    assert heavy > plain + 0.1
+
+
+def _fitted(one: Ratios) -> np.ndarray:
+    X = one.rows.reshape(-1, B)
+    return ((X * SIZE) @ np.linalg.lstsq(X * SIZE, one.value.ravel())[0]).reshape(one.value.shape)
+
+
 def test_what_no_log_shows_has_an_infinite_error() -> None:
     (history,) = fleet(np.random.default_rng(6), 1, 8)
     history.information[:, 5, :] = history.information[:, :, 5] = 0.0

@@ -164,18 +164,21 @@ def test_the_table_is_the_same_whatever_computes_it_and_limits_hold(fleet: Path)
     assert (fleet.parent / "slow" / "report.html").is_file()
 
 
-def test_an_interrupted_fleet_goes_on_where_it_stopped(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("a worker has died.")])
+def test_a_fleet_that_stops_goes_on_where_it_stopped(
+    made: Path, tmp_path: Path, error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*given: object, **how: object) -> Iterator[Done[LogJob, Fitted]]:
         found = run_jobs(*given, **how)  # type: ignore[arg-type]
         yield next(found)
         yield next(found)
-        raise KeyboardInterrupt
+        raise error
 
     monkeypatch.setattr(run, "run_jobs", stopped)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(type(error)) as raised:
         dy.fleet(made / "fleet.yaml", tmp_path / "out")
+    said = (*getattr(raised.value, "__notes__", ()), str(raised.value))
+    assert any("Finished logs are kept in" in one for one in said)
     monkeypatch.setattr(run, "run_jobs", run_jobs)
     assert dy.fleet(made / "fleet.yaml", tmp_path / "out").fitted == 1
     assert table(tmp_path / "out").equals(table(made / "out"))
@@ -195,7 +198,7 @@ def test_robots_with_other_parameters_cannot_be_compared(fleet: Path) -> None:
     end = '<axis xyz="0 1 0"/></joint></robot>'
     robot = fleet.with_name("arm.urdf").read_text()
     fleet.with_name("turned.urdf").write_text(robot.replace(end, end.replace("0 1 0", "1 0 0")))
-    fleet.write_text(FLEET + "robots: { arm-2: { model: { file: turned.urdf } } }\n")
+    fleet.write_text(FLEET + "robots: { arm-2: { model: turned.urdf } }\n")
     found = dy.fleet(fleet, fleet.parent / "out")
     (reason,) = found.rows.filter(pl.col("robot") == "arm-2")["reason"]
     assert reason.startswith("robot arm-2: its model has not the base parameters of the recipe: ")
@@ -209,13 +212,19 @@ def test_runs_have_reports_in_folders_of_their_own(made: Path, tmp_path: Path) -
         shutil.copy(made / LOGS[0], tmp_path / "logs" / log)
     for name in ("robot.yaml", "arm.urdf"):
         shutil.copy(made / name, tmp_path / name)
-    listed = [f"logs/{log},{log.partition('/')[0]},2026-01-01" for log in logs]
-    (tmp_path / "runs.csv").write_text("\n".join(["log,robot,date", *listed]))
+    listed = [f"logs/{log},{log.partition('/')[0]},2026-01-01," for log in logs]
+    (tmp_path / "runs.csv").write_text("\n".join(["log,robot,date,hold_out", *listed]) + "logs/arm/day.csv")
     (tmp_path / "fleet.yaml").write_text("recipe: robot.yaml\ntable: runs.csv\n")
     out = tmp_path / "out"
     rows = dy.fleet(tmp_path / "fleet.yaml", out).rows.to_dicts()
     assert [row["status"] for row in rows] == ["ok"] * 4
     assert len({row["folder"].casefold() for row in rows}) == 4
+    assert [(row["verdict"] is None, len(row["held_out"])) for row in rows] == [
+        (True, 0),
+        (True, 0),
+        (False, 2),
+        (True, 0),
+    ]
     for row in rows:
         assert (out / row["folder"] / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
         assert dy.load(out / row["folder"] / "result.json").provenance.logs[0].path == str(tmp_path / row["log"])

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from dynident.errors import ConfigError
-from dynident.fleets.settings import read_fleet_settings
+from dynident.fleets.settings import FleetSettings, RobotChanges, fleet_schema, read_fleet_settings
 
 LOGS = "logs: logs/{robot}/{date}.csv\n"
 
 
-def read(folder: Path, text: str) -> object:
+def read(folder: Path, text: str) -> FleetSettings:
     (folder / "fleet.yaml").write_text(text)
     return read_fleet_settings(folder / "fleet.yaml")
 
@@ -38,10 +38,11 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_file_names_start_at_the_folder(tmp_path: Path) -> None:
-    found = read_fleet_settings_of(tmp_path)
-    assert found == tmp_path / "r.yaml"
+    assert read(tmp_path, f"recipe: r.yaml\n{LOGS}").recipe == tmp_path / "r.yaml"
 
 
-def read_fleet_settings_of(folder: Path) -> Path:
-    (folder / "fleet.yaml").write_text(f"recipe: r.yaml\n{LOGS}")
-    return read_fleet_settings(folder / "fleet.yaml").recipe
+def test_the_schema_has_all_keys_and_no_others() -> None:
+    schema = fleet_schema()
+    assert schema["properties"].keys() == FleetSettings.model_fields.keys()
+    assert schema["$defs"]["RobotChanges"]["properties"].keys() == RobotChanges.model_fields.keys()
+    assert schema["additionalProperties"] is False

@@ -183,6 +183,9 @@ def files(folder, joints, odd):
         "estimator": {"kind": "consistent", "costs": False},
     }
     (folder / f"{odd}.yaml").write_text(yaml.safe_dump(config, allow_unicode=True))
+    logs = {"log": [f"{odd}.parquet", odd], "robot": [odd, odd], "date": ["2026-01-01", odd], odd: [1, 2]}
+    pl.DataFrame(logs).write_parquet(folder / "logs.parquet")
+    (folder / "fleet.yaml").write_text(yaml.safe_dump({"recipe": f"{odd}.yaml", "table": "logs.parquet"}))
     return folder
 
 
@@ -196,6 +199,7 @@ def commands(folder, odd):
     for kind in ("numpy", "urdf", "yaml"):
         yield 0, ("export", result, "--format", kind, "--out", folder / f"new {odd}.{kind}")
     yield 0, ("smooth", log, "--time", f"t {odd}", "--out", folder / "out3")
+    yield 0, ("fleet", folder / "fleet.yaml", "--out", folder / "out4", "--workers", "1")
     yield 0, ("init", folder / f"{odd}.urdf", log, "-o", folder / f"init {odd}.yaml")
     yield 1, ("smooth", log, "--time", odd)
     yield 1, ("identify", folder / f"{odd}{odd}.yaml")
@@ -226,7 +230,7 @@ def test_every_command_only_shows_names(tmp_path):
         acting = ACTS.search(done.output)
         assert not acting, (words, acting, done.output)
         assert not re.search(r"^\s*Verdict: Good\b(?! for| enough)", done.output, re.M), (words, done.output)
-    for page in ("out/report.html", "out2/report.html", "out3/report.html"):
+    for page in ("out/report.html", "out2/report.html", "out3/report.html", "out4/report.html"):
         mine, usual = Tags((wrong / page).read_text()), Tags((plain / page).read_text())
         assert mine.tags.count("script") == usual.tags.count("script"), page
         assert set(mine.tags) == set(usual.tags), page

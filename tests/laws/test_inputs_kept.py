@@ -28,6 +28,7 @@ class Mine:
 """
 MODEL = {"file": "rail.urdf", "terms": ["viscous", "coulomb", "offset"]}
 CONFIGURED = ["identify.yaml", "rail.urdf", "log.csv", "val.csv", "part.py"]
+FLEET = ["fleet.yaml", "identify.yaml", "rail.urdf", "part.py", "logs/rail/2026-01-01.csv"]
 # what a command writes, as its last words, and the files that it reads; {} is the file, or its folder, to write
 COMMANDS = {
     "init": ("init rail.urdf log.csv val.csv --force -o {}", "x.yaml", ["rail.urdf", "log.csv", "val.csv"]),
@@ -42,6 +43,10 @@ COMMANDS = {
     **{
         f"bound {name}": ("bound identify.yaml --out {folder}", name, CONFIGURED)
         for name in ("bound.json", "report.html")
+    },
+    **{
+        f"fleet {name}": ("fleet fleet.yaml --workers 1 --out {folder}", name, FLEET)
+        for name in ("fleet.parquet", "report.html", "recipe.yaml", "fleet.json")
     },
     **{
         f"smooth {name}": ("smooth log.csv --time time --out {folder}", name, ["log.csv"])
@@ -63,6 +68,9 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_log(folder, "val.csv")
     (folder / "rail.urdf").write_text(ROBOT)
     (folder / "part.py").write_text(PART)
+    (folder / "logs" / "rail").mkdir(parents=True)
+    shutil.copy(folder / "log.csv", folder / "logs" / "rail" / "2026-01-01.csv")
+    (folder / "fleet.yaml").write_text("recipe: identify.yaml\nlogs: logs/{robot}/{date}.csv\n")
     logs = {"train": [{"file": "log.csv"}], "validation": [{"file": "val.csv"}]}
     estimator = {"kind": "least_squares"}
     done = run(

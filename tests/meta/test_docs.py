@@ -22,6 +22,7 @@ import yaml
 
 from dynident import __version__
 from dynident.cli import main
+from dynident.fleets.settings import FleetSettings, RobotChanges
 from dynident.io import settings
 from dynident.io.config import parse_config
 from dynident.io.families import ESTIMATORS, SMOOTHERS, TERMS
@@ -54,6 +55,8 @@ SECTIONS: dict[str, type[Section]] = {
     "Simulation cascade": settings.CascadeSettings,
     "Drive": settings.CascadeJoint,
     "Simulation from torque": settings.TorqueInputSettings,
+    "Fleet": FleetSettings,
+    "Robot of a fleet": RobotChanges,
 }
 FAMILIES = {"smoother": SMOOTHERS, "estimator": ESTIMATORS}
 MAPPINGS = {SECTIONS["Estimator consistent"]: ("bounds", "centre_of_mass")}  # kept as pairs
@@ -285,7 +288,7 @@ def test_configuration_has_every_section_and_unit() -> None:
         if isinstance(value, type) and issubclass(value, Section) and value is not Section
     }
     parts = {section(family, family.get(kind)) for family in FAMILIES.values() for kind in family.table}
-    assert set(SECTIONS.values()) == sections | parts
+    assert set(SECTIONS.values()) == sections | parts | {FleetSettings, RobotChanges}
     for dimension, units in rows("Units"):
         assert re.findall(r"`([^`]+)`", units) == list(UNITS[dimension])
     assert len(rows("Units")) == len(UNITS)
@@ -302,7 +305,10 @@ def configurations() -> list[Any]:
 
 @pytest.mark.parametrize("text", configurations())
 def test_configurations_shown_are_valid(text: str) -> None:
-    assert parse_config(text).train
+    if "recipe" in (given := yaml.safe_load(text)):
+        FleetSettings.model_validate(given)
+    else:
+        assert parse_config(text).train
 
 
 def test_cli_reference_is_fresh() -> None:

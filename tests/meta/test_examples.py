@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 CONFIGURATIONS = sorted(EXAMPLES.glob("*.yaml"))
-PUBLIC = [path for path in CONFIGURATIONS if path.stem != "arm"]
+PUBLIC = [path for path in CONFIGURATIONS if path.stem not in ("arm", "fleet")]
 USES = ("do not use", "good for control", "good for simulation")
 
 

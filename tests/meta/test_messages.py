@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import dynident
+from dynident.fleets.settings import FleetSettings
 from dynident.io.families import EXPORTERS
 from dynident.io.schema import config_schema, result_schema
 
@@ -41,6 +42,7 @@ def keys(schema: Any) -> Iterator[str]:
 
 def test_every_key_that_an_error_names_exists() -> None:
     known = {*keys(config_schema()), *keys(result_schema()), *dynident.__all__, *EXPORTERS.table, *OTHER}
+    known |= FleetSettings.model_fields.keys()
     for name in dynident.__all__:
         if callable(public := getattr(dynident, name)) and not inspect.isclass(public):
             known |= set(inspect.signature(public).parameters)

@@ -5,9 +5,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.fleets import Changes, Shape
+from dynident.fleets import Changes, GroupKind, Shape
 from dynident.jobs import Status
 from dynident.report.fleet import fleet_findings, fleet_heading, fleet_page, fleet_tables
+from dynident.report.fleet_words import change_words
 from dynident.report.page import _script
 from dynident.report.terminal import terminal
 from tests.report.fleets import NONE, change, fleet, groups, history
@@ -37,7 +38,8 @@ def test_what_changed_comes_first_the_worst_before_all(found):
     )
     assert wear.startswith("arm-1: friction of elbow has been rising since 2026-05-12: Fc_elbow by +1.50 +- 0.050 N m")
     assert wear.endswith(" (+0.949 in 100 days).")
-    assert offset == "arm-2: offset of elbow changed on 2026-05-15: offset_elbow by -0.400 +- 0.050 N m."
+    assert offset.startswith("arm-2: offset of elbow changed on 2026-05-15 (at once or slowly: the logs do not tell): ")
+    assert offset.endswith("offset_elbow by -0.400 +- 0.050 N m.")
     assert (few, lost) == ("Too few logs to find changes: new.", "1 of 201 logs has no result: 1 timed out.")
     assert fleet_heading(found) == "201 logs of 10 robots, 2026-01-06 to 2026-11-01."
 
@@ -63,14 +65,25 @@ def test_the_page_says_the_rate_of_false_alarms(page):
     ],
 )
 def test_words_follow_what_is_certain(found, shape, size, words):
-    one = change(history("arm-9"), groups()[0], shape, 8, size)
-    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    one = change(history("arm-0"), groups()[0], shape, 8, size)
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
     assert words in fleet_findings(made)[0]
 
 
+@pytest.mark.parametrize(
+    ("size", "word"),
+    [([-3.0, 4.0], "rising"), ([3.0, -2.0], "falling"), ([3.0, 4.0], "rising"), ([0.0, 0.0], "drifting")],
+)
+def test_a_ripple_rises_by_its_size_whatever_its_phase(found, size, word):
+    ripple = replace(groups()[0], kind=GroupKind.RIPPLE)
+    one = change(history("arm-0"), ripple, Shape.DRIFT, 8, size)
+    assert f"ripple of shoulder has been {word} since" in change_words(one, found.start, np.array([-2.0, 3.0]))
+    assert "has been drifting" in change_words(one, found.start, np.full(2, np.nan))
+
+
 def test_a_direction_that_no_log_shows_is_not_named(found):
-    one = change(history("arm-9"), groups()[0], Shape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
-    made = replace(found, changes=(Changes(0.01, (one,), {"arm-9": 0.001}, (), NONE),))
+    one = change(history("arm-0"), groups()[0], Shape.STEP, 8, [9.0, 1.0], std=np.array([np.inf, 0.1]))
+    made = replace(found, changes=(Changes(0.01, (one,), {"arm-0": 0.001}, (), NONE),))
     assert "Fv_shoulder" not in fleet_findings(made)[0]
 
 
@@ -117,6 +130,14 @@ def test_each_robot_that_changed_is_drawn_and_all_side_by_side(page):
         "payload at elbow", "friction of elbow", "offset of elbow",
     ]  # fmt: skip
     assert "Robots of type ur10" in text
+
+
+def test_types_are_drawn_apart(found):
+    names = found.types["ur10"]
+    page = own(fleet_page(replace(found, types={"ur10": names[:6], "ur5": names[6:], "none": ("gone",)})))
+    assert re.findall(r'<div class="choices" role="group" aria-label="(.*?)"', page) == ["type", "group"]
+    assert re.findall(r"<button.*?>(ur.*?)</button>", page) == ["ur10", "ur5"]
+    assert page.count('<div class="view"') == 2 * len(found.groups)
 
 
 @pytest.mark.parametrize(("robots", "logs"), [(10, 500), (500, 10)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -12,9 +11,6 @@ from dynident.cli.options import CONFIG, DIRECTORY
 from dynident.cli.terminal import console, status, tell
 from dynident.cli.voice import complain
 from dynident.cli.workers import Spread, spread
-
-if TYPE_CHECKING:
-    from dynident.fleets import FleetResult
 
 __all__ = ["fleet"]
 
@@ -25,17 +21,19 @@ PRELOADED = ("dynident.fleets.fit", "dynident.report.run_files")
 @click.argument("config", type=CONFIG)
 @click.option(
     "--out", type=DIRECTORY, required=True,
-    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there is not identified again.",
+    help="Folder for report.html, fleet.parquet, recipe.yaml and the runs; what is known there stays.",
 )  # fmt: skip
 @click.option("--rerun", is_flag=True, help="Identify all logs anew.")
 @spread
 def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
     """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
     change over time, which changes are beyond their uncertainty, and what robots of one type share."""
-    from dynident.fleets.run import REPORT, TABLE
+    from dynident.fleets.folders import REPORT, TABLE
+    from dynident.fleets.run import fleet as run
     from dynident.report.fleet import fleet_findings, fleet_heading, fleet_tables
 
-    found = _run(config, out, rerun, spread)
+    with status() as say, spread.executor(*PRELOADED) as executor:
+        found = run(config, out, executor=executor, limits=spread.limits, rerun=rerun, progress=say)
     for words in found.warnings:
         complain(one_line(f"Warning: {words}"))
     screen = console()
@@ -48,16 +46,3 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
         screen.remark(f"{found.fitted} logs were identified now, {known} were known.")
     for what, name in (("Table", TABLE), ("Report", REPORT)):
         tell(screen, what, out / name)
-
-
-def _run(config: Path, out: Path, rerun: bool, spread: Spread) -> FleetResult:
-    """Run the fleet; where it is interrupted, what is said then is where the finished logs are."""
-    from dynident.fleets.run import TABLE
-    from dynident.fleets.run import fleet as run
-
-    try:
-        with status() as say, spread.executor(*PRELOADED) as executor:
-            return run(config, out, executor=executor, limits=spread.limits, rerun=rerun, progress=say)
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"finished logs are kept in {out / TABLE}; run the same command again to go on.")
-        raise

@@ -28,6 +28,8 @@ FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told fro
 ROUNDS = 3  # of scatter and changes in turn
 LIKELY = 3.84  # twice the log-likelihood that the true time of a change loses at most, at 95 %
 MOST = 700.0  # of a logarithm that has an exponential
+POOLED, MANY = 100, 2000  # logs, of others whose errors say how far logs differ by chance, with their tails; at most
+LASTING = 3  # logs that show a change, at least, before the errors of a robot are taken without it
 TIMES = 60  # of a change, at most, that are tried on one robot
 
 
@@ -107,18 +109,20 @@ def find_changes(
         raise ConfigError(f"{draws} draws do not tell a rate of false alarms of {rate}; give at least {2 / rate:.0f}.")
     seeds = rng.integers(2**63, size=len(histories))  # the same draws in each round
     scatter, found = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
-    chances = dict[str, float]()
+    chances, errors = dict[str, float](), _Errors(np.zeros((0, 0)), np.zeros(0, dtype=int))
     for _ in range(ROUNDS):
         before = _named(found)
-        for history, seed in zip(histories, seeds, strict=True):
+        for k, (history, seed) in enumerate(zip(histories, seeds, strict=True)):
             if scatter.dof >= FEWEST and len(history.logs) > 1:
-                found[history.robot], chances[history.robot] = changes_of(
-                    history, groups, scatter, np.random.default_rng(seed), rate=rate, draws=draws
-                )
+                draw, pool = np.random.default_rng(seed), errors.of_others(k)
+                some, chance = changes_of(history, groups, scatter, draw, rate=rate, draws=draws, pool=pool)
+                found[history.robot], chances[history.robot] = some, chance
         if _named(found) == before:
             break
-        designs = [design(history, found.get(history.robot, ())) for history in histories]
+        changes = [found.get(history.robot, ()) for history in histories]
+        designs = [design(*one) for one in zip(histories, changes, strict=True)]
         scatter = scatter_of(histories, groups, rng, designs, scatter)
+        errors = _Errors.of(histories, changes, scatter, rng)
     silent = tuple(history.robot for history in histories if history.robot not in chances)
     return Changes(rate, tuple(change for some in found.values() for change in some), chances, silent, scatter)
 
@@ -131,13 +135,17 @@ def changes_of(
     *,
     rate: float = 0.01,
     draws: int = DRAWS,
+    pool: Array | None = None,
 ) -> tuple[tuple[Change, ...], float]:
-    """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not."""
+    """Return the changes of one robot, the clearest first, and the p-value of the clearest, found or not.
+
+    Where there is no change, logs differ as the standardised errors of a ``pool`` (L, b) of logs do, else normally.
+    """
     shapes, courses = _courses(history.days)
     ratios = Ratios.of(history, groups, scatter.parts, courses, scatter.dof)
     taken, chances = list[tuple[int, int]](), list[float]()
     while True:
-        best, chance = ratios.clearest(taken, rng, draws)
+        best, chance = ratios.clearest(taken, rng, draws, pool)
         chances.append(chance)
         if best is None or chance > rate:
             break
@@ -163,6 +171,48 @@ def design(history: History, changes: Sequence[Change]) -> Array:
     courses = [course(history.days, change.shape, change.index) for change in changes]
     parts = [one[:, None, None] * change.group.directions for one, change in zip(courses, changes, strict=True)]
     return np.concatenate([np.broadcast_to(np.eye(b), (k, b, b)), *parts], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Standardised errors (L, b) of logs, and the number of the robot of each (L)."""
+
+    errors: Array
+    owner: NDArray[np.intp]
+
+    __repr__ = brief
+
+    @classmethod
+    def of(
+        cls,
+        histories: Sequence[History],
+        changes: Sequence[Sequence[Change]],
+        scatter: Scatter,
+        rng: np.random.Generator,
+    ) -> _Errors:
+        """Return those of at most 2000 logs of robots with several."""
+        several = [k for k, history in enumerate(histories) if len(history.logs) > 1]
+        errors = np.concatenate([_errors(histories[k], scatter, changes[k]) for k in several])
+        owner = np.repeat(several, [len(histories[k].logs) for k in several])
+        rows = rng.permutation(len(owner))[:MANY]
+        return cls(errors[rows], owner[rows])
+
+    def of_others(self, robot: int) -> Array | None:
+        """Return those of other robots' logs; None where they are too few to draw from."""
+        others = self.errors[self.owner != robot]
+        return others if len(others) >= POOLED else None
+
+
+def _errors(history: History, scatter: Scatter, found: Sequence[Change]) -> Array:
+    """Return the standardised errors (K, b) of a robot's logs beside the changes that several logs show.
+
+    What one or two logs show may be chance on this robot, which other robots may have as well.
+    """
+    k = len(history.logs)
+    some = [one for one in found if k - one.index >= LASTING and (one.shape is Shape.DRIFT or one.index >= LASTING)]
+    courses = np.array([course(history.days, one.shape, one.index) for one in some]).reshape(-1, k)
+    ratios = Ratios.of(history, [one.group for one in some], scatter.parts, courses, scatter.dof)
+    return ratios.left([(j, j) for j in range(len(some))])
 
 
 def _courses(days: Array) -> tuple[list[tuple[Shape, int]], Array]:

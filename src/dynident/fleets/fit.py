@@ -19,7 +19,7 @@ from dynident.fleets.recipe import FleetRecipe
 from dynident.fleets.rows import packed
 from dynident.identification import Identification, SourceFile, judge
 from dynident.io.explicit_config import relocated, settings_text
-from dynident.io.opener import real
+from dynident.io.opener import real, set_memory, watched
 from dynident.io.places import is_address, local_file
 from dynident.io.project import Project, parse_project
 from dynident.io.settings import LogSpec
@@ -72,22 +72,25 @@ class LogFit:
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
     ``names`` are those of the base parameters, which all robots must have. With ``out``, the folder of the fleet's
-    results, each run has files.
+    results, each run has files. ``memory`` (GB) is the most that reading one file may take.
     """
 
     recipe: FleetRecipe
     folder: Path
     names: tuple[str, ...]
     out: Path | None = None
+    memory: float | None = None
 
     __repr__ = brief
 
     def __call__(self, job: LogJob) -> Fitted:
         """Return the row of a log; an error that a user can cause is its reason."""
-        try:
-            return self._fitted(job)
-        except DynidentError as error:
-            return Fitted(empty_row(job, reason=str(error)))
+        with watched():
+            set_memory(self.memory)
+            try:
+                return self._fitted(job)
+            except DynidentError as error:
+                return Fitted(empty_row(job, reason=str(error)))
 
     def _fitted(self, job: LogJob) -> Fitted:
         if job.log.fault:
@@ -169,7 +172,7 @@ def _figures(found: Identification) -> dict[str, Any]:
     held_out = errors.get("validation")
     return {
         "samples": sum(one.errors.samples for one in found.validations if one.role == "train"),
-        "verdict": judge(found).use.value,
+        "verdict": None if held_out is None else judge(found).use.value,  # without, none is good for anything
         "error": errors["train"].relative_error,
         "errors": list(errors["train"].per_joint.values()),
         "held_out": [] if held_out is None else list(held_out.per_joint.values()),

@@ -1,4 +1,4 @@
-"""Names of folders for robots and logs, whose own names may hold anything."""
+"""What lies where in the folder of a fleet; folders for robots and logs, whose own names may hold anything."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections import Counter
 from collections.abc import Iterable
 from hashlib import sha256
 
-__all__ = ["folder_names"]
+__all__ = ["FILES", "NOTE", "RECIPE", "REPORT", "RUNS", "TABLE", "folder_names"]
+
+RECIPE, NOTE, TABLE, REPORT, RUNS = "recipe.yaml", "fleet.json", "fleet.parquet", "report.html", "runs"
+FILES = (RECIPE, NOTE, TABLE, REPORT)
 
 PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")
 RESERVED = {"con", "prn", "aux", "nul", *(f"{name}{k}" for name in ("com", "lpt") for k in range(10))}  # of Windows

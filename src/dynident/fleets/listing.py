@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynident.errors import ConfigError, InputError, choices, listed
 from dynident.fleets.settings import FleetSettings
-from dynident.io.opener import content, keep
+from dynident.io.opener import content, keep, real
 from dynident.io.places import is_address, local_file, matching, placed, stamp_of
 from dynident.io.results import read_table, table_kind
 from dynident.io.text import unpanicked
@@ -51,13 +51,16 @@ class FleetLog:
     fault: str = ""
 
 
-def fleet_logs(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], tuple[str, ...]]:
+def fleet_logs(
+    settings: FleetSettings, folder: Path, out: Path | None = None
+) -> tuple[list[FleetLog], tuple[str, ...]]:
     """Return the logs of a fleet whose configuration is in ``folder``, by robot and date, and warnings.
 
-    A log without a readable date, or without a file, has a ``fault``. Raises ConfigError where the pattern or table
-    cannot be used or has no log, InputError where files cannot be listed.
+    A pattern does not find what is in ``out``, the folder of the results. A log without a readable date, or without a
+    file, has a ``fault``. Raises ConfigError where the pattern or table cannot be used or has no log, InputError where
+    files cannot be listed.
     """
-    found, warnings = _by_pattern(settings, folder) if settings.logs else _by_table(settings, folder)
+    found, warnings = _by_pattern(settings, folder, out) if settings.logs else _by_table(settings, folder)
     if not found:
         raise InputError(f"{settings.logs or settings.table}: there is no log; {_where(settings, folder)}")
     if all(one.date is None for one in found):
@@ -76,14 +79,15 @@ def _where(settings: FleetSettings, folder: Path) -> str:
     return "write one in each row." if settings.table else f"the pattern starts in {folder.resolve()}."
 
 
-def _by_pattern(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], tuple[str, ...]]:
+def _by_pattern(settings: FleetSettings, folder: Path, out: Path | None) -> tuple[list[FleetLog], tuple[str, ...]]:
     pattern = settings.logs or ""
     _check_fields(pattern)
     inside = placed(pattern)
     named = re.compile(_regex(inside))
     found = []
     for file in matching(_glob(pattern), folder):
-        if fields := named.fullmatch(file.matched):
+        own = out is not None and not is_address(file.name) and real(folder / file.name).is_relative_to(real(out))
+        if not own and (fields := named.fullmatch(file.matched)):
             given = {"log": file.name, **fields.groupdict()}
             found.append(_log(given, settings, file.stamp))
     return found, ()

@@ -26,8 +26,9 @@ class Ratios:
     """The logs of a robot as rows with independent errors of variance one, and the changes that are tried on them.
 
     ``rows`` (K, b, b) are the base parameters' columns, ``value`` (K, b) the left side; ``columns`` (K, b, M) those of
-    the groups' directions, ``parts`` which are whose; ``courses`` (S, K): how much of a change each log has. ``dof``:
-    degrees of freedom of the scatter that has made variances one.
+    the groups' directions, ``parts`` which are whose; ``courses`` (S, K): how much of a change each log has. ``turns``
+    (K, b, b) make rows of errors that are standardised in the order of the parameters, as those of other logs are.
+    ``dof``: degrees of freedom of the scatter that has made variances one.
     """
 
     rows: Array
@@ -35,6 +36,7 @@ class Ratios:
     columns: Array
     parts: tuple[slice, ...]
     courses: Array
+    turns: Array
     dof: float
 
     __repr__ = brief
@@ -51,25 +53,40 @@ class Ratios:
         places = tuple(slice(*ends[k : k + 2]) for k in range(len(groups)))
         columns, most = rows @ directions, np.abs(rows) @ np.abs(directions)
         columns[:, :, np.linalg.norm(columns, axis=(0, 1)) <= ROUNDING * np.linalg.norm(most, axis=(0, 1))] = 0.0
-        return cls(rows, value, columns, places, courses, dof)
+        return cls(rows, value, columns, places, courses, _turns(rows), dof)
 
     def clearest(
-        self, taken: Sequence[Candidate], rng: np.random.Generator, draws: int
+        self, taken: Sequence[Candidate], rng: np.random.Generator, draws: int, pool: Array | None = None
     ) -> tuple[Candidate | None, float]:
         """Return the change with the least tail probability beside those taken, and its p-value among all candidates.
 
         None where no candidate is left. The p-value is the share of draws without a further change whose least tail
-        probability is no larger, counting the data as one of them.
+        probability is no larger, counting the data as one of them. Errors are drawn from a normal distribution, or from
+        those of a ``pool`` (L, b) of logs (``left``).
         """
         known, many = self._known(taken), max(1, CHUNK // self.value.size)
         told, best = self._told(known, self.value[None], np.ones((1, len(self.parts))))
         least = []
         for start in range(0, draws, many):
             count = min(many, draws - start)
-            noise, heavy = rng.standard_normal((count, *self.value.shape)), self._heavy(rng, count)
-            least.append(self._told(known, noise, heavy)[0])
+            noise = rng.standard_normal((count, *self.value.shape)) if pool is None else self._drawn(rng, count, pool)
+            least.append(self._told(known, noise, self._heavy(rng, count))[0])
         chance = float((1 + (np.concatenate(least) >= told[0]).sum()) / (draws + 1))
         return (best, chance) if best else (None, 1.0)
+
+    def left(self, taken: Sequence[Candidate]) -> Array:
+        """Return the standardised errors (K, b) of the logs beside the changes taken, of variance one on average."""
+        Q = self._known(taken).reshape(self.value.size, -1)
+        flat = self.value.ravel()
+        rows = (flat - Q @ (Q.T @ flat)).reshape(self.value.shape)
+        shown = int(np.count_nonzero(self.rows.any(axis=2)))
+        return np.asarray(np.einsum("kij,ki->kj", self.turns, rows) * np.sqrt(shown / max(shown - Q.shape[1], 1)))
+
+    def _drawn(self, rng: np.random.Generator, draws: int, pool: Array) -> Array:
+        """Return rows of errors (N, K, b), each log's those of one of the pool, with a sign by chance."""
+        logs = len(self.value)
+        some = pool[rng.integers(len(pool), size=(logs, draws))] * rng.choice([-1.0, 1.0], size=(logs, draws, 1))
+        return np.asarray((some @ self.turns.swapaxes(1, 2)).swapaxes(0, 1))
 
     def _heavy(self, rng: np.random.Generator, draws: int) -> Array:
         """Return factors (N, groups) on the gains, as of variances that were estimated: F instead of chi-square."""
@@ -154,6 +171,16 @@ class Ratios:
         half = vectors * np.where(alone, 1 / np.sqrt(np.where(alone, roots, 1.0)), 0.0)[:, None, :]
         gains = ((scores[:, :, part] @ (half / scale[:, :, None])) ** 2).sum(axis=2)
         return gains, alone.sum(axis=1)
+
+
+def _turns(rows: Array) -> Array:
+    """Return the isometries (K, b, b) from standardised errors to rows: these are R W^-1/2 of W = R' R, in scaled
+    parameters, with the symmetric root, which mixes parameters least."""
+    scale = np.linalg.norm(rows, axis=1)
+    R = rows / np.where(scale > 0, scale, 1.0)[:, None, :]
+    U, s, Vt = np.linalg.svd(R)
+    shown = s > 1e-6 * s[:, :1]
+    return np.asarray(U @ (shown[:, :, None] * Vt))
 
 
 def evidence(gain: Array, rank: int) -> Array:

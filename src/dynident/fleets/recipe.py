@@ -13,13 +13,14 @@ from typing import Any
 import yaml
 
 from dynident.errors import ConfigError, InputError, brief
+from dynident.fleets.folders import FILES, NOTE, RECIPE
 from dynident.fleets.listing import FleetLog
 from dynident.fleets.settings import FleetSettings
 from dynident.identification import SourceFile, identify
 from dynident.io.config import config_text, parse_config
 from dynident.io.config_draft import relative
 from dynident.io.explicit_config import explicit_settings, relocated, settings_text
-from dynident.io.opener import content, real
+from dynident.io.opener import content, real, refuse_inputs
 from dynident.io.places import is_address, local_file
 from dynident.io.project import parse_project
 from dynident.io.results import write_json, write_text
@@ -31,7 +32,6 @@ __all__ = ["FleetRecipe", "fleet_recipe"]
 
 Progress = Callable[[str], None]
 MOST = 5  # robots whose first logs choose, and logs of one that are tried
-FILE, NOTE = "recipe.yaml", "fleet.json"
 FORMAT = "dynident-fleet"
 COMMENTS = {
     "": ("All logs of the fleet are identified with this recipe, so that they have the same parameters.",
@@ -86,21 +86,23 @@ def fleet_recipe(
     path = settings.recipe
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
-        raise ConfigError(f"{path}: is no configuration: a mapping (`key: value` lines) is expected.")
-    given = {key: value for key, value in data.items() if key not in ("train", "validation")}
+        raise ConfigError(f"{path}: is no configuration: a mapping of settings is expected.")
+    given = {key: _named(key, value) for key, value in data.items() if key not in ("train", "validation")}
     reading = {key: value for key in ("window", "width") if (value := getattr(settings, key))}
     asked = FleetRecipe(given, path.parent, _changes(settings, folder, path.parent), reading)
     _checked(asked, settings.robots, path)
+    if out is not None:
+        refuse_inputs(*(out / name for name in FILES))  # before anything there is read
     place, digest = out or path.parent, _digest(path.parent, given, reading)
     changes = _changes(settings, folder, place)
     if out is not None and _is_of(out, digest):
-        known = load_yaml(config_text(out / FILE), str(out / FILE))
+        known = load_yaml(config_text(out / RECIPE), str(out / RECIPE))
         recipe = FleetRecipe(known, out, changes, reading)
-        _checked(recipe, (), out / FILE)
+        _checked(recipe, (), out / RECIPE)
         return recipe
     chosen = _chosen(asked, path, logs, folder, place, progress)
     if out is not None:
-        write_text(out / FILE, settings_text(chosen, COMMENTS))
+        write_text(out / RECIPE, settings_text(chosen, COMMENTS))
         write_json(out / NOTE, {"format": FORMAT, "version": 1, "recipe": digest})
     return FleetRecipe(chosen, place, changes, reading)
 
@@ -122,11 +124,17 @@ def _changes(settings: FleetSettings, was: Path, folder: Path) -> dict[str, dict
     """Return what differs by robot, with names of files relative to a folder."""
     found = {}
     for robot, one in settings.robots.items():
-        own = {name: _plain(value) for name, value in one.changes.items()}
+        own = {name: _named(name, _plain(value)) for name, value in one.changes.items()}
         model = own.get("model")
         named = isinstance(model, str) or (isinstance(model, dict) and "file" in model)
         found[robot] = relocated(own, was, folder) if named else own
     return found
+
+
+def _named(key: str, value: Any) -> Any:
+    """Return a setting, a robot file that stands for the model as the ``file`` of it, to be merged with other keys."""
+    file = key == "model" and isinstance(value, str) and value.lower().endswith(SUFFIXES)
+    return {"file": value} if file else value
 
 
 def _plain(value: Any) -> Any:
@@ -146,7 +154,7 @@ def _is_of(out: Path, digest: str) -> bool:
     """Whether the recipe in a folder was made from the one with this digest."""
     try:
         note = json.loads(content(out / NOTE, remember=False))
-        return (out / FILE).is_file() and note["format"] == FORMAT and note["recipe"] == digest
+        return (out / RECIPE).is_file() and note["format"] == FORMAT and note["recipe"] == digest
     except (InputError, ValueError, RecursionError, KeyError, TypeError):
         return False
 

@@ -29,9 +29,9 @@ def schema() -> dict[str, Any]:
     ``robot``, ``type``, ``log`` (its path or address as the fleet names it), ``date``; ``recipe``: digest of the recipe
     of that robot; ``stamp`` of the file, another one where it has changed; ``status`` (a ``Status`` of jobs),
     ``reason`` why there is no result; ``seconds`` it took, ``version`` of dynident; ``samples`` in use, ``verdict`` (a
-    ``Use``); torque ``error`` (%) of all joints, ``errors`` (n) by joint, ``held_out`` (n) those on a log that was held
-    out, empty without; ``value`` (b) and ``information`` (b (b + 1) / 2, ``packed``) of the base parameters; ``folder``
-    of the run's result and report in that of the fleet, empty without.
+    ``Use``; null where no log was held out); torque ``error`` (%) of all joints, ``errors`` (n) by joint, ``held_out``
+    (n) those on a log that was held out, empty without; ``value`` (b) and ``information`` (b (b + 1) / 2, ``packed``)
+    of the base parameters; ``folder`` of the run's result and report in that of the fleet, empty without.
     """
     import polars as pl
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import Step
+from dynident.errors import InputError, Step
 from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
-from dynident.fleets.folders import folder_names
+from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
 from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
@@ -26,7 +26,7 @@ from dynident.fleets.result import FleetBase, FleetResult
 from dynident.fleets.rows import KEY, histories_of, schema
 from dynident.fleets.settings import read_fleet_settings
 from dynident.io.folder import result_folder
-from dynident.io.opener import watched
+from dynident.io.opener import GIGABYTE, memory, watched
 from dynident.io.results import as_path
 from dynident.io.row_store import RowStore
 from dynident.jobs import Done, Limits, Status, run_jobs
@@ -34,10 +34,9 @@ from dynident.jobs import Done, Limits, Status, run_jobs
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["REPORT", "TABLE", "fleet"]
+__all__ = ["fleet"]
 
 Progress = Callable[[str], None]
-TABLE, REPORT, RUNS = "fleet.parquet", "report.html", "runs"
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 
@@ -63,16 +62,41 @@ def fleet(
     words before each step.
 
     Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
+
+    >>> import numpy as np
+    >>> import dynident as dy
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> t = np.arange(1001) * 0.01
+    >>> recipe = '''
+    ... model: gallery:slider
+    ... time: { column: t, unit: s }
+    ... position: { slider: { column: x, unit: m } }
+    ... torque: { slider: { column: f, unit: N } }
+    ... '''
+    >>> with TemporaryDirectory() as folder:
+    ...     for robot, mass in (("old", 5), ("new", 6)):
+    ...         table = np.column_stack([t, np.sin(3 * t), -9 * mass * np.sin(3 * t) + 24 * np.cos(3 * t)])
+    ...         file = Path(folder, f"{robot}_2026-11-22.csv")
+    ...         np.savetxt(file, table, delimiter=",", header="t,x,f", comments="")
+    ...     _ = Path(folder, "robot.yaml").write_text(recipe)
+    ...     _ = Path(folder, "fleet.yaml").write_text("recipe: robot.yaml\\nlogs: '{robot}_{date}.csv'")
+    ...     found = dy.fleet(Path(folder, "fleet.yaml"))
+    >>> for history in found.histories:
+    ...     print(history.robot, found.base.names[0], round(history.value[0, 0], 2))
+    new M 6.0
+    old M 5.0
     """
     path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
     with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
         say("listing the logs")
         settings = read_fleet_settings(path)
-        logs, warnings = fleet_logs(settings, path.parent)
+        logs, warnings = fleet_logs(settings, path.parent, folder)
         recipe = fleet_recipe(settings, logs, path.parent, folder, say)
         model, basis = model_of(recipe)
         base = FleetBase.of(model, basis)
-        work = LogFit(recipe, path.parent, base.names, folder if settings.reports else None)
+        kept = folder if settings.reports else None
+        work = LogFit(recipe, path.parent, base.names, kept, memory() / GIGABYTE)
         rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
         start = min((one for one in rows["date"] if one), default=None)
         groups = groups_of(model, basis)
@@ -101,8 +125,9 @@ def fleet(
 def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, say: Progress) -> FleetResult:
     """Return a result with the changes of its robots and what those of a type share, where there are enough."""
     changes, shared = [], dict[str, Pooled]()
+    of = {one.robot: one for one in found.histories}
     for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
-        histories = [one for one in found.histories if one.robot in robots]
+        histories = [of[robot] for robot in robots if robot in of]
         if histories:
             say(f"looking for changes of {kind}")
             changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
@@ -124,10 +149,22 @@ def _rows(
     with RowStore(None if folder is None else folder / TABLE, schema(), KEY, rerun=rerun, again=AGAIN) as store:
         wanted = [job for job in jobs if job.key not in store]
         say(Step("identifying logs", 0, len(wanted)))
-        for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
-            store.add([_kept(done, folder)])
-            say(Step("identifying logs", count, len(wanted)))
+        try:
+            for count, done in enumerate(run_jobs(work, wanted, executor, limits=limits), 1):
+                store.add([_kept(done, folder)])
+                say(Step("identifying logs", count, len(wanted)))
+        except KeyboardInterrupt as stop:
+            stop.add_note(_left(folder))
+            raise
+        except InputError as error:
+            raise InputError(f"{error} {_left(folder)}") from error
         return _present(store.table(), jobs, work.recipe), len(wanted)
+
+
+def _left(folder: Path | None) -> str:
+    if folder is None:
+        return "No log is kept; name a folder for the results to keep them."
+    return f"Finished logs are kept in {folder / TABLE}; run the same command again to go on."
 
 
 def _types(rows: pl.DataFrame) -> dict[str, tuple[str, ...]]:

@@ -11,10 +11,11 @@ from pydantic import BeforeValidator, StrictBool, ValidationError, ValidationInf
 from dynident.errors import ConfigError
 from dynident.io.config import config_text
 from dynident.io.fields import CountOrEach, Delay, Name, Number, Section, Windows, as_number
+from dynident.io.schema import section_schema
 from dynident.io.wording import worded
 from dynident.io.yaml_text import load_yaml
 
-__all__ = ["FleetSettings", "RobotChanges", "read_fleet_settings"]
+__all__ = ["FleetSettings", "RobotChanges", "fleet_schema", "read_fleet_settings"]
 
 
 def _file(value: object, info: ValidationInfo) -> Path:
@@ -99,6 +100,11 @@ class FleetSettings(Section):
         if (self.logs is None) == (self.table is None):
             raise ValueError("needs either `logs` (a pattern such as logs/{robot}/{date}.parquet) or `table` (a file)")
         return self
+
+
+def fleet_schema() -> dict[str, Any]:
+    """Return the JSON schema of the configuration of a fleet."""
+    return section_schema(FleetSettings, "dynident fleet")
 
 
 def read_fleet_settings(path: Path) -> FleetSettings:

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -117,5 +118,6 @@ def _asked(name: str, ask: Callable[[], T]) -> T:
 
 
 def _stamp(found: Mapping[str, Any]) -> str:
-    """Return size and version of a file, as stores say them."""
-    return " ".join(str(found[key]) for key in ("size", *STAMPS) if found.get(key) is not None)
+    """Return size and version of a file, as stores say them; a time is one also where it is seconds since 1970."""
+    values = [found[key] for key in ("size", *STAMPS) if found.get(key) is not None]
+    return " ".join(str(one.timestamp() if isinstance(one, datetime) else one) for one in values)

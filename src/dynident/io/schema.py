@@ -8,10 +8,11 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
+from dynident.io.fields import Section
 from dynident.io.result_format import ResultFile
 from dynident.io.settings import Config
 
-__all__ = ["SCHEMAS", "config_schema", "result_schema"]
+__all__ = ["SCHEMAS", "config_schema", "result_schema", "section_schema"]
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
@@ -27,8 +28,13 @@ class _Results(GenerateJsonSchema):
 
 def config_schema() -> dict[str, Any]:
     """Return the schema of the configuration, with the settings of all kinds of parts that are installed."""
-    schema: dict[str, Any] = _renamed(Config.model_json_schema())
-    return {"$schema": DRAFT, **schema, "title": "dynident configuration"}
+    return section_schema(Config, "dynident configuration")
+
+
+def section_schema(section: type[Section], title: str) -> dict[str, Any]:
+    """Return the schema of a file with these settings."""
+    schema: dict[str, Any] = _renamed(section.model_json_schema())
+    return {"$schema": DRAFT, **schema, "title": title}
 
 
 def result_schema() -> dict[str, Any]:

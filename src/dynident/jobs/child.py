@@ -53,15 +53,12 @@ def serve(connection: Connection, parent: int) -> NoReturn:
         order = Order(*unpacked(orders.get()))
         try:
             function = function if order.function is None else unpacked(order.function)
-            with _limited(order.memory):
-                bytearray(SPARE)
-        except MemoryError:
-            connection.send(f"a worker takes more than the limit of {order.memory:g} GB before it runs any job.")
-            continue
+            refused = _too_large(order)
         except BaseException as error:
-            connection.send(f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}")
+            refused = f"a worker cannot load the function of the jobs: {type(error).__name__}: {error}"
+        connection.send(refused)
+        if refused:
             continue
-        connection.send("")
         for job in order.jobs:
             with _limited(order.memory):
                 ended = attempt(function, job)
@@ -69,6 +66,18 @@ def serve(connection: Connection, parent: int) -> NoReturn:
             if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
                 os._exit(0)
         sys.stdout.flush()  # what jobs have printed
+
+
+def _too_large(order: Order) -> str:
+    """Return that this process takes the memory of a job already, where that is so; asked once a function."""
+    if order.function is None or order.memory is None:
+        return ""
+    try:
+        with _limited(order.memory):
+            bytes(SPARE)
+    except MemoryError:
+        return f"a worker takes more than the limit of {order.memory:g} GB before it runs any job."
+    return ""
 
 
 def _read(connection: Connection, orders: SimpleQueue[bytes], parent: int) -> NoReturn:

@@ -46,7 +46,8 @@ _CHANGES = (
 )
 _COURSES = (
     "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
-    "mean of the robot's logs. The line is what was found, dashed where it begins."
+    "mean of the robot's logs. The line is what was found, dashed where it begins; where there is a pale strip, it may "
+    "have begun anywhere in it (95 %)."
 )
 
 
@@ -62,7 +63,7 @@ def fleet_page(found: FleetResult) -> str:
         log_section(found),
         PageSection("What was done", tuple(_method(found))),
     ]
-    return render(f"Fleet {found.name}", fleet_heading(found), sections)
+    return render(f"Fleet: {found.name}", fleet_heading(found), sections)
 
 
 def fleet_findings(found: FleetResult) -> list[str]:
@@ -70,7 +71,9 @@ def fleet_findings(found: FleetResult) -> list[str]:
     changes = worst_first(_changes(found))
     tested = sum(len(one.p_values) for one in found.changes)
     quiet = [f"No change is found on {count(tested, 'robot')}."] if tested else []
-    lines = [change_words(one, found.start) for one in changes[:IN_WORDS]] or quiet
+    robots = _robots(found, changes)
+    some = changes[:IN_WORDS]
+    lines = [change_words(one, found.start, robots[one.robot].before(one.group)) for one in some] or quiet
     if len(changes) > IN_WORDS:
         lines.append(f"There are {count(len(changes) - IN_WORDS, 'more change')}; the table has them.")
     if silent := [robot for one in found.changes for robot in one.silent]:
@@ -163,7 +166,7 @@ def _drawn(one: RobotCourses, found: FleetResult) -> Iterator[PageBlock]:
     for changes in groups.values():
         courses = one.of(changes[0].group)
         shown = list(dict.fromkeys(k for change in changes for k in changed_in(change)))[:PANELS]
-        caption = _typeset(" ".join(change_words(change, found.start) for change in changes))
+        caption = _typeset(" ".join(change_words(change, found.start, one.before(change.group)) for change in changes))
         yield Figure(figures.course_figure([courses[k] for k in sorted(shown)], found.start), caption)
 
 

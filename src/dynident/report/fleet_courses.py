@@ -10,6 +10,7 @@ import numpy as np
 
 from dynident.fleets import GroupKind, Shape
 from dynident.report.figures import Array, Course, Mark
+from dynident.report.fleet_words import shape_words
 
 if TYPE_CHECKING:
     from dynident.fleets import Change, Group, History, Scatter
@@ -45,9 +46,9 @@ class RobotCourses:
         others = [one for one in self.changes if not _same(one.group, group)]
         rest = self.history.value - self.mean - _effect(others, self.history.days, self.history)
         value, std = _along(group.directions, self.information, rest)
-        zero = self._zero(group)
+        zero = self.before(group)
         line = self._line(own, zero) if own else None
-        marks = [Mark(one.day, one.shape.value, self.between(one)) for one in own]
+        marks = [Mark(one.day, shape_words(one), self.between(one)) for one in own]
         return [
             Course(
                 self.history.robot,
@@ -76,7 +77,7 @@ class RobotCourses:
         mean: Array = _solved(self.information.sum(axis=0)[None], right[None])[0][0]
         return mean
 
-    def _zero(self, group: Group) -> Array:
+    def before(self, group: Group) -> Array:
         """Return the value (k) of each direction in the mean, nan where it has none of its own."""
         D = group.directions
         row = np.abs(D).argmax(axis=0)

@@ -89,7 +89,9 @@ def log_section(found: FleetResult) -> PageSection:
 
 
 def _lead(rows: Sequence[Row], robots: int, each: int) -> str:
-    lead = "Each log leads to its own report. Errors are relative torque errors, those held out on another log. "
+    lead = "Errors are relative torque errors, those held out on another log. "
+    if any(row["folder"] for row in rows):
+        lead += "Each log leads to its own report. "
     if robots > ROBOTS or any(times > each for times in Counter(row["robot"] for row in rows).values()):
         lead += f"Of {len(rows)} logs of {count(robots, 'robot')}, the last {each} of each robot are here, "
         lead += f"of the first {ROBOTS} robots" if robots > ROBOTS else "of all robots"

@@ -16,7 +16,16 @@ from dynident.report.page import Column, PageTable, number
 if TYPE_CHECKING:
     from dynident.fleets import Change, FleetResult
 
-__all__ = ["change_table", "change_words", "changed_in", "day_words", "group_words", "with_times", "worst_first"]
+__all__ = [
+    "change_table",
+    "change_words",
+    "changed_in",
+    "day_words",
+    "group_words",
+    "shape_words",
+    "with_times",
+    "worst_first",
+]
 
 GROUPS = {
     GroupKind.FRICTION: "friction of {}",
@@ -47,6 +56,11 @@ def day_words(day: float, start: datetime | None) -> str:
     return f"day {number(day)}" if start is None else (start + timedelta(days=float(day))).strftime("%Y-%m-%d")
 
 
+def shape_words(change: Change) -> str:
+    """Word the shape of a change, as far as the logs tell it."""
+    return change.shape.value if change.odds >= TOLD else " or ".join(Shape)
+
+
 def worst_first(changes: Sequence[Change]) -> list[Change]:
     """Return the changes, the least probable by chance first, of equal ones the largest in standard errors."""
     return sorted(changes, key=lambda one: (one.p_value, -_ratios(one).max(initial=0.0)))
@@ -66,18 +80,23 @@ def _ratios(change: Change) -> Array:
     return ratios
 
 
-def change_words(change: Change, start: datetime | None) -> str:
-    """Return a change as a sentence."""
+def change_words(change: Change, start: datetime | None, before: Array) -> str:
+    """Return a change as a sentence; ``before`` (k) are the values of its group before, nan where unknown."""
     join = "on" if change.shape is Shape.STEP else "since"
-    what = f"{group_words(change.group)} {_verb(change)} {join} {day_words(change.day, start)}"
-    return f"{change.robot}: {what}: {listed(_sizes(change), FEW)}."
+    verb = VERBS[change.shape, _sign(change, before)]
+    what = f"{group_words(change.group)} {verb} {join} {day_words(change.day, start)}"
+    unsure = "" if change.odds >= TOLD else " (at once or slowly: the logs do not tell)"
+    return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}."
 
 
-def _verb(change: Change) -> str:
-    """Return the word for a change: rises, where all that is certain grows and has a sign by nature."""
-    signs = {int(np.sign(change.size[k])) for k in changed_in(change)}
-    signed = change.group.kind in (GroupKind.FRICTION, GroupKind.RIPPLE) and len(signs) == 1
-    return VERBS[change.shape, signs.pop() if signed else 0]
+def _sign(change: Change, before: Array) -> int:
+    """Return 1 where friction or a ripple rises, -1 where it falls, 0 where that cannot be said or means nothing."""
+    if change.group.kind is GroupKind.FRICTION:
+        signs = {int(np.sign(change.size[k])) for k in changed_in(change)}
+        return signs.pop() if len(signs) == 1 else 0
+    if change.group.kind is GroupKind.RIPPLE and np.isfinite(before).all():  # its size, whatever its phase
+        return int(np.sign(np.linalg.norm(before + change.size) - np.linalg.norm(before)))
+    return 0
 
 
 def _sizes(change: Change) -> Iterator[str]:
@@ -101,7 +120,7 @@ def change_table(found: FleetResult, changes: Sequence[Change], most: int) -> Pa
             one.robot,
             group_words(one.group),
             day_words(one.day, found.start),
-            one.shape.value if one.odds >= TOLD else "step or drift",
+            shape_words(one),
             "; ".join(list(_sizes(one))[:FEW]),
             number(one.p_value, 2),
         )

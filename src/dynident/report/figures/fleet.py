@@ -90,7 +90,7 @@ def robots_figure(courses: Sequence[Course], start: datetime | None = None) -> D
     """Draw one parameter of many robots, a small panel each, all with the same axes; marked robots in red."""
     figure = _grid([one.robot for one in courses])
     for k, one in enumerate(courses, start=1):
-        for curve in _course(one, start, SMALL_POINTS, RED if one.marks else BLUE, size=3):
+        for curve in _course(one, start, SMALL_POINTS, RED if one.marks else BLUE, size=4):
             figure.add(curve | {"showlegend": False}, row=k)
     _time_axis(figure, start, title="")
     figure.axes("y", range=_range(courses))

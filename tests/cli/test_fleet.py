@@ -1,0 +1,73 @@
+"""The command ``dynident fleet``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fsspec
+import polars as pl
+import pytest
+from click.testing import CliRunner
+
+from dynident.cli import main
+from dynident.fleets import run
+from tests.fleets.made import FLEET, make_fleet
+
+
+def run_command(*words: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(main, ["fleet", *map(str, words)])
+    return done.exit_code, done.output
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The configuration of a fleet."""
+    return make_fleet(tmp_path_factory.mktemp("fleet"))
+
+
+def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> None:
+    out = fleet.with_name("out")
+    (fleet.parent / "logs" / "arm-1" / "2026-02-30.csv").write_text("t\n")
+    code, said = run_command(fleet, "--out", out, "--workers", "1")
+    assert code == 0, said
+    assert "arm-1" in said
+    assert "the date '2026-02-30' of logs/arm-1/2026-02-30.csv cannot be read" in " ".join(said.split())
+    assert {one.name for one in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
+    code, said = run_command(fleet, "--out", out, "--workers", "1")
+    assert code == 0, said
+    assert "1 logs were identified now, 3 were known." in said
+
+
+def test_logs_of_an_object_store_are_read(fleet: Path, tmp_path: Path) -> None:
+    store = fsspec.filesystem("memory")
+    for path in fleet.parent.glob("logs/*/2026-01-*.csv"):
+        store.put_file(str(path), f"/bucket/{path.parent.name}/{path.name}")
+    text = FLEET.replace("logs/", "memory://bucket/").replace("robot.yaml", str(fleet.with_name("robot.yaml")))
+    (tmp_path / "fleet.yaml").write_text(text)
+    try:
+        code, said = run_command(tmp_path / "fleet.yaml", "--out", tmp_path / "out", "--workers", "1")
+    finally:
+        store.rm("/bucket", recursive=True)
+    assert code == 0, said
+    rows = pl.read_parquet(tmp_path / "out" / "fleet.parquet").sort("robot", "date")
+    assert rows["status"].to_list() == ["ok"] * 3
+    assert rows["log"][0] == "memory:///bucket/arm-1/2026-01-01.csv"
+
+
+def test_an_interrupted_fleet_says_where_its_logs_are(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "run_jobs", stopped)
+    code, said = run_command(fleet, "--out", tmp_path / "out", "--workers", "1")
+    assert code == 130
+    assert "run the same command again" in said
+
+
+def test_a_wrong_configuration_ends_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text("recipe: robot.yaml\nlog: x\n")
+    code, said = run_command(tmp_path / "fleet.yaml", "--out", tmp_path / "out")
+    assert code == 1
+    assert "unknown key 'log'; did you mean 'logs'" in said

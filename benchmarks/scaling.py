@@ -216,7 +216,8 @@ def fleet() -> Figures:
 def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
     """CPU seconds of a log more, so that what is done once for all does not count, and megabytes of its files."""
     costs = []
-    shutil.rmtree(folder / "out" / "runs", ignore_errors=True)
+    for old in (folder / "out" / "runs", folder / "logs"):
+        shutil.rmtree(old, ignore_errors=True)
     for count in (few, more):
         prepared(folder, count)
         with local_workers(2, ("dynident.fleets.fit", "dynident.report.run_files")) as executor:

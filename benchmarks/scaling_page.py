@@ -41,7 +41,7 @@ def draw(kept: Figures) -> None:
     """Write the tables anew."""
     text = PAGE.read_text(encoding="utf-8")
     for name, table in TABLES.items():
-        if name in kept or name == "cost":
+        if set(NEEDED.get(name, (name,))) <= set(kept):
             before, _, rest = text.partition(f"<!-- {name} -->")
             body = f"{table(kept)}\n\n{measured(kept[name])}" if name != "cost" else table(kept)
             text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
@@ -146,3 +146,4 @@ def clock(seconds: float) -> str:
 
 
 TABLES = {"stages": stages, "spread": spread, "rows": rows, "scheduler": scheduler, "cost": cost}
+NEEDED = {"rows": ("rows", "scheduler"), "cost": ("stages", "rows", "scheduler", "fleet")}

@@ -1,11 +1,15 @@
 """Settings of the tests of jobs."""
 
+from collections.abc import Iterator
+
 import pytest
 
 from dynident.jobs import workers
 
 
-@pytest.fixture(autouse=True)
-def light(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def light() -> Iterator[None]:
     """Workers without what real jobs need start in no time."""
-    monkeypatch.setattr(workers, "HEAVY", ())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers, "HEAVY", ())
+        yield

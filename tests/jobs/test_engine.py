@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from multiprocessing import get_context
@@ -15,6 +15,7 @@ import pytest
 from dynident.errors import InputError
 from dynident.jobs import Limits, Status, batch, local_workers, run_jobs
 from dynident.jobs.batch import Batch, Report, run_batch
+from dynident.jobs.packed import packed
 from tests.jobs.work import Noise, Stranger, Trouble, by_job, process, sleeps
 
 EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
@@ -23,7 +24,12 @@ EXECUTORS: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
     "threads": lambda: ThreadPoolExecutor(2),
     "processes": lambda: ProcessPoolExecutor(2, get_context("spawn")),
 }
-SPREAD = [name for name in EXECUTORS if name != "alone"]
+
+
+@pytest.fixture(scope="module", params=EXECUTORS)
+def executor(request: pytest.FixtureRequest) -> Iterator[Executor | None]:
+    with EXECUTORS[request.param]() as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -32,17 +38,13 @@ def noise() -> Noise:
 
 
 @pytest.mark.parametrize("limits", [Limits(), Limits(seconds=600.0)])
-@pytest.mark.parametrize("kind", EXECUTORS)
-def test_results_do_not_depend_on_the_executor(noise: Noise, kind: str, limits: Limits) -> None:
-    with EXECUTORS[kind]() as executor:
-        done = by_job(list(run_jobs(noise, range(50), executor, limits=limits)))
+def test_results_do_not_depend_on_the_executor(noise: Noise, executor: Executor | None, limits: Limits) -> None:
+    done = by_job(list(run_jobs(noise, range(50), executor, limits=limits)))
     assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
 
 
-@pytest.mark.parametrize("kind", EXECUTORS)
-def test_an_error_is_a_result(tmp_path: Path, kind: str) -> None:
-    with EXECUTORS[kind]() as executor:
-        done = by_job(list(run_jobs(Trouble(tmp_path), [("raises", 1), ("leaves", 2), ("fine", 3)], executor)))
+def test_an_error_is_a_result(tmp_path: Path, executor: Executor | None) -> None:
+    done = by_job(list(run_jobs(Trouble(tmp_path), [("raises", 1), ("leaves", 2), ("fine", 3)], executor)))
     assert [(one.status, one.reason, one.value) for _, one in sorted(done.items(), key=lambda item: item[0][1])] == [
         (Status.FAILED, "ValueError: no 1", None),
         (Status.FAILED, "SystemExit: 2", None),
@@ -50,13 +52,11 @@ def test_an_error_is_a_result(tmp_path: Path, kind: str) -> None:
     ]
 
 
-@pytest.mark.parametrize("kind", EXECUTORS)
-def test_jobs_are_taken_as_they_are_needed(kind: str) -> None:
+def test_jobs_are_taken_as_they_are_needed(executor: Executor | None) -> None:
     taken = itertools.count()
-    with EXECUTORS[kind]() as executor:
-        done = run_jobs(abs, (next(taken) for _ in itertools.repeat(None)), executor)
-        assert len(list(itertools.islice(done, 100))) == 100
-        done.close()  # type: ignore[attr-defined]
+    done = run_jobs(abs, (next(taken) for _ in itertools.repeat(None)), executor)
+    assert len(list(itertools.islice(done, 100))) == 100
+    done.close()  # type: ignore[attr-defined]
     assert next(taken) < 100 + 4 * 1000 + 1  # batches that are under way
 
 
@@ -89,10 +89,8 @@ def test_the_function_goes_with_the_first_batches_and_to_who_lacks_it(noise: Noi
     assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(200)}
     assert len(executor.batches) > 10
     whole = [one.number for one in executor.batches if one.function]
-    assert whole[:4] == [0, 1, 2, 3]
-    assert len(whole) == 4 + sum(
-        given.number >= 9 and given.number not in whole[4:] for given in executor.batches[9:13]
-    )
+    assert whole == [0, 1, 13, 14, 15, 16]  # those under way before an answer, and before that of number 9
+    assert [executor.batches[number].jobs for number in whole[2:]] == [one.jobs for one in executor.batches[9:13]]
 
 
 def test_a_worker_remembers_few_functions() -> None:
@@ -118,7 +116,7 @@ def test_a_batch_that_the_executor_loses_is_tried_job_by_job() -> None:
     """As Dask does where three workers have died of it."""
 
     def kill(given: Batch) -> None:
-        if any(b"\x4d" in job for job in given.jobs if len(job) < 10):  # 77, as a pickle has it
+        if packed(77) in given.jobs:
             raise RuntimeError("three workers have died")
 
     executor = Direct(kill)
@@ -154,20 +152,17 @@ def test_a_process_pool_that_breaks(tmp_path: Path) -> None:
         list(run_jobs(Trouble(tmp_path), [("fine", 1), ("ends", 2), ("fine", 3)], executor))
 
 
-@pytest.mark.parametrize("kind", ["local workers", "processes"])
-def test_a_function_that_workers_lack(kind: str) -> None:
-    words = "a worker cannot load the function of the jobs: RuntimeError: not here"
-    with EXECUTORS[kind]() as executor, pytest.raises(InputError, match=words):
+@pytest.mark.parametrize("executor", ["local workers", "processes"], indirect=True)
+def test_a_function_that_workers_lack(executor: Executor) -> None:
+    with pytest.raises(InputError, match="a worker cannot load the function of the jobs: RuntimeError: not here"):
         list(run_jobs(Stranger(), range(5), executor))
 
 
-@pytest.mark.parametrize("kind", SPREAD)
-def test_what_only_this_process_knows(kind: str) -> None:
+def test_what_only_this_process_knows(executor: Executor | None) -> None:
     """The extra ``cluster`` brings cloudpickle, which sends code."""
     pytest.importorskip("cloudpickle", reason="needs cloudpickle, of the extra cluster")
     factor = 3
-    with EXECUTORS[kind]() as executor:
-        assert {one.value for one in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
+    assert {one.value for one in run_jobs(lambda job: factor * job, range(4), executor)} == {0, 3, 6, 9}
 
 
 def test_two_runs_on_one_executor() -> None:

@@ -15,6 +15,7 @@ TROUBLES = {
     "raises": (Status.FAILED, "ValueError: no 3"),
     "leaves": (Status.FAILED, "SystemExit: 3"),
     "unpicklable": (Status.FAILED, "TypeError: stays here"),
+    "silent": (Status.FAILED, "_SilentError"),
     "hangs": (Status.TIMED_OUT, "longer than the limit of 1 s"),
     "ends": (Status.DIED, "its process has ended with exit code 7"),
     "crashes": (Status.DIED, "its process was killed by signal 9, perhaps for want of memory"),
@@ -25,7 +26,7 @@ TROUBLES = {
 def test_trouble_of_a_job_is_its_own(tmp_path: Path, trouble: str) -> None:
     work = Trouble(tmp_path)
     jobs = [(trouble if number == 3 else "fine", number) for number in range(8)]
-    limits = Limits(seconds=1.0 if trouble == "hangs" else None, memory=1.0 if trouble == "eats" else None)
+    limits = Limits(seconds=1.0 if trouble == "hangs" else None, memory=0.3 if trouble == "eats" else None)
     with local_workers(1) as executor:
         done = by_job(list(run_jobs(work, jobs, executor, limits=limits)))
     status, reason = TROUBLES.get(trouble, (Status.OUT_OF_MEMORY, "MemoryError: "))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,8 +17,10 @@ import pytest
 
 from dynident.errors import InputError
 from dynident.jobs import Limits, Status, local_workers, run_jobs, workers
+from dynident.jobs.child import NUMBER
+from dynident.jobs.packed import packed
 from dynident.jobs.processes import ForkServer, Start
-from tests.jobs.work import HANGS, Trouble, by_job, loaded, process, threads
+from tests.jobs.work import HANGS, Trouble, blas_threads, by_job, chance_to_be_killed, loaded, process, stuck, threads
 
 posix = pytest.mark.skipif(os.name == "nt", reason="sends POSIX signals")
 forks = pytest.mark.skipif(sys.platform != "linux", reason="workers are not forked on this system")
@@ -31,6 +34,18 @@ def test_each_worker_is_a_process_with_one_thread() -> None:
         assert os.getpid() not in found
         assert {one.value for one in run_jobs(threads, range(4), executor)} == {("1", "1")}
         assert {one.value for one in run_jobs(process, range(200), executor)} == found
+
+
+@forks
+def test_where_memory_runs_out_workers_end_first() -> None:
+    with local_workers(1) as executor:
+        assert [one.value for one in run_jobs(chance_to_be_killed, [0], executor)] == [500]
+    assert chance_to_be_killed(0) < 500
+
+
+def test_a_process_of_a_pool_has_one_thread() -> None:
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        assert [one.value for one in run_jobs(blas_threads, [0], executor)] == [{1}]
 
 
 @forks
@@ -56,9 +71,12 @@ def test_a_server_that_is_killed_is_started_again(tmp_path: Path) -> None:
     server = ForkServer(())
     try:
         first, second = server.start(), server.start()
+        second.connection.send((packed(stuck), None, [packed(0)]))
+        assert second.connection.recv() == ""
         server._process.kill()
-        with pytest.raises(EOFError):  # its workers follow
-            first.connection.recv()
+        for child in (first, second):  # its workers follow
+            with pytest.raises(EOFError):
+                child.connection.recv()
         assert first.end() == -signal.SIGKILL
         third = server.start()
         third.connection.send((None, None, ()))
@@ -69,6 +87,20 @@ def test_a_server_that_is_killed_is_started_again(tmp_path: Path) -> None:
         server.start()
     for child in (first, second, third):
         child.connection.close()
+
+
+@forks
+def test_a_server_ends_its_workers_though_nobody_reads_its_answer() -> None:
+    server = ForkServer(())
+    child = server.start()
+    child.connection.send((packed(stuck), None, [packed(0)]))
+    assert child.connection.recv() == ""
+    mine, other = socket.socketpair()
+    socket.send_fds(server._control, [bytes(NUMBER)], [other.fileno()])
+    server.close()
+    with mine, other, pytest.raises(EOFError):
+        child.connection.recv()
+    child.connection.close()
 
 
 @pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
@@ -104,16 +136,17 @@ def test_a_process_of_a_daemon_has_limits() -> None:
 
 
 def _report(connection) -> None:
+    workers.HEAVY = ()
     connection.send([one.status for one in run_jobs(time.sleep, [HANGS], limits=Limits(seconds=0.5))])
 
 
 SCRIPT = """\
-import os, signal, sys, threading, time
+import itertools, os, signal, sys, threading
 from dynident.jobs import Limits, local_workers, run_jobs, workers
-from tests.jobs.work import stuck, told
+from tests.jobs import work
 workers.HEAVY = ()
 with local_workers(2) as executor:
-    for done in run_jobs(told if sys.argv[1] == "between" else stuck, iter(int, 1), executor):
+    for done in run_jobs(getattr(work, sys.argv[1]), itertools.count(), executor):
         if sys.argv[2] == "raise":
             raise ValueError("what the user does with a result")
 """
@@ -124,7 +157,7 @@ with local_workers(2) as executor:
     ("job", "way"),
     [
         *(("stuck", "SIGKILL"), ("stuck", "SIGTERM"), ("stuck", "SIGINT"), ("stuck", "group")),
-        *(("between", "SIGKILL"), ("between", "group"), ("between", "raise")),
+        *(("told", "SIGKILL"), ("told", "group"), ("soon_stuck", "raise")),
     ],
 )
 def test_workers_end_with_this_process(job: str, way: str) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from dynident.jobs import Done
 
@@ -42,6 +43,9 @@ class Trouble:
 
     def calls(self, number: int) -> int:
         return len((self.folder / f"{number}").read_text().splitlines())
+
+    def silent(self, number: int) -> int:
+        raise _SilentError
 
     def fine(self, number: int) -> int:
         return number**2
@@ -75,6 +79,11 @@ class Trouble:
         return _Odd()
 
 
+class _SilentError(Exception):
+    def __str__(self) -> str:
+        raise ValueError("no words")
+
+
 class _Odd(int):
     def __reduce__(self) -> Any:
         raise TypeError("stays here")
@@ -86,6 +95,14 @@ def process(_: object) -> int:
 
 def threads(_: object) -> tuple[str | None, str | None]:
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
+def blas_threads(_: object) -> set[int]:
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+def chance_to_be_killed(_: object) -> int:
+    return int(Path("/proc/self/oom_score_adj").read_text())
 
 
 def sleeps(seconds: float) -> float:
@@ -113,6 +130,12 @@ def stuck(_: object) -> None:
     """Says that it runs, and never lets another thread of Python run."""
     told(_)
     sum(itertools.repeat(1))
+
+
+def soon_stuck(number: int) -> None:
+    """The first job ends."""
+    if number:
+        stuck(number)
 
 
 class Stranger:

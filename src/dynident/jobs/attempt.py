@@ -37,4 +37,7 @@ def attempt(function: Callable[[Any], Any], job: bytes) -> Ended:
 def status_of(error: BaseException) -> tuple[Status, str]:
     """Return what an exception makes of a job, and how it is said."""
     status = Status.OUT_OF_MEMORY if isinstance(error, MemoryError) else Status.FAILED
-    return status, f"{type(error).__name__}: {error}"
+    try:
+        return status, f"{type(error).__name__}: {error}"
+    except Exception:  # of its own text
+        return status, type(error).__name__

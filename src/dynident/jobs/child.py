@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import signal
@@ -11,17 +12,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, NamedTuple, NoReturn
 
 from dynident.jobs.attempt import attempt
+from dynident.jobs.job import Status
 from dynident.jobs.packed import unpacked
 
 __all__ = ["NUMBER", "Order", "fork_server", "serve"]
 
 NUMBER = 8  # bytes of a number between a server and the process that started it
 PATIENCE = 1.0  # s between looks whether that is still there
+PDEATHSIG = 1  # of prctl(2): the signal that comes when the server dies
 SPARE = 16_000_000  # bytes that a job needs at least
 
 
@@ -40,6 +44,8 @@ def serve(connection: Connection, parent: int) -> NoReturn:
     """
     for number in (signal.SIGINT, signal.SIGTERM):  # for who started us, and ends us
         signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, Linux ends this one first
     orders: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_read, args=(connection, orders, parent), daemon=True).start()
     function: Any = None
@@ -60,6 +66,8 @@ def serve(connection: Connection, parent: int) -> NoReturn:
             with _limited(order.memory):
                 ended = attempt(function, job)
             connection.send(tuple(ended))
+            if ended.status is Status.OUT_OF_MEMORY:  # what is left of it may be in the way of the next
+                os._exit(0)
         sys.stdout.flush()  # what jobs have printed
 
 
@@ -104,25 +112,29 @@ def fork_server(descriptor: int, preload: Sequence[str]) -> NoReturn:
             import_module(name)
     gc.freeze()  # what is imported stays shared
     control.settimeout(PATIENCE)
-    while os.getppid() == parent:  # another process may have inherited the other end
-        try:
-            request, descriptors, _, _ = socket.recv_fds(control, NUMBER, 1)
-        except TimeoutError:
-            continue
-        except OSError:
-            break
-        if not request:
-            break
-        if child := int.from_bytes(request, "little"):
-            children.discard(child)
-            answer = _end(child)
-        else:
-            answer = _fork(control, descriptors[0])
-            children.add(answer)
-        control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
-    for one in children:
-        os.kill(one, signal.SIGKILL)
-    os._exit(0)
+    try:
+        while os.getppid() == parent:  # another process may have inherited the other end
+            with suppress(TimeoutError):
+                _obey(control, children)
+    except (EOFError, OSError):  # the other end is closed
+        pass
+    finally:
+        for one in children:
+            _end(one)
+        os._exit(0)
+
+
+def _obey(control: socket.socket, children: set[int]) -> None:
+    request, descriptors, _, _ = socket.recv_fds(control, NUMBER, 1)
+    if not request:
+        raise EOFError
+    if child := int.from_bytes(request, "little"):
+        children.discard(child)
+        answer = _end(child)
+    else:
+        answer = _fork(control, descriptors[0])
+        children.add(answer)
+    control.sendall(answer.to_bytes(NUMBER, "little", signed=True))
 
 
 def _fork(control: socket.socket, descriptor: int) -> int:
@@ -131,6 +143,7 @@ def _fork(control: socket.socket, descriptor: int) -> int:
         os.close(descriptor)
         return child
     try:
+        ctypes.CDLL(None).prctl(PDEATHSIG, signal.SIGKILL)
         control.close()
         serve(Connection(descriptor), server)
     finally:

@@ -98,7 +98,7 @@ class _Spread(Generic[J, T]):
 
     def _fill(self) -> bool:
         """Submit jobs; return whether any are under way."""
-        while len(self._under_way) < self._pace.ahead:
+        while len(self._under_way) < (self._pace.ahead if self._answered else self._pace.workers):
             if self._again:
                 self._submit(*self._again.popleft())
             elif jobs := list(islice(self._jobs, self._pace.size(None if self._rest < 0 else self._rest))):

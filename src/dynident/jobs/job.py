@@ -26,7 +26,10 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Limits:
-    """The most that one job may take: ``seconds``, and ``memory`` (GB) of the process that runs it; None: no limit."""
+    """The most that one job may take: ``seconds``, and ``memory`` (GB) of the process that runs it; None: no limit.
+
+    Only Linux limits the memory.
+    """
 
     seconds: float | None = None
     memory: float | None = None

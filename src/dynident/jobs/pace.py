@@ -29,9 +29,14 @@ class Pace:
         self._lost: deque[float] = deque(maxlen=LATEST)
 
     @property
+    def workers(self) -> int:
+        """How many there are."""
+        return max(self._workers, len(self._seen))
+
+    @property
     def ahead(self) -> int:
         """How many batches are under way at a time."""
-        return AHEAD * max(self._workers, len(self._seen))
+        return AHEAD * self.workers
 
     def size(self, rest: int | None = None) -> int:
         """Return how many jobs go into the next batch, where ``rest`` (None: unknown) are left."""

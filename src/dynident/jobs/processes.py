@@ -52,10 +52,13 @@ def starter(preload: Iterable[str]) -> Starter:
 
 def _python(call: str, **how: Any) -> subprocess.Popen[bytes]:
     """Start Python to call a function of ``child``."""
-    code = f"import sys; sys.path[:] = {sys.path!r}; from dynident.jobs import child; child.{call}"
+    code = f"import sys; sys.path[:] = {list(map(str, sys.path))}; from dynident.jobs import child; child.{call}"
     environment = {**os.environ, **ONE_THREAD}
     words = [sys.executable, "-c", code]
-    return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    try:
+        return subprocess.Popen(words, stdin=subprocess.DEVNULL, env=environment, **how)  # noqa: S603 -- of our own
+    except OSError as error:
+        raise InputError(f"no worker process can be started: {error}.") from error
 
 
 class Start:

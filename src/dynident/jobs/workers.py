@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 
+from dynident.errors import InputError
 from dynident.jobs.job import Limits
 from dynident.jobs.processes import Starter, starter
 from dynident.jobs.runner import Runner
@@ -38,6 +39,8 @@ def local_workers(count: int, preload: Iterable[str] = ()) -> Iterator[Executor]
     ``preload`` are the names of modules that are imported once for all. What is submitted to the executor otherwise
     than by ``run_jobs`` runs in threads of this process.
     """
+    if count < 1:
+        raise InputError(f"{count} workers can do no work; take at least 1.")
     start = starter((*HEAVY, *preload))
     runners: list[Runner] = []
 

@@ -1,6 +1,6 @@
 """What every worker of the article's study needs, made once in the process that all of them are forked from.
 
-The server of ``multiprocessing`` imports this before it forks the first worker.
+``local_workers`` imports it where it is named in ``preload``.
 """
 
 from __future__ import annotations

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from rich.progress import Task, TaskID
 
-from dynident.cli import main
+from dynident.cli import main, terminal
 from dynident.cli.escapes import one_line, visible
 from dynident.cli.terminal import status
 from dynident.errors import Step
@@ -74,6 +75,17 @@ def test_a_bar_with_the_time_left_after_a_while(monkeypatch: pytest.MonkeyPatch,
     assert any(re.search("━╌+ 1 of 4  about .* left", line) for line in lines)
     assert any(line.rstrip().endswith("estimating  0 s") for line in lines)
     assert max(map(len, lines)) <= int(columns)
+
+
+def test_the_rate_of_many_steps() -> None:
+    task = Task(TaskID(0), "study", 2e6, 5e5, _get_time=lambda: 5.0)
+    for column, words in (({"first": 1e5, "at": 4.0}, "100000/s"), ({"first": 499_999, "at": 4.0}, "15/min")):
+        task.start_time, task.fields = 0.0, column
+        line = terminal._shown(task, 77).plain
+        assert re.search(f"^study .* 500000 of 2000000  {re.escape(words)}  about .* left$", line)
+        assert "/" not in terminal._shown(task, 47).plain
+    task.total = 5.0
+    assert "/" not in terminal._shown(task, 77).plain
 
 
 def test_steps_are_silent_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:

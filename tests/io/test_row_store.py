@@ -6,6 +6,8 @@ import errno
 import os
 import threading
 import time
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,10 @@ def runs(table: pl.DataFrame) -> list[int]:
     return table["run"].to_list()
 
 
+def values(table: RowStore) -> list[tuple[int, float]]:
+    return list(table.table().select("run", pl.col("value").list.first()).iter_rows())
+
+
 def parts(path: Path) -> list[Path]:
     return sorted(path.with_name("t.parquet.parts").glob("*.parquet"))
 
@@ -84,8 +90,8 @@ def test_a_later_row_replaces_an_earlier_one_wherever_that_is(path: Path) -> Non
         table.add([row(1, value=2.0), row(4), row(4, value=3.0)])
         table.add([row(3, value=4.0)])
         assert len(table) == 5
-        values = dict(zip(runs(table.table()), table.table()["value"].list[0], strict=True))
-    assert values == {0: 0.0, 1: 2.0, 2: 0.2, 3: 12.0, 4: 12.0}
+        found = dict(values(table))
+    assert found == {0: 0.0, 1: 2.0, 2: 0.2, 3: 12.0, 4: 12.0}
     assert sorted(runs(pl.read_parquet(path))) == [0, 1, 2, 3, 4]
 
 
@@ -141,12 +147,34 @@ def test_whatever_stops_a_run_its_rows_are_kept(path: Path, stop: type[BaseExcep
 
     with pytest.raises(stop):
         stopped()
-    assert path.exists() == (stop is KeyboardInterrupt)
-    assert len(parts(path)) == (0 if stop is KeyboardInterrupt else 2)
+    assert runs(pl.read_parquet(path)) == [0, 1]
+    assert list(path.parent.iterdir()) == [path]
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer) and thread.is_alive()]
+
+
+@pytest.mark.parametrize("stop", range(3))
+def test_a_run_that_is_stopped_while_it_saves(path: Path, monkeypatch: pytest.MonkeyPatch, stop: int) -> None:
+    """Between any two steps: each row once, and of those with one key the last."""
+    killed(path, row(0), row(1))
+    place, count = RowStore._place, iter(range(99))
+
+    def interrupted(self: RowStore, *given: Any, **named: Any) -> None:
+        if next(count) == stop:
+            raise KeyboardInterrupt
+        place(self, *given, **named)
+
+    def stopped() -> None:
+        with store(path) as table:
+            table.add([row(1, value=2.0), row(2), row(0, value=3.0)])
+            monkeypatch.setattr(RowStore, "_place", interrupted)
+            table.save()
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     with store(path) as table:
-        assert len(table) == 2
-    assert sorted(runs(pl.read_parquet(path))) == [0, 1]
+        assert len(table) == 3
+    assert sorted(values(table)) == [(0, 0.0), (1, 2.0), (2, 0.2)]
+    assert list(path.parent.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("left", range(4))
@@ -164,16 +192,12 @@ def test_a_run_that_is_killed_while_it_removes_the_parts(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "unlink", stop)
-        if left < 3:
-            with pytest.raises(KeyboardInterrupt), store(path):
-                pass
-        else:
-            with store(path):
-                pass
+        with pytest.raises(KeyboardInterrupt) if left < 3 else nullcontext(), store(path):
+            pass
     assert len(parts(path)) == 3 - left
     with store(path) as table:
         assert len(table) == 2
-    assert sorted(zip(runs(table.table()), table.table()["value"].list[0], strict=True)) == [(0, 0.0), (1, 5.0)]
+    assert sorted(values(table)) == [(0, 0.0), (1, 5.0)]
     assert list(path.parent.iterdir()) == [path]
 
 
@@ -280,21 +304,17 @@ def test_unknown_columns_are_a_mistake(path: Path) -> None:
         table.add([row(0) | {"mine": 1}])
 
 
-def fill(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-
-
 def test_a_full_disk_stops_the_work_and_what_is_there_stays(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     killed(path, row(0))
     monkeypatch.setattr(row_store, "SAVE_EVERY", 0.01)
 
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     def work() -> None:
         deadline = time.monotonic() + 60
         with store(path) as table:
-            fill(monkeypatch)
+            monkeypatch.setattr(os, "fsync", full)
             while time.monotonic() < deadline:
                 table.add([row(1)])
                 time.sleep(0.01)
@@ -310,13 +330,24 @@ def test_a_full_disk_stops_the_work_and_what_is_there_stays(path: Path, monkeypa
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_full_disk_in_the_end_leaves_the_parts(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    killed(path, row(0), row(1))
-    words = r"t\.parquet: cannot be written: No space .* all rows are kept in"
-    with monkeypatch.context() as patch, pytest.raises(InputError, match=words), store(path):
-        fill(patch)
-    assert len(parts(path)) == 2
-    assert not path.exists()
+def test_files_that_can_no_longer_grow(path: Path) -> None:
+    """The same by the operating system, for a part and, through Polars, for the table."""
+    resource = pytest.importorskip("resource", reason="Windows has no such limit")
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def refused(write: Callable[[], None], words: str) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500, usual[1]))
+        try:
+            with pytest.raises(InputError, match=words):
+                write()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
     with store(path) as table:
-        table.add([row(2)])
-    assert runs(pl.read_parquet(path)) == [0, 1, 2]
+        table.add([row(0)])
+        refused(table.save, r"0001-\w+\.parquet: cannot be written: File too large\. Make room")
+        table.save()
+        refused(table._merge, r"t\.parquet: cannot be written: .*File too large.*; all rows are kept in")
+        assert len(parts(path)) == 1
+        assert not path.exists()
+    assert runs(pl.read_parquet(path)) == [0]

@@ -14,16 +14,19 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from functools import partial
 from pathlib import Path
 
+import distributed
 import numpy as np
 import polars as pl
 import pytest
 
 import dynident
 from dynident.errors import InputError
-from dynident.jobs import Limits, Status, cluster, run_jobs
+from dynident.jobs import Limits, Status, cluster, local_workers, run_jobs
 from dynident.jobs.cluster import cluster_workers
+from dynident.studies import LEVELS, METHODS, SCENARIOS, run_study
 from tests.cli.commands import run
 from tests.jobs.dask_cluster import DaskCluster, dask_scheduler
 from tests.jobs.work import HANGS, Noise, Trouble, by_job, process, sleeps, threads
@@ -54,6 +57,9 @@ class TestWorkers:
         with cluster_workers(running.address) as executor:
             done = by_job(list(run_jobs(noise, range(50), executor)))
         assert {job: one.value for job, one in done.items()} == {job: noise(job) for job in range(50)}
+        with distributed.Client(running.address, set_as_default=False) as client:  # Dask's own executor
+            own = by_job(list(run_jobs(noise, range(50), client.get_executor())))
+        assert {job: one.value for job, one in own.items()} == {job: one.value for job, one in done.items()}
 
     def test_each_has_a_process_for_its_jobs_with_one_thread(self, running: DaskCluster) -> None:
         with cluster_workers(running.address) as executor:
@@ -100,21 +106,22 @@ class TestWorkers:
             error = executor.submit(divmod, 1, 0).exception()
         assert isinstance(error, ZeroDivisionError)
 
-    def test_a_study_has_the_same_table_and_dask_is_silent(self, running: DaskCluster, tmp_path: Path) -> None:
-        tables = []
-        for name, where in (("1", ["--workers", "1"]), ("2", ["--workers", "2"])):
-            done = run("reproduce", "--runs", 2, "--methods", "spline,raw", "--out", tmp_path / name, *where)
-            assert done.exit_code == 0, done.output
-        words = [sys.executable, "-m", "dynident", "reproduce", "--runs", "2", "--methods", "spline,raw"]
-        words += ["--cluster", running.address, "--out", str(tmp_path / "dask")]
+    def test_a_study_has_the_same_table(self, running: DaskCluster, tmp_path: Path) -> None:
+        words = ("--runs", 2, "--methods", "spline,raw", "--cluster", running.address, "--out", tmp_path)
+        done = run("reproduce", *words)
+        assert done.exit_code == 0, done.output
+        study = partial(run_study, [SCENARIOS["tabulated"]], [METHODS["spline"], METHODS["raw"]], LEVELS, 2, 0)
+        with local_workers(2, ["dynident.studies.article"]) as executor:
+            tables = [pl.read_parquet(tmp_path / "study.parquet"), study(executor=executor), study()]
+        first, *others = [table.drop("seconds").sort("method", "level", "run") for table in tables]
+        assert len(first) == 12
+        assert all(first.equals(other) for other in others)
+
+    def test_dask_is_silent(self, running: DaskCluster) -> None:
+        use = f"with cluster_workers({running.address!r}) as executor: executor.submit(int).result()"
+        words = [sys.executable, "-c", f"from dynident.jobs.cluster import cluster_workers\n{use}"]
         done = subprocess.run(words, capture_output=True, text=True, timeout=HANGS, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
-        for name in ("1", "2", "dask"):
-            table = pl.read_parquet(tmp_path / name / "study.parquet").drop("seconds")
-            tables.append(table.sort("method", "level", "run"))
-        assert len(tables[0]) == 12
-        assert tables[0].equals(tables[1])
-        assert tables[0].equals(tables[2])
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 class TestChanges:
@@ -166,13 +173,18 @@ class TestAddress:
         assert told.startswith(f"{address!r} is no address of a Dask scheduler: ")
         assert told.endswith("; give tcp://HOST:PORT.")
 
+    def test_one_without_its_certificates(self) -> None:
+        told = refused("tls://127.0.0.1:8786")
+        assert told.startswith("'tls://127.0.0.1:8786' cannot be used: ")
+        assert told.endswith("at distributed.comm.tls.")
+
     def test_one_that_nobody_answers(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(cluster, "ANSWER", 0.3)
         before = set(threading.enumerate())
         with socket.create_server(("127.0.0.1", 0)) as silent:  # accepts, and never says anything
             address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-            assert f"no Dask scheduler answers at {address} within 0.3 s;" in refused(address)
-        assert f"no Dask scheduler answers at {address} within 0.3 s (" in refused(address)  # nobody listens
+            assert f"no Dask scheduler answers at {address} within 0.3 s" in refused(address)
+        assert f"no Dask scheduler answers at {address} within 0.3 s" in refused(address)  # nobody listens
         assert set(threading.enumerate()) <= before
 
     def test_that_of_a_worker(self, running: DaskCluster) -> None:

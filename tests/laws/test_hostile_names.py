@@ -202,6 +202,7 @@ def commands(folder, odd):
     yield 1, ("export", result, "--format", "mjcf", "--out", folder / f"{odd}.xml")
     yield 1, ("init", odd, log)
     yield 1, ("reproduce", "--scenario", odd)
+    yield 1, ("reproduce", "--cluster", odd)
     yield 2, ("export", result, "--format", odd, "--out", "x")
     yield 2, ("check", "--" + odd)
     yield 2, ("schema", odd)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import pytest
 
 from dynident.errors import ConfigError, InputError
 from dynident.kernel import kernel
-from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, reproduce
+from dynident.studies import LEVELS, METHODS, PUBLISHED, SCENARIOS, Case, Reproduction, article, reproduce
 
 
 @cache
@@ -155,6 +157,14 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
 def test_bad_settings(options: dict, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         reproduce(**options)
+
+
+def test_workers_get_the_motion_with_the_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = replace(SCENARIOS["weak"])
+    expected = scenario.record(1e-6, np.random.default_rng(0)).log
+    monkeypatch.setattr(article, "_simulated", lambda _: pytest.fail("simulated again"))
+    sent = pickle.loads(pickle.dumps(scenario))
+    np.testing.assert_array_equal(sent.record(1e-6, np.random.default_rng(0)).log.q, expected.q)
 
 
 def test_every_method_has_its_published_columns() -> None:

@@ -121,7 +121,7 @@ def test_trouble_with_one_fit_leaves_the_others_unharmed(tmp_path: Path) -> None
     methods, path = [Mean(), *TROUBLES], tmp_path / "study.parquet"
     with local_workers(2) as executor:
         table = run_study(
-            [Still()], methods, LEVELS, 1, path=path, executor=executor, limits=Limits(seconds=2.0, memory=1.0)
+            [Still()], methods, LEVELS, 1, path=path, executor=executor, limits=Limits(seconds=3.0, memory=1.0)
         )
     low, high = (table.filter(level=level) for level in LEVELS)
     assert set(low["status"]) == {Outcome.OK}

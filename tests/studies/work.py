@@ -67,7 +67,7 @@ class Trouble:
         time.sleep(HANGS)
 
     def eats(self) -> None:
-        self.__dict__["eaten"] = [bytearray(10_000_000) for _ in range(1000)]
+        bytearray(10_000_000_000)
 
     def ends(self) -> None:
         os._exit(7)

@@ -66,7 +66,7 @@ def reproduce(
         tell(screen, "Report", path)
 
 
-def _study(spread: Spread, table: Path | None, *, scenario: str, runs: int, **how: Any) -> Reproduction:
+def _study(spread: Spread, table: Path | None, *, scenario: str, runs: int, rerun: bool, **how: Any) -> Reproduction:
     """Run the study; however it is stopped, what is said then is where the finished runs are."""
     from dynident.errors import InputError, Step
     from dynident.studies import article
@@ -81,23 +81,24 @@ def _study(spread: Spread, table: Path | None, *, scenario: str, runs: int, **ho
                 say(Step(f"{scenario}, {runs} runs", done, total))
 
             return article.reproduce(
-                scenario, runs, **how, path=table, executor=executor, limits=spread.limits, progress=progress
-            )
+                scenario, runs, rerun=rerun, path=table, executor=executor, limits=spread.limits, progress=progress,
+                **how,
+            )  # fmt: skip
     except KeyboardInterrupt as stop:
-        stop.add_note(_kept(table))
+        stop.add_note(_kept(table, rerun))
         raise
     except InputError as error:
         if not begun:
             raise
-        kept = _kept(table)
+        kept = _kept(table, rerun)
         raise InputError(f"{error} {kept[0].upper()}{kept[1:]}") from error
 
 
-def _kept(table: Path | None) -> str:
+def _kept(table: Path | None, rerun: bool) -> str:
     from dynident.io.row_store import parts_folder
 
     if table is None:
         return "no run is kept; give --out to keep them."
     place = next((one for one in (table, parts_folder(table)) if one.exists()), None)
     kept = f"finished runs are kept in {place}" if place else "no run is finished"
-    return f"{kept}; run the same command again to go on."
+    return f"{kept}; run the same command again to {'begin anew' if rerun else 'go on'}."

@@ -25,6 +25,7 @@ __all__ = ["console", "say_line", "status", "tell"]
 
 PIPE = 150  # columns where standard output is no terminal
 SOON = 2.0  # s after which a bar and the time left are shown
+MANY = 100  # steps, of which the rate is shown
 CELLS = 5, 20  # of a bar, from narrow to wide terminals
 
 
@@ -106,11 +107,17 @@ def _shown(task: Task, width: int) -> Text:
         at = task.fields["at"]  # when so much was done
         left = max(at * (total - done) / new - (elapsed - at), 0.0)
         parts = [f"{'━' * full}{'╌' * (cells - full)} {count}", f"about {_time(left)} left"]
+        if total >= MANY and cells > least and at > 0.0:
+            parts.insert(1, _rate(new / at))
     else:
         parts = [count, _time(elapsed)]
     tail = "".join(f"  {part}" for part in parts if part)
     room = max(width - len(tail), 10)
     return Text(shortened([task.description], room)[0] + tail, no_wrap=True, overflow="crop")
+
+
+def _rate(rate: float) -> str:
+    return f"{60.0 * rate:.2g}/min" if rate < 1.0 else f"{rate:.2g}/s" if rate < 100.0 else f"{rate:.0f}/s"
 
 
 def _time(seconds: float) -> str:

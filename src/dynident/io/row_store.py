@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -41,7 +41,7 @@ KEY_BYTES = 300  # memory of a key
 PART = re.compile(r"(\d{4,})-[0-9a-f]{8}\.parquet")
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Part:
     """Rows that belong together: a file, or a table in memory; ``replaced`` are the keys of which a later part has
     another row."""
@@ -77,11 +77,11 @@ class RowStore:
         self.added, self.again = tuple(added), {name: list(values) for name, values in (again or {}).items()}
         self._parts: list[_Part] = []
         self._latest: dict[Key, int] = {}  # the number of the part with the row that counts; ~number of one not known
-        self._known = 0
+        self._count = 0
         self._new: dict[Key, Mapping[str, Any]] = {}  # the next part
         self._lock = RLock()
         self._timer: Timer | None = None
-        self._error: InputError | None = None
+        self._error: Exception | None = None
         self._held = ExitStack()
 
     @property
@@ -106,22 +106,18 @@ class RowStore:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Save all rows and merge the parts into the table; after an error (not Ctrl-C) they stay as they are."""
-        with self._held:
+        """Save all rows and merge the parts into the table; where that fails after an error, they stay as they are."""
+        with self._held, suppress(InputError) if isinstance(error, Exception) else nullcontext():
             if self._timer is not None:
                 self._timer.cancel()
-            if isinstance(error, Exception):
-                with suppress(InputError):
-                    self.save()
-            else:
-                self.save()
-                self._merge()
+            self.save()
+            self._merge()
 
     def __contains__(self, key: object) -> bool:
-        return self._latest.get(key, -1) >= 0  # type: ignore[call-overload,no-any-return]
+        return key in self._new or self._latest.get(key, -1) >= 0  # type: ignore[call-overload]
 
     def __len__(self) -> int:
-        return self._known
+        return self._count
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows; one of a key that is known replaces it. They are on the disk within seconds.
@@ -135,7 +131,7 @@ class RowStore:
                 if unknown := row.keys() - self.schema.keys():
                     raise ValueError(f"the table has no columns {sorted(unknown)}")
                 key = tuple(row[name] for name in self.key)
-                self._place(key, len(self._parts))
+                self._count += key not in self
                 self._new[key] = row
                 if len(self._new) >= MOST:
                     self.save()
@@ -153,10 +149,10 @@ class RowStore:
                 return
             frame, path = pl.DataFrame(list(self._new.values()), schema=self.schema), None
             if self.folder is not None:
-                last = max(
-                    (_number(part.path) for part in self._parts if part.path not in (None, self.path)), default=0
-                )
+                last = _number(self._parts[-1].path) if self._parts else 0
                 path = write_table(self.folder / f"{last + 1:04d}-{uuid4().hex[:8]}.parquet", frame)
+            for key in self._new:  # in this order: Ctrl-C may come between any two steps
+                self._place(key, len(self._parts))
             self._parts.append(_Part(frame.lazy() if path is None else _scan(path), len(frame), path))
             self._new = {}
 
@@ -196,7 +192,7 @@ class RowStore:
             self._timer = None
             try:
                 self.save()
-            except InputError as error:
+            except Exception as error:  # for the next call
                 self._error = error
 
     def _place(self, key: Key, number: int, *, known: bool = True) -> None:
@@ -206,39 +202,41 @@ class RowStore:
             part = ~before if before < 0 else before
             if part < number:
                 self._parts[part].replaced.append(key)
-            self._known -= before >= 0
         self._latest[key] = number if known else ~number
-        self._known += known
 
     def _read(self, file: Path) -> None:
         """Read the keys of a file."""
+        part, number = self._part(file), len(self._parts)
+        self._parts.append(part)
+        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
+        keys = part.rows.select(*self.key, self._unknown().alias(""))
+        shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
+        for start in range(0, part.count, GROUP):
+            frame = self._done(keys.slice(start, GROUP).collect)
+            for name in self.key:
+                if frame[name].null_count():
+                    raise _other(file, f"its column {name!r} has empty cells")
+            for *values, unknown in frame.iter_rows():
+                key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
+                if self._latest.get(key) in (number, ~number):
+                    raise _other(file, "a row stands in it twice")
+                self._count += (not unknown) - (key in self)
+                self._place(key, number, known=not unknown)
+
+    def _part(self, file: Path) -> _Part:
         import polars as pl
 
         with opened(file, remember=False):  # no pipe, and not too large
             pass
         try:
             schema = unpanicked(lambda: dict(pl.read_parquet_schema(file)))
+            count = unpanicked(lambda: _scan(file).select(pl.len()).collect().item())
         except (pl.exceptions.PolarsError, ValueError, OSError) as error:
             raise _damaged(file, error) from error
         if reason := self._foreign(schema):
             raise _other(file, reason)
-        rows = _scan(file).select(
-            name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items()
-        )
-        part = _Part(rows, 0, file)
-        self._parts.append(part)
-        part.count = int(self._done(lambda: rows.select(pl.len()).collect().item()))
-        afford(KEY_BYTES * part.count, f"{file}: the keys of its {part.count} rows would take")
-        frame = self._done(rows.select(*self.key, self._unknown().alias("")).collect)
-        for name in self.key:
-            if frame[name].null_count():
-                raise _other(file, f"its column {name!r} has empty cells")
-        if frame.select(self.key).is_duplicated().any():
-            raise _other(file, "a row stands in it twice")
-        shared: list[dict[Any, Any]] = [{} for _ in self.key]  # most values stand in many keys
-        for *values, unknown in frame.iter_rows():
-            key = tuple(one.setdefault(value, value) for one, value in zip(shared, values, strict=True))
-            self._place(key, len(self._parts) - 1, known=not unknown)
+        columns = (name if name in schema else pl.lit(None, kind).alias(name) for name, kind in self.schema.items())
+        return _Part(_scan(file).select(columns), int(count), file)
 
     def _unknown(self) -> pl.Expr:
         """Tell the rows that count as not known."""

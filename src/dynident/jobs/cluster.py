@@ -116,7 +116,12 @@ def _require_scheduler(address: str) -> None:
             found = thread.submit(asyncio.run, _identity(address)).result()
     except (OSError, EOFError) as error:
         raise InputError(_unanswered(address, error)) from error
-    except (ValueError, TypeError) as error:  # Dask's, of an address that it cannot read
+    except TypeError as error:  # Dask's, of a protocol that is not set up
+        raise InputError(
+            f"{address!r} cannot be used: {error}; for tls, the certificates are named in Dask's configuration, at "
+            "distributed.comm.tls."
+        ) from error
+    except ValueError as error:  # Dask's, of an address that it cannot read
         raise InputError(f"{address!r} is no address of a Dask scheduler: {error}; give tcp://HOST:PORT.") from error
     if found.get("type") != "Scheduler":
         its = f"; its scheduler is {found['scheduler']}" if "scheduler" in found else ""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import struct
 import time
+from array import array
 from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
@@ -162,9 +163,10 @@ def run_study(
     if runs < 1:
         raise InputError(f"runs is {runs}; a study needs at least 1.")
     fits = _Fits({one.name: one for one in scenarios}, {one.name: one for one in methods}, seed, code_version())
-    todo = _Todo(fits, tuple(dict.fromkeys(map(float, levels))), runs)
     with study_table(path, rerun=rerun) as kept:
-        count, total = todo.without(kept)
+        todo = _Todo(fits, tuple(dict.fromkeys(map(float, levels))), runs, kept)
+        total = len(todo.keys())
+        count = total - sum(todo.sizes)
         progress(count, total)
         with closing(_results(fits, todo, executor, limits)) as ended:
             for rows in ended:
@@ -174,26 +176,22 @@ def run_study(
     return _sorted(kept.table(todo.keys()), fits)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Todo:
     """The jobs of a study whose rows are not yet ``kept``."""
 
     fits: _Fits
     levels: tuple[float, ...]
     runs: int
-    kept: Container[tuple[Any, ...]] = ()
-    jobs: int = 0
+    kept: Container[tuple[Any, ...]]
 
-    def without(self, kept: Container[tuple[Any, ...]]) -> tuple[int, int]:
-        """Leave out what is kept; return the number of such fits, and of all."""
-        self.kept = kept
-        sizes = [len(job.methods) for job in self]
-        self.jobs = len(sizes)
-        total = len(self.fits.scenarios) * len(self.levels) * self.runs * len(self.fits.methods)
-        return total - sum(sizes), total
+    @cached_property
+    def sizes(self) -> array[int]:
+        """The number of fits of each job, before the first has ended."""
+        return array("I", (len(job.methods) for job in self))
 
     def __len__(self) -> int:
-        return self.jobs
+        return len(self.sizes)
 
     def __iter__(self) -> Iterator[_Job]:
         for scenario, level, run in product(self.fits.scenarios, self.levels, range(self.runs)):

@@ -129,13 +129,17 @@ class TestChanges:
         shutil.copytree(Path(dynident.__file__).parent, tmp_path / "src" / "dynident")
         with (tmp_path / "src" / "dynident" / "log.py").open("a") as file:
             file.write("# another\n")
+        (tmp_path / "src" / "numpy-0.0.1.dist-info").mkdir()  # Dask warns of it
+        (tmp_path / "src" / "numpy-0.0.1.dist-info" / "METADATA").write_text("Name: numpy\nVersion: 0.0.1\n")
         with cluster_workers(running.address) as executor:
             other = running.start_worker("--no-nanny", PYTHONPATH=str(tmp_path / "src"))
             running.require_workers(3)
             with pytest.raises(InputError, match=f"the code of dynident is .* on {socket.gethostname()}"):  # late
                 deque(run_jobs(abs, iter(int, 1), executor), 0)
         told = refused(running.address)
-        assert re.search(r"the same: the code of dynident is \w+ here, \w+ on tcp://127.0.0.1:\d+. Install", told)
+        code, numpy = told.split("; ")
+        assert re.search(r"the same: the code of dynident is \w+ here, \w+ on tcp://127.0.0.1:\d+$", code)
+        assert re.match(rf"numpy is {re.escape(np.__version__)} here, 0.0.1 on tcp://127.0.0.1:\d+. Install", numpy)
         os.killpg(other.pid, signal.SIGKILL)
         running.require_workers(2)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -34,13 +35,16 @@ def cluster_workers(address: str, preload: Iterable[str] = ()) -> Iterator[Execu
     try:
         import dask
         import distributed
+        from distributed.versions import VersionMismatchWarning
     except ImportError as error:
         install = install_command("distributed")
         raise InputError(f"work on a cluster needs Dask's package distributed; install it by: {install}") from error
     with _quiet(), dask.config.set({LARGEST: "1 TiB"}):
         _require_scheduler(address)
         try:
-            client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", VersionMismatchWarning)  # an error, where it matters
+                client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ImportError) as error:
             raise InputError(_unanswered(address, error)) from error
         try:
@@ -97,7 +101,7 @@ def _on_worker(expected: Mapping[str, str], preload: tuple[str, ...], call: Call
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what Dask logs and warns from the terminal: what matters is raised."""
+    """Keep what Dask logs from the terminal: what matters is raised."""
     loggers = [one for one in logging.root.manager.loggerDict.values() if isinstance(one, logging.Logger)]
     before = {one: one.level for one in loggers if one.level and one.name.partition(".")[0] in TALKING}
     for one in before:

@@ -126,20 +126,29 @@ def peak(process: int) -> int:
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM")), 0)
 
 
+def used(process: int) -> float:
+    """Return the seconds of CPU that a process has used, 0 where it is gone."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def measure(folder: Path, workers: int, memory: float | None) -> None:
     """Run the command and print what it took."""
     out = folder / "out"
     more = [] if memory is None else ["--memory", str(memory)]
     command = [sys.executable, "-m", "dynident", "identify", str(folder / "robot.yaml"), "--out", str(out), *more]
-    began, cpu = time.perf_counter(), os.times()
+    began = time.perf_counter()
     peaks: dict[int, int] = {}
+    cpu: dict[int, float] = {}
     with subprocess.Popen([*command, "--workers", str(workers)]) as run:
         while run.poll() is None:
             for one in family(run.pid):
-                peaks[one] = max(peaks.get(one, 0), peak(one))
+                peaks[one], cpu[one] = max(peaks.get(one, 0), peak(one)), max(cpu.get(one, 0.0), used(one))
             time.sleep(0.2)
-    seconds, now = time.perf_counter() - began, os.times()
-    used = now.children_user + now.children_system - cpu.children_user - cpu.children_system
+    seconds, total = time.perf_counter() - began, sum(cpu.values())
     table = pl.concat([pl.read_parquet(one) for one in out.glob("pieces-*.parquet")])
     found = json.loads((out / "result.json").read_text())
     samples = sum(pl.scan_parquet(one).select(pl.len()).collect().item() for one in (folder / "day").glob("*.parquet"))
@@ -149,8 +158,8 @@ def measure(folder: Path, workers: int, memory: float | None) -> None:
         for one in found["base_parameters"]["on_data"]["parameters"]
     ]
     print(f"exit code {run.returncode}; {samples:,} samples, {len(table)} pieces, {workers} workers")
-    print(f"{seconds:.0f} s, {used:.0f} s of CPU; {table['seconds'].sum():.0f} s of these in the pieces")
-    print(f"{3600 * samples / used:.3g} samples per core-hour")
+    print(f"{seconds:.0f} s, {total:.0f} s of CPU; {table['seconds'].sum():.0f} s of these in the pieces")
+    print(f"{3600 * samples / total:.3g} samples per core-hour")
     print(f"peak memory of a process {max(peaks.values()) / 2**20:.0f} MiB, of each: "
           f"{', '.join(f'{one / 2**20:.0f}' for one in sorted(peaks.values(), reverse=True)[:6])}")  # fmt: skip
     print(f"{len(off)} base parameters, {np.mean(np.abs(off) < 1.96):.0%} within 1.96 standard errors of the truth; "

@@ -1,20 +1,22 @@
 """Identification in pieces finds what identification of the whole finds, and says how sure that is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dynident.estimators import Estimator, LeastSquares, PhysicallyConsistent
+from dynident.errors import ConfigError
+from dynident.estimators import Estimator, LeastSquares, MaximumLikelihood, PhysicallyConsistent
 from dynident.identification import (
     Division,
     Identification,
     InPieces,
     Prepared,
     Recipe,
+    Span,
     Stretch,
     finished,
     identify,
@@ -100,3 +102,69 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
     np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
     note = next(one for one in found.notes if isinstance(one, InPieces))
     assert (note.samples, note.pieces, note.excerpts) == (12_000, 12, 3)
+
+
+def test_standard_errors_allow_for_correlation_and_hold_the_truth() -> None:
+    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL))
+    whole = identify(ARM, [LOG], recipe=found.recipe)
+    assert found.errors.std_hac is not None
+    assert whole.errors.std_hac is not None
+    ratio = found.errors.std_hac / whole.errors.std_hac
+    assert ((ratio > 0.4) & (ratio < 1.6)).all()  # twelve pieces tell a standard error to a fifth
+    assert (np.abs(found.estimate.value - THETA) < 5 * found.errors.std_hac).all()
+
+
+def test_held_out_logs_are_judged_as_ever_and_excerpts_stand_for_the_training() -> None:
+    held = replace(recording(seed=1, samples=2000), source="tuesday")
+    found = in_pieces(prepared(ARM, [Held(LOG)], Recipe(Spline(sigma=1e-5)), SMALL), [held])
+    *excerpts, last = found.validations
+    assert [one.role for one in found.validations] == ["train"] * 3 + ["validation"]
+    assert [len(one.motion) for one in excerpts] == [1500] * 3
+    assert [one.name for one in excerpts] == ["day excerpt 1", "day excerpt 2", "day excerpt 3"]
+    again = found.predict(held)
+    assert last.errors.relative_error == pytest.approx(again.errors.relative_error, rel=1e-12)
+
+
+def test_a_change_is_seen_in_the_pieces() -> None:
+    late = np.arange(len(LOG))[:, None] >= 9000
+    changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
+    found = in_pieces(prepared(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
+    assert found.pieces is not None
+    left = found.pieces.residual[:, 0]
+    assert left[found.pieces.begins > 46].min() > 2 * left[found.pieces.ends < 44].max()
+    assert found.pieces.relative_error[0] > 3 * found.pieces.relative_error[1]
+
+
+def test_gaps_end_pieces_and_short_stretches_are_left_out() -> None:
+    held = Held(LOG, (4000, 4100, 4130))
+    ready = prepared(ARM, [held, Held(replace(LOG, source="night"))], Recipe(Spline(sigma=1e-5)), SMALL)
+    assert ready.lost == 30
+    edges = {0, 4000, 4100, 4130, 12_000}
+    for span in ready.spans:
+        assert span.first <= span.start < span.stop <= span.last
+        if span.recording == 0:
+            assert not any(span.first < edge < span.last for edge in edges)
+    assert sum(span.stop - span.start for span in ready.spans) == 2 * len(LOG) - 30
+    assert {span.recording for span in ready.spans} == {0, 1}
+
+
+def test_excerpts_are_where_the_arm_moves_and_rests_are_not_fitted() -> None:
+    rest = np.arange(len(LOG)) % 3000 < 1400
+    still = replace(
+        LOG, q=np.where(rest[:, None], 0.3, LOG.q) + 1e-5 * np.random.default_rng(2).normal(size=LOG.q.shape)
+    )
+    ready = prepared(ARM, [Held(still)], Recipe(Spline(sigma=1e-5), outliers="keep"), replace(SMALL, excerpt=1000))
+    for one in ready.logs.values():
+        assert np.ptp(one.q, axis=0).min() > 0.1
+    resting = Span(0, 6050, 7050, 6000, 7100)
+    assert ready.reducer(resting).rows == (0, 0)
+    assert not ready.reducer.motion(still.rows(slice(6000, 7100), "rest")).keep.any()  # type: ignore[union-attr]
+
+
+def test_what_needs_all_samples_at_once_is_refused() -> None:
+    short = Held(LOG.rows(slice(0, 1500), "short"))
+    recipe = Recipe(Spline(sigma=1e-5), MaximumLikelihood())
+    with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples at once"):
+        prepared(ARM, [short], recipe, replace(SMALL, excerpt=300))
+    with pytest.raises(ConfigError, match=r"smooths over .* no piece of 60 samples"):
+        prepared(ARM, [Held(LOG, tuple(range(60, 12_000, 60)))], Recipe(Spline(sigma=1e-5)), SMALL)

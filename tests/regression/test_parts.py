@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 
 from dynident.errors import InputError
-from dynident.regression import ParallelFilter, Part, Regression, TriangularFactors, divided, factors_of_parts, merged
+from dynident.regression import (
+    ParallelFilter,
+    Part,
+    Regression,
+    TriangularFactors,
+    divided,
+    factorise,
+    factors_of_parts,
+    merged,
+    packed,
+    unpacked,
+)
 from tests.regression.test_linear_problem import ARM, THETA, holes, motion
-from tests.regression.test_triangular import squares
+from tests.regression.test_triangular import MODEL, drawn, squares
 
 
 def problem(parallel_filter: ParallelFilter | None = None) -> Regression:
@@ -64,6 +75,18 @@ def test_any_executor_gives_the_same_factors_in_the_same_order(kind: str) -> Non
         found = factors_of_parts(regression, parts, pool)
     for one, alone in zip(found, factors_of_parts(regression, parts), strict=True):
         np.testing.assert_array_equal(one.factors, alone.factors)
+
+
+def test_packed_factors_are_unpacked_to_the_last_digit() -> None:
+    one, _ = drawn(300)
+    found = factorise([one], MODEL.structure)
+    content = packed(found, MODEL.structure)
+    assert len(content) < 0.4 * found.factors.nbytes  # zeros are left out
+    again = unpacked(content, found.rows.tolist(), MODEL.structure)
+    np.testing.assert_array_equal(again.factors, found.factors)
+    np.testing.assert_array_equal(again.rows, found.rows)
+    with pytest.raises(ValueError, match="NumPy boolean array indexing"):
+        unpacked(content[:-8], found.rows.tolist(), MODEL.structure)
 
 
 def test_a_part_that_fails_is_named() -> None:

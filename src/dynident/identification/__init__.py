@@ -3,18 +3,9 @@
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.block_bootstrap import Bootstrap, bootstrap
 from dynident.identification.cross_validation import Gain
+from dynident.identification.division import Division, LongRecording, Span, Stretch
 from dynident.identification.identify import identify
-from dynident.identification.long import (
-    Division,
-    InPieces,
-    LongRecording,
-    Prepared,
-    Reduced,
-    Span,
-    Stretch,
-    finished,
-    prepared,
-)
+from dynident.identification.long import InPieces, Prepared, Reduced, finished, prepared
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
 from dynident.identification.rests import Rests, moving_span, resting, whole_rests

@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, Step, brief, called
+from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, brief, called
 from dynident.estimators import Estimate, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
+from dynident.identification.division import USUAL, Division, LongRecording, Span, excerpts_of, spans_of
 from dynident.identification.identify import FAR, by_role, identify, judged, smoothed, warnings_of
 from dynident.identification.motion_errors import motion_errors
 from dynident.identification.outliers import held_out_outliers, masked
@@ -42,76 +42,10 @@ from dynident.smoothers import Smoother, as_used, motion_of, overlap
 from dynident.splines import NORMAL_95
 from dynident.validation import check_mass, clustered_std
 
-__all__ = [
-    "Division",
-    "InPieces",
-    "LongRecording",
-    "Prepared",
-    "Reduced",
-    "Reducer",
-    "Span",
-    "Stretch",
-    "finished",
-    "prepared",
-]
+__all__ = ["InPieces", "Prepared", "Reduced", "Reducer", "finished", "prepared"]
 
 Array = NDArray[np.float64]
-TRIES = 4  # places at which an excerpt is looked for, of which that with the most motion is taken
 FORGETS = 10.0  # s before a piece from which terms that remember are followed
-LEAST = 4  # times the overlap: the shortest piece
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Rows ``start`` to ``stop`` of a recording without a gap, and their times (s)."""
-
-    start: int
-    stop: int
-    begins: float
-    ends: float
-
-
-class LongRecording(Protocol):
-    """A recording that stays in its files. It is picklable."""
-
-    @property
-    def label(self) -> str:
-        """Its name."""
-
-    @property
-    def stretches(self) -> tuple[Stretch, ...]:
-        """The rows to use, in stretches without gaps."""
-
-    @property
-    def step(self) -> float:
-        """The usual time (s) between samples."""
-
-    def read(self, rows: slice) -> tuple[Log, NDArray[np.intp]]:
-        """Return the log of some rows of a stretch, and which of them it has."""
-
-
-@dataclass(frozen=True)
-class Division:
-    """How recordings are divided: ``excerpts`` of ``excerpt`` samples; pieces of at most ``piece`` samples, and at
-    least ``pieces`` of them, where these are not shorter than ``shortest``."""
-
-    excerpts: int = 6
-    excerpt: int = 20_000
-    piece: int = 100_000
-    pieces: int = 200
-    shortest: int = 10_000
-
-
-@dataclass(frozen=True)
-class Span:
-    """A piece: the rows ``start`` to ``stop`` of recording number ``recording``, those from ``first`` to ``last`` being
-    read."""
-
-    recording: int
-    start: int
-    stop: int
-    first: int
-    last: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +129,7 @@ def prepared(
     model: Model,
     recordings: Sequence[LongRecording],
     recipe: Recipe,
-    division: Division = Division(),
+    division: Division = USUAL,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Prepared:
     """Choose all that the recipe leaves to the data on excerpts of the recordings, and plan the pieces.
@@ -203,12 +137,12 @@ def prepared(
     Raises the errors of ``identify``, and ConfigError for an estimator that needs all samples at once or a smoother to
     which samples matter that are far away.
     """
-    logs = {log.source: log for log in _excerpts(recordings, division, progress)}
+    logs = {log.source: log for log in excerpts_of(recordings, division, progress)}
     chosen = identify(model, logs, (), recipe, progress=progress)
     if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
         raise ConfigError(
             f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
-            "memory; take `least_squares` or `physically_consistent`, or fit a shorter part."
+            "memory; take least squares or the physically consistent fit, or a shorter part."
         )
     smoother, log, motion = _fixed(chosen, logs)
     step = float(np.median(np.diff(log.t)))
@@ -220,7 +154,7 @@ def prepared(
     used = replace(chosen.recipe, smoother=smoother)
     within = [note for note in chosen.notes if isinstance(note, Rests) and note.within]
     leave = recipe.rests == "trim" and (not within or any(note.left_out for note in within))
-    spans, lost = _spans(recordings, division, around)
+    spans, lost = spans_of(recordings, division, around)
     if not spans:
         raise InputError(f"{recordings[0].label}: no stretch without a gap is long enough to be smoothed.")
     return Prepared(chosen, logs, Reducer(chosen.model, used, tuple(recordings), leave), spans, lost)
@@ -369,54 +303,3 @@ def _fixed(chosen: Identification, logs: Mapping[str, Log]) -> tuple[Smoother, L
     widths = [np.mean(one.motion.smoothing.get("bandwidth", 0.0)) for one in chosen.validations]
     middle = chosen.validations[int(np.argsort(widths, kind="stable")[len(widths) // 2])]
     return as_used(smoother, middle.motion), logs[middle.name], middle.motion
-
-
-def _excerpts(
-    recordings: Sequence[LongRecording], division: Division, progress: Callable[[str], None]
-) -> Iterator[Log]:
-    """Yield excerpts spread over the recordings, in each of as many shares of the time that of several with the most
-    motion; all stretches as they are where they are not longer."""
-    each = [(one, part) for one in recordings for part in one.stretches]
-    total = sum(part.stop - part.start for _, part in each)
-    if total <= division.excerpts * division.excerpt:
-        for one, part in each:
-            log, _ = one.read(slice(part.start, part.stop))
-            yield log if len(each) == 1 else replace(log, source=f"{one.label} from {part.begins:.6g} s")
-        return
-    places = np.linspace(0, total, division.excerpts * TRIES, endpoint=False).astype(int)
-    for k, share in enumerate(places.reshape(division.excerpts, TRIES)):
-        progress(Step("reading excerpts", k, division.excerpts))
-        tried = [_excerpt(each, int(place), division.excerpt) for place in share]
-        yield max(tried, key=lambda log: float(np.abs(np.diff(log.q, axis=0)).mean() / np.diff(log.t).mean()))
-
-
-def _excerpt(each: Sequence[tuple[LongRecording, Stretch]], place: int, samples: int) -> Log:
-    """Return the log of about so many samples from a place, counted over all stretches."""
-    for one, part in each:
-        length = part.stop - part.start
-        if place < length:
-            start = max(part.start, min(part.start + place, part.stop - samples))
-            log, _ = one.read(slice(start, min(start + samples, part.stop)))
-            return replace(log, source=f"{one.label} from {log.t[0]:.6g} s")
-        place -= length
-    raise ValueError(f"there is no sample {place}")
-
-
-def _spans(recordings: Sequence[LongRecording], division: Division, around: int) -> tuple[tuple[Span, ...], int]:
-    """Return the pieces of all stretches, and the number of samples of those that are too short."""
-    total = sum(part.stop - part.start for one in recordings for part in one.stretches)
-    size = min(division.piece, max(total // division.pieces, division.shortest, LEAST * around))
-    found: list[Span] = []
-    lost = 0
-    for k, one in enumerate(recordings):
-        for part in one.stretches:
-            length = part.stop - part.start
-            if length <= 2 * around and len(one.stretches) > 1:
-                lost += length
-                continue
-            count = max(1, round(length / size))
-            edges = [part.start + length * i // count for i in range(count + 1)]
-            found += [
-                Span(k, a, b, max(a - around, part.start), min(b + around, part.stop)) for a, b in pairwise(edges)
-            ]
-    return tuple(found), lost

@@ -209,14 +209,8 @@ def is_long(config: Config) -> bool:
 
     Raises InputError where a Parquet file cannot be read.
     """
-    rows = sum(
-        count_rows(one)
-        for spec in config.train
-        for path in spec.file.values()
-        if path.suffix.lower() == PARQUET or not path.suffix or not path.exists()
-        for one in recording_parts(path)
-        if one.suffix.lower() == PARQUET
-    )
+    files = {one for spec in config.train for path in spec.file.values() for one in recording_parts(path)}
+    rows = sum(count_rows(one) for one in files if one.suffix.lower() == PARQUET and one.exists())
     return rows * len(config.position) * WEIGHT > memory()
 
 

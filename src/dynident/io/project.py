@@ -103,7 +103,9 @@ class Project:
         table = None if folder is None else folder / pieces_name(ready, recordings)
         pieces = reduced(ready, table, executor, limits, progress)
         found = finished(ready, pieces, logs["validation"], progress)
-        notes = tuple(note for one in recordings for note in one.notes)
+        notes = [note for one in recordings for note in one.notes]
+        if ready.lost:
+            notes.append(f"{ready.lost} samples between gaps are too few to be smoothed, and left out.")
         return found, {"train": dict(ready.logs), "validation": logs["validation"]}, (*notes, *remarks)
 
     def bound(

@@ -251,8 +251,10 @@ def count_rows(path: Path) -> int:
 
 def read_parts(path: Path, needed: Collection[str] | None = None) -> DataTable:
     """Read the Parquet files of one recording, as ``recording_parts`` finds them, one after the other."""
-    parts = [read_columns(one, None, needed) for one in recording_parts(path)]
-    return joined(parts, str(path)) if len(parts) > 1 else parts[0]
+    files = recording_parts(path)
+    rows = sum(map(count_rows, files))
+    afford(3 * 8 * rows * len(needed or ()), f"{path}: {rows} rows of {len(needed or ())} columns would take")
+    return joined([read_columns(one, None, needed) for one in files], str(path))
 
 
 def joined(tables: Sequence[DataTable], source: str) -> DataTable:

@@ -22,8 +22,8 @@ _PIECES = (
     "The recordings are longer than the memory: their pieces were smoothed and fitted one after the other, and the "
     "parameters are those of all samples. Smoother, time offset, terms and whatever else was chosen come from "
     "excerpts; so do errors and figures of the training elsewhere on this page. Here is what is left of the torque in "
-    "each piece: a residual that rises or falls shows friction, load or a sensor that changes, which one set of parameters cannot "
-    "follow. Standard errors allow for any correlation within a piece."
+    "each piece: a residual that rises or falls shows friction, load or a sensor that changes, which one set of "
+    "parameters cannot follow. Standard errors allow for any correlation within a piece."
 )
 
 

@@ -37,7 +37,7 @@ def pieces_figure(pieces: Pieces, joints: Sequence[str]) -> Drawing:
             own = np.flatnonzero(np.array(pieces.recording) == name)
             several = len(set(pieces.recording)) > 1
             line = {"color": COLOURS[j % len(COLOURS)], "width": 1.3}
-            drawn = trace("scatter", x=t[own], y=share[own], mode="lines", line=line, legendgroup=joint)
+            drawn = trace("scatter", x=t[own], y=share[own], mode="lines", line=line, legendgroup=plain(joint))
             words = f"{plain(joint)}, {plain(name)}" if several else plain(joint)
             figure.add(drawn | {"name": words, "showlegend": k == 0 or several})
     figure.axes("x", title="time, h" if long else "time, s")

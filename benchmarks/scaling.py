@@ -14,7 +14,8 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +24,7 @@ from typing import Any
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import numpy as np
-from scaling_cluster import Cluster, cluster, cpu_of
+from scaling_cluster import cluster, cpu_of
 from scaling_jobs import Still, Wait
 from scaling_page import draw
 
@@ -111,53 +112,50 @@ def row_types() -> Iterator[tuple[str, Any]]:
 
 
 @contextmanager
-def places(two: Cluster) -> Iterator[dict[str, Any]]:
-    """The places where a study runs, each a context that gives an executor."""
-    yield {
-        "serial": nullcontext,
-        "2 processes": lambda: local_workers(2, PRELOADED),
-        "Dask, 2 workers": lambda: two.executor(PRELOADED),
-    }
+def on_dask() -> Iterator[Executor]:
+    """A cluster of this machine with two workers, for as long as it is needed."""
+    with cluster(workers=2, threads=1) as two, two.executor(PRELOADED) as executor:
+        yield executor
+
+
+PLACES: dict[str, Callable[[], AbstractContextManager[Executor | None]]] = {
+    "serial": nullcontext,
+    "2 processes": partial(local_workers, 2, PRELOADED),
+    "Dask, 2 workers": on_dask,
+}
 
 
 def spread(runs: int = 300) -> Figures:
     """The article's study by one process, two, and Dask: seconds, and CPU of all that take part."""
     found: Figures = {"fits": runs * len(LEVELS) * len(ARTICLE), "places": {}}
-    _ = SCENARIOS["tabulated"].truth
-    methods = [METHODS[name] for name in ARTICLE]
-    with cluster(workers=2, threads=1) as two, places(two) as known:
-        for name, place in known.items():
-            with TemporaryDirectory() as folder, place() as executor:
-                path = Path(folder) / "study.parquet"
-                began = time.perf_counter()
-                run_study([SCENARIOS["tabulated"]], methods, LEVELS, 60, 1, executor=executor)  # workers are warm
-                start = time.perf_counter() - began
-                began, before, others = time.perf_counter(), cpu(), two.cpu() + cpu_of(os.getpid(), children=True)
-                table = run_study([SCENARIOS["tabulated"]], methods, LEVELS, runs, path=path, executor=executor)
-                took, own = time.perf_counter() - began, cpu() - before
-                of_others = two.cpu() + cpu_of(os.getpid(), children=True) - others
-                work = float(table["seconds"].sum())
-            row = {"first": start, "seconds": took, "own CPU": own, "CPU of workers": of_others, "in fits": work}
-            found["places"][name] = {key: round(value, 2) for key, value in row.items()}
-            print(name, found["places"][name], flush=True)
+    arm, methods = [SCENARIOS["tabulated"]], [METHODS[name] for name in ARTICLE]
+    _ = arm[0].truth
+    for name, place in PLACES.items():
+        with TemporaryDirectory() as folder, place() as executor:
+            began = time.perf_counter()
+            run_study(arm, methods, LEVELS, 60, 1, executor=executor)  # workers are warm
+            start, began, load = time.perf_counter() - began, time.perf_counter(), os.getloadavg()[0]
+            own, others = cpu(), cpu_of(os.getpid(), children=True)
+            run_study(arm, methods, LEVELS, runs, path=Path(folder) / "study.parquet", executor=executor)
+            row = {
+                "first": start, "seconds": time.perf_counter() - began, "own CPU": cpu() - own,
+                "CPU of workers": cpu_of(os.getpid(), children=True) - others, "load": load,
+            }  # fmt: skip
+        found["places"][name] = {key: round(value, 2) for key, value in row.items()}
+        print(name, found["places"][name], flush=True)
     return found
 
 
 def rows(count: int = 20_000) -> Figures:
     """CPU seconds of the process that asks, for 1000 runs of a study of which the fits cost nothing, by place."""
     found: Figures = {}
-    with cluster(workers=2, threads=1) as two, places(two) as known:
-        for name, place in known.items():
-            with TemporaryDirectory() as folder, place() as executor:
-                for _ in run_jobs(Wait(0.0), range(200), executor):
-                    pass
-                before, scheduler = cpu(), two.scheduler_cpu()
-                run_study([Still()], [Still()], [1.0], count, path=Path(folder) / "rows.parquet", executor=executor)
-                own = 1000.0 * (cpu() - before) / count
-            found[name] = {"own CPU": round(own, 3)}
-            if two.scheduler_cpu() - scheduler > 0.05:
-                found[name]["scheduler"] = round(1000.0 * (two.scheduler_cpu() - scheduler) / count, 3)
-            print(name, found[name], flush=True)
+    for name, place in PLACES.items():
+        with TemporaryDirectory() as folder, place() as executor:
+            list(run_jobs(Wait(0.0), range(200), executor))
+            before = cpu()
+            run_study([Still()], [Still()], [1.0], count, path=Path(folder) / "rows.parquet", executor=executor)
+            found[name] = {"own CPU": round(1000.0 * (cpu() - before) / count, 3)}
+        print(name, found[name], flush=True)
     return found
 
 
@@ -216,7 +214,8 @@ def fleet() -> Figures:
 def costs_of_a_log(folder: Path, few: int = 4, more: int = 12) -> Figures:
     """CPU seconds of a log more, so that what is done once for all does not count, and megabytes of its files."""
     costs = []
-    shutil.rmtree(folder / "out" / "runs", ignore_errors=True)
+    for old in (folder / "out" / "runs", folder / "logs"):
+        shutil.rmtree(old, ignore_errors=True)
     for count in (few, more):
         prepared(folder, count)
         with local_workers(2, ("dynident.fleets.fit", "dynident.report.run_files")) as executor:

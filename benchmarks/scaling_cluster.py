@@ -45,10 +45,6 @@ class Cluster:
         """CPU time (s) of the scheduler."""
         return cpu_of(self.scheduler.pid)
 
-    def cpu(self) -> float:
-        """CPU time (s) of scheduler and workers."""
-        return self.scheduler_cpu() + cpu_of(self.workers.pid) + cpu_of(self.workers.pid, children=True)
-
 
 def cpu_of(process: int, *, children: bool = False) -> float:
     """Return the CPU time (s) of a process, or of those that it started and that live."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
@@ -65,6 +66,39 @@ def test_a_candidate_that_cannot_smooth_is_passed_over() -> None:
     assert isinstance(choice.smoother, Spline)
     with pytest.raises(InputError, match="too irregular"):
         choose_smoother(two_link_arm(), [replace(jittered, t=t)], (Butterworth(),))
+
+
+class Counted(ThreadPoolExecutor):
+    """An executor that remembers whether it was used."""
+
+    used = 0
+
+    def submit(self, *given, **named):
+        self.used += 1
+        return super().submit(*given, **named)
+
+
+def test_an_executor_smooths_and_chooses_the_same() -> None:
+    """Also where a candidate fails, whose error is that of this process."""
+    jittered = replace(log(), t=log().t + 0.001 * (np.arange(2001) % 2))
+    for one, candidates in ((log(coloured=True), FACTORS), (jittered, (Butterworth(), Spline()))):
+        known: dict[int, tuple[Motion, ...]] = {}
+        with Counted(2) as executor:
+            spread = choose_smoother(two_link_arm(), [one], candidates, executor=executor, known=known)
+        assert spread == choose_smoother(two_link_arm(), [one], candidates)
+        assert executor.used
+        assert id(spread.smoother) in known
+    with Counted(2) as executor, pytest.raises(InputError, match="too irregular"):
+        choose_smoother(two_link_arm(), [jittered], (Butterworth(),), executor=executor)
+
+
+def test_identify_passes_its_executor_on() -> None:
+    recipe = Recipe(smoother=(Difference(), Spline()), time_offset="estimate")
+    alone = identify(two_link_arm(), {"a": log()}, recipe=recipe)
+    with Counted(2) as executor:
+        found = identify(two_link_arm(), {"a": log()}, recipe=recipe, executor=executor)
+    assert executor.used
+    assert np.array_equal(found.estimate.value, alone.estimate.value)
 
 
 def test_no_candidates() -> None:

@@ -36,6 +36,14 @@ def test_each_worker_is_a_process_with_one_thread() -> None:
         assert {one.value for one in run_jobs(process, range(200), executor)} == found
 
 
+def test_workers_keep_their_memory_between_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a worker of Dask they would give it back each time, as its nanny asks for."""
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    with local_workers(1) as executor:
+        (done,) = run_jobs(os.getenv, ["MALLOC_TRIM_THRESHOLD_"], executor)
+    assert (done.status, done.value) == (Status.OK, None)
+
+
 @forks
 def test_where_memory_runs_out_workers_end_first() -> None:
     with local_workers(1) as executor:

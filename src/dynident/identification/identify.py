@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Literal
 
@@ -59,16 +60,18 @@ def identify(
     validation: Mapping[str, Log] | Sequence[Log] = (),
     recipe: Recipe | None = None,
     *,
+    executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Identify the parameters of ``model`` from the training logs and judge them on all logs.
 
     Logs are given by name, or in a sequence (then named by their source); their joints are matched to the model's by
-    name. ``progress`` is called with a few words before each step. Raises the errors of the stages: InputError,
+    name. Of several smoothers each is tried on the ``executor``, by default in this process, with the same result.
+    ``progress`` is called with a few words before each step. Raises the errors of the stages: InputError,
     ConfigError, ModelError. BLAS works in one thread meanwhile: the matrices are small and many.
     """
     with one_thread():
-        return _identify(model, train, validation, recipe or Recipe(), progress or (lambda _: None))
+        return _identify(model, train, validation, recipe or Recipe(), progress or (lambda _: None), executor)
 
 
 def _identify(
@@ -77,6 +80,7 @@ def _identify(
     validation: Mapping[str, Log] | Sequence[Log],
     recipe: Recipe,
     progress: Callable[[str], None],
+    executor: Executor | None = None,
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
     recorded = by_role(train, validation, joints)
@@ -85,7 +89,8 @@ def _identify(
             for role, named in roles.items()}  # fmt: skip
     trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
     whole, (model, early) = model, first(model, recipe)
-    pairing = pair(model, trained, recipe.smoothers, recipe.time_offset, early.estimator, min_speed, progress=progress)
+    sought = recipe.smoothers, recipe.time_offset, early.estimator, min_speed
+    pairing = pair(model, trained, *sought, executor=executor, progress=progress)
     smoother = pairing.smoother
     motions = smoothed(model, logs, smoother, progress)
     if recipe.outliers == "mask":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, Step, brief
 from dynident.identification.cross_validation import predicted, stretch
+from dynident.jobs import run_jobs
 from dynident.log import Log, Motion, pieces, subsample
 from dynident.models import Model
 from dynident.regression import Regression
@@ -44,6 +46,7 @@ def choose_smoother(
     folds: int = 5,
     progress: Callable[[str], None] = lambda _: None,
     known: dict[int, tuple[Motion, ...]] | None = None,
+    executor: Executor | None = None,
 ) -> Choice:
     """Return the candidate whose motion lets least squares predict the torque of left-out stretches of time best.
 
@@ -51,13 +54,17 @@ def choose_smoother(
     the torque error measures the derivatives. Every log is divided into ``folds`` stretches; each is predicted from all
     others, over the samples that are reliable for every candidate, against the unfiltered torque. Of candidates within
     0.5 % of the least error the first is taken: list them from the least smoothing to the most. ``known`` has the
-    motions of the logs' ``excerpts`` by the ``id`` of a smoother, and keeps new ones. Raises the first error
-    where no candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no
-    candidate.
+    motions of the logs' ``excerpts`` by the ``id`` of a smoother, and keeps new ones. The candidates smooth on the
+    ``executor`` side by side, by default in this process, with the same result. Raises the first error where no
+    candidate can smooth the logs, InputError where all torques are zero, ConfigError where there is no candidate.
     """
     if not candidates:
         raise ConfigError("no smoother is given to choose from.")
-    tried = _tried(excerpts(logs), candidates, progress, {} if known is None else known)
+    some, motions_of = excerpts(logs), {} if known is None else known
+    if executor is not None:
+        progress(Step("choosing the smoother"))
+        _smooth_ahead(some, candidates, motions_of, executor)
+    tried = _tried(some, candidates, progress, motions_of)
     masks = _common([motions for motions in tried if not isinstance(motions, InputError)], 10 * folds)
     errors = []
     for k, motions in enumerate(tried):
@@ -74,6 +81,33 @@ def choose_smoother(
             "it; look whether the right torque column is named, and was recorded."
         )
     return Choice(candidates[int(good[0])], tuple(candidates), tuple(errors))
+
+
+@dataclass(frozen=True, eq=False)
+class _Smoothing:
+    """What workers do: the motions of the logs by the smoother of a number."""
+
+    smoothers: tuple[Smoother, ...]
+    logs: tuple[Log, ...]
+
+    def __call__(self, k: int) -> tuple[Motion, ...]:
+        return tuple(motion_of(self.smoothers[k], log) for log in self.logs)
+
+
+def _smooth_ahead(
+    logs: Sequence[Log], candidates: Sequence[Smoother], known: dict[int, tuple[Motion, ...]], executor: Executor
+) -> None:
+    """Keep the motions of the logs by each candidate, as workers make them; one that fails is left for this process,
+    where its error is raised."""
+    new = tuple({id(one): one for one in map(_bare, candidates) if id(one) not in known}.values())
+    for done in run_jobs(_Smoothing(new, tuple(logs)), range(len(new)), executor):
+        if done.value is not None:
+            known[id(new[done.job])] = done.value
+
+
+def _bare(smoother: Smoother) -> Smoother:
+    """Return a smoother without its time offset."""
+    return smoother.smoother if isinstance(smoother, TimeShifted) else smoother
 
 
 def _tried(
@@ -98,7 +132,7 @@ def _tried(
 
 def _motions(smoother: Smoother, logs: Sequence[Log], known: dict[int, tuple[Motion, ...]]) -> tuple[Motion, ...]:
     """Return the motions of the logs; a smoother with a time offset shifts those without it, where they are known."""
-    bare = smoother.smoother if isinstance(smoother, TimeShifted) else smoother
+    bare = _bare(smoother)
     if id(bare) not in known:
         known[id(bare)] = tuple(motion_of(bare, log) for log in logs)
     found = known[id(bare)]

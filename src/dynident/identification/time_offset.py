@@ -7,6 +7,7 @@ the search has one unknown.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
@@ -74,12 +75,13 @@ def pair(
     estimator: Estimator,
     min_speed: tuple[float, ...] | None = None,
     *,
+    executor: Executor | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Pairing:
     """Return the smoother, chosen among ``smoothers`` and shifted in time, that pairs torque and motion.
 
-    Of several smoothers ``choose_smoother`` takes one, before the time offset is known and again with it. One that
-    shifts already keeps its shift where no other predicts better.
+    Of several smoothers ``choose_smoother`` takes one, on the ``executor``, before the time offset is known and again
+    with it. One that shifts already keeps its shift where no other predicts better.
     """
     choice: Choice | None = None
     known: dict[int, tuple[Motion, ...]] = {}
@@ -88,7 +90,7 @@ def pair(
         if len(candidates) == 1:
             return candidates[0]
         nonlocal choice
-        choice = choose_smoother(model, logs, candidates, progress=progress, known=known)
+        choice = choose_smoother(model, logs, candidates, progress=progress, known=known, executor=executor)
         return choice.smoother
 
     if time_offset != "estimate":

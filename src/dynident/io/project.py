@@ -76,14 +76,15 @@ class Project:
         all files that were read.
 
         A training too ``long`` for the memory is fitted in pieces, over the ``executor``; those that were done are kept
-        in the ``folder``, if there is one, for the next run. Raises the errors of reading and of
-        ``dynident.identification.identify``.
+        in the ``folder``, if there is one, for the next run. Of another the smoothers are tried there. Raises the
+        errors of reading and of ``dynident.identification.identify``.
         """
         if self.long:
             found, logs, remarks = self._in_pieces(progress, executor, limits, folder)
         else:
             logs, remarks = self.logs(progress)
-            found = identify(self.model, logs["train"], logs["validation"], self.recipe, progress=progress)
+            read = logs["train"], logs["validation"]
+            found = identify(self.model, *read, self.recipe, executor=executor, progress=progress)
         progress("reading the logs once more, for their hashes")
         files = log_files(self.config)
         turning = turning_joints(self.config)

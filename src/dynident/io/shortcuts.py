@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, Unpack
@@ -81,6 +82,7 @@ def identify(
     validation: Logs = (),
     recipe: Recipe | None = None,
     *,
+    executor: Executor | None = None,
     progress: Progress | None = None,
     **changes: Unpack[RecipeFields],
 ) -> Identification:
@@ -89,8 +91,8 @@ def identify(
     ``robot`` is a ``Model``, or what the configuration has as ``model``: the path of a URDF or MJCF file, whose terms
     beside the bodies are chosen, ``gallery:NAME``, ``path/to/file.py:function``. ``logs``, and those held out for
     ``validation``, are one log, logs by name, or a sequence. ``recipe`` is by default ``default_recipe``, right for a
-    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. ``progress`` is called with a few
-    words before each step.
+    real robot; keywords replace its fields, such as ``estimator=LeastSquares()``. Smoothers are tried on the
+    ``executor``, by default in this process. ``progress`` is called with a few words before each step.
 
     Raises ConfigError for an unknown keyword or a recipe that does not fit, ModelError for the model, InputError for
     logs.
@@ -118,7 +120,7 @@ def identify(
     trained, held_out = _named(logs, "logs"), _named(validation, "validation")
     path = None if isinstance(robot, Model) else Path(robot)
     file = model_source(path) if path and path.suffix.lower() in SUFFIXES else None  # for `load` to build the model
-    found = identification.identify(model, trained, held_out, used, progress=progress)
+    found = identification.identify(model, trained, held_out, used, executor=executor, progress=progress)
     found = checks.with_findings(found, model, {"train": trained, "validation": held_out}, used, progress=progress)
     return replace(found, provenance=replace(found.provenance, model=file))
 

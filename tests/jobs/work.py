@@ -133,9 +133,11 @@ def stuck(_: object) -> None:
 
 
 def soon_stuck(number: int) -> None:
-    """The first job ends."""
+    """The first job ends, after the next has begun."""
     if number:
         stuck(number)
+    told(number)
+    time.sleep(0.5)
 
 
 class Stranger:

@@ -21,7 +21,7 @@ from dynident.jobs.attempt import attempt
 from dynident.jobs.job import Status
 from dynident.jobs.packed import unpacked
 
-__all__ = ["NUMBER", "Order", "fork_server", "serve"]
+__all__ = ["NUMBER", "Order", "fork_server", "serve", "serve_at"]
 
 NUMBER = 8  # bytes of a number between a server and the process that started it
 PATIENCE = 1.0  # s between looks whether that is still there
@@ -35,6 +35,16 @@ class Order(NamedTuple):
     function: bytes | None
     memory: float | None
     jobs: Sequence[bytes]
+
+
+def serve_at(handle: int, parent: int) -> NoReturn:
+    """Serve the end of a pipe that this process was started with."""
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection
+
+        serve(PipeConnection(handle), parent)
+    else:
+        serve(Connection(handle), parent)
 
 
 def serve(connection: Connection, parent: int) -> NoReturn:

@@ -80,7 +80,7 @@ class Start:
                 }
             else:
                 new = {"pass_fds": (handle,), "start_new_session": True}
-            process = _python(f"serve(child.{type(other).__name__}({handle}), {os.getpid()})", **new)
+            process = _python(f"serve_at({handle}, {os.getpid()})", **new)
         self._processes.add(process)
         return Child(mine, partial(self._end, process))
 

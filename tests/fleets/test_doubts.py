@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 from dynident.fleets import GroupKind, find_changes
-from dynident.fleets.doubts import _all_at_once, _at_rest, _twice, common_groups
+from dynident.fleets.doubts import _all_at_once, _at_rest, _twice, _unlike, common_groups
 from dynident.fleets.history import Group, History
 from dynident.fleets.scatter import scatter_of
 from tests.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, fleet
@@ -89,3 +90,16 @@ def test_a_robot_of_which_everything_changes_with_one_log_is_doubted() -> None:
     found = find_changes(fleet(rng, 6, 8, {2: later(9, 1.0)}), GROUPS, rng)
     assert [one.group.kind for one in found.found] == [GroupKind.OFFSET]
     assert list(_all_at_once(found, len(GROUPS))) == []
+
+
+def test_logs_that_fit_far_worse_than_others_of_their_type_are_named() -> None:
+    errors = {"a": [1.0, 1.2, 2.9, 4.0, 1.2, 1.2, None], "b": [30.0, 33.0]}
+    status = {True: "ok", False: "failed"}
+    rows = [
+        {"robot": f"r{k}", "type": kind, "log": f"{k}.csv", "date": k, "status": status[bool(error)], "error": error}
+        for kind, some in errors.items()
+        for k, error in enumerate(some)
+    ]
+    assert list(_unlike(pl.DataFrame(rows[:3]))) == []
+    (words,) = _unlike(pl.DataFrame(rows))
+    assert "more than 3 times the median: 3.csv (r3), 4 %." in words

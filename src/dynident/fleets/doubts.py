@@ -13,8 +13,11 @@ from dynident.errors import listed
 from dynident.fleets.changes import FEWEST, Change, Changes, Shape
 from dynident.fleets.history import Group, History
 from dynident.fleets.scatter import Scatter
+from dynident.jobs import Status
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from dynident.fleets.result import FleetResult
 
 __all__ = ["common_groups", "doubts"]
@@ -24,6 +27,7 @@ MANY = 3  # groups of a robot that change with one log, before the log is doubte
 ROBOTS, LOGS, BINS = 3, 4000, 60  # at least, at most, and at most, to look for what robots have in common
 DRAWS = 199
 SHOWN = 3
+WORSE = 3.0  # times the median error of a type, from which on logs are named
 ROUNDING = 1e-9
 
 
@@ -31,6 +35,7 @@ def doubts(found: FleetResult, rng: np.random.Generator) -> Iterator[str]:
     """Yield warnings about logs that may not be what they are taken for; ``rng`` draws permutations of them."""
     yield from _twice(found.histories)
     yield from _at_rest(found.histories)
+    yield from _unlike(found.rows)
     for kind, one in zip(_kinds(found), found.changes, strict=True):
         yield from _all_at_once(one, len(found.groups))
         own = [history for history in found.histories if history.robot in found.types[kind]]
@@ -118,6 +123,19 @@ def _at_rest(histories: Sequence[History]) -> Iterator[str]:
     usual = np.median([rank for _, rank in ranks]) if ranks else 0
     if few := [name for name, rank in ranks if rank < usual / 2]:
         yield f"logs that show less than half of the parameters that others show, as at rest: {listed(few, SHOWN)}."
+
+
+def _unlike(rows: pl.DataFrame) -> Iterator[str]:
+    """Yield a warning where logs fit far worse than the others of their type."""
+    import polars as pl
+
+    usual = pl.col("error").median().over("type")
+    worse = rows.filter(pl.col("status") == Status.OK).filter(pl.col("error") > WORSE * usual).sort("robot", "date")
+    if names := [f"{log} ({robot}), {error:.3g} %" for log, robot, error in worse["log", "robot", "error"].iter_rows()]:
+        yield (
+            f"logs whose torque error is more than {WORSE:.0f} times the median: {listed(names, SHOWN)}. They may need "
+            "terms that the recipe has not, because they were not among the logs that chose it."
+        )
 
 
 def _rank(information: Array) -> int:

@@ -132,7 +132,7 @@ def cost(kept: Figures) -> str:
     tasks = SLOWEST / kept["scheduler"]["tiny"]["scheduler"] * 1e6
     return (
         markdown(head, lines)
-        + f"\n\nThe scheduler of Dask, by itself, has time for {tasks:.0f} workers with batches of {SLOWEST:g} s."
+        + f"\n\nThe scheduler of Dask would have time for about {100 * round(tasks / 100)} workers with batches of {SLOWEST:g} s."
     )
 
 

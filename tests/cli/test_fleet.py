@@ -35,7 +35,7 @@ def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> 
     assert {one.name for one in out.iterdir()} == {"fleet.parquet", "report.html", "recipe.yaml", "fleet.json"}
     code, said = run_command(fleet, "--out", out, "--workers", "1")
     assert code == 0, said
-    assert "1 logs were identified now, 3 were known." in said
+    assert "Logs identified now: 1; known before: 3." in said
 
 
 def test_logs_of_an_object_store_are_read(fleet: Path, tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def test_a_changed_file_is_identified_again_and_one_that_is_gone_stays(fleet: Pa
     found = dy.fleet(fleet, fleet.parent / "out")
     assert submitted == LOGS[:1]
     assert [len(one.logs) for one in found.histories] == [2, 1]
-    assert found.warnings == (f"1 logs are gone, such as {LOGS[2]}; what was found of them stays.",)
+    assert found.warnings == (f"logs that are gone: {LOGS[2]}; what was found of them stays.",)
 
 
 def test_logs_that_fail_are_rows_and_the_rest_goes_on(fleet: Path, submitted: list[str]) -> None:

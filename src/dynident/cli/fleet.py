@@ -43,6 +43,6 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
     for line in fleet_findings(found):
         screen.say(f"* {line}")
     if known := len(found.rows) - found.fitted:
-        screen.remark(f"{found.fitted} logs were identified now, {known} were known.")
+        screen.remark(f"Logs identified now: {found.fitted}; known before: {known}.")
     for what, name in (("Table", TABLE), ("Report", REPORT)):
         tell(screen, what, out / name)

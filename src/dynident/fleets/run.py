@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynident.errors import InputError, Step
+from dynident.errors import InputError, Step, listed
 from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -207,19 +207,19 @@ def _present(rows: pl.DataFrame, jobs: Sequence[LogJob], recipe: FleetRecipe) ->
     import polars as pl
 
     kinds: dict[str, Any] = {name: schema()[name] for name in (*KEY, "type", "date")}
-    listed = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
+    now = pl.DataFrame([(*job.key, job.log.type, job.log.date) for job in jobs], schema=kinds, orient="row")
     order = rows.columns
-    present = rows.drop("type", "date").join(listed, on=KEY, how="inner").select(order)
+    present = rows.drop("type", "date").join(now, on=KEY, how="inner").select(order)
     digests = recipe.digests(rows["robot"].unique())
     same = pl.DataFrame(list(digests.items()), schema={"robot": pl.String, "recipe": pl.String}, orient="row")
-    gone = rows.join(same, on=["robot", "recipe"], how="semi").join(listed, on=["robot", "log"], how="anti")
+    gone = rows.join(same, on=["robot", "recipe"], how="semi").join(now, on=["robot", "log"], how="anti")
     gone = gone.filter(pl.col("status") == Status.OK).unique(["robot", "log"], keep="last", maintain_order=True)
     return pl.concat([present, gone]).sort("robot", "date", "log")
 
 
 def _gone(rows: pl.DataFrame, logs: Sequence[FleetLog]) -> Iterator[str]:
     """Yield a warning where logs of the table are not there any more."""
-    listed = {(one.robot, one.log) for one in logs}
-    gone = [key for key in rows.select("robot", "log").iter_rows() if key not in listed]
+    there = {(one.robot, one.log) for one in logs}
+    gone = [log for robot, log in rows.select("robot", "log").iter_rows() if (robot, log) not in there]
     if gone:
-        yield f"{len(gone)} logs are gone, such as {gone[0][1]}; what was found of them stays."
+        yield f"logs that are gone: {listed(gone, 3)}; what was found of them stays."

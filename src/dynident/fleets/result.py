@@ -36,9 +36,8 @@ class FleetBase:
     @classmethod
     def of(cls, model: Model, basis: BaseParameters) -> FleetBase:
         """Return those of a model."""
-        leads = [model.parameters[k] for k in basis.independent]
-        names, units = tuple(one.name for one in leads), tuple(one.unit for one in leads)
-        return cls(names, units, basis.groupings, model.joints)
+        units = tuple(model.parameters[k].unit for k in basis.independent)
+        return cls(basis.leading, units, basis.groupings, model.joints)
 
 
 @dataclass(frozen=True, eq=False)

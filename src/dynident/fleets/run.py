@@ -77,7 +77,6 @@ def run_fleet(
             groups,
             _types(rows),
             start,
-            folder,
             fitted,
             warnings,
         )

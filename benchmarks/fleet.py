@@ -33,10 +33,10 @@ from dynident.errors import ModelError
 from dynident.fleets import Group, GroupKind, History, groups_of
 from dynident.fleets.changes import Changes, find_changes
 from dynident.fleets.pooled import Pooled, pooled
-from dynident.fleets.run import fleet
 from dynident.log import Motion
 from dynident.models import Model, Ripple
 from dynident.regression import BaseParameters, Regression, structural_base_parameters
+from dynident.report.fleet_run import fleet
 from dynident.validation import robust_covariance
 
 ROBOTS, LOGS, EVERY = 10, 20, 7.0  # days from log to log

@@ -47,10 +47,6 @@ class Held:
         return self.log.source
 
     @property
-    def step(self) -> float:
-        return float(np.median(np.diff(self.log.t)))
-
-    @property
     def stretches(self) -> tuple[Stretch, ...]:
         edges = [0, *self.edges, len(self.log)]
         return tuple(Stretch(a, b, float(self.log.t[a]), float(self.log.t[b - 1])) for a, b in pairwise(edges))

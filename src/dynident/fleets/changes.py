@@ -24,7 +24,7 @@ __all__ = ["Change", "Changes", "Shape", "changes_of", "course", "design", "find
 
 Array = NDArray[np.float64]
 DRAWS = 1000
-FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told from it
+FEWEST = 4  # degrees of freedom of the scatter, below which it is too uncertain
 ROUNDS = 3  # of scatter and changes in turn
 LIKELY = 3.84  # twice the log-likelihood that the true time of a change loses at most, at 95 %
 MOST = 700.0  # of a logarithm that has an exponential

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -72,14 +72,14 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
 class LogFit:
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
-    ``names`` are those of the base parameters, which all robots must have. With ``out``, the folder of the fleet's
-    results, each run has files. ``memory`` (GB) is the most that reading one file may take.
+    ``names`` are those of the base parameters, which all robots must have. ``files`` gives the texts of a run's files
+    by name, None where none are kept. ``memory`` (GB) is the most that reading one file may take.
     """
 
     recipe: FleetRecipe
     folder: Path
     names: tuple[str, ...]
-    out: Path | None = None
+    files: Callable[[Identification], Mapping[str, str]] | None = None
     memory: float | None = None
 
     __repr__ = brief
@@ -97,8 +97,8 @@ class LogFit:
         if job.log.fault:
             raise InputError(job.log.fault)
         project, basis = _built(self.recipe, job.log.robot, job.recipe)
-        if names_of(basis) != self.names:
-            other = listed(sorted(set(names_of(basis)) ^ set(self.names)))
+        if basis.leading != self.names:
+            other = listed(sorted(set(basis.leading) ^ set(self.names)))
             raise ModelError(f"robot {job.log.robot}: its model has not the base parameters of the recipe: {other}.")
         found = self._identified(job, project)
         value, information = information_of(found, basis)
@@ -111,7 +111,7 @@ class LogFit:
         """Return what is found of a log, with a configuration for its folder."""
         log = job.log
         names = {role: name for role, name in (("train", log.log), ("validation", log.hold_out)) if name}
-        place = (self.out or self.recipe.folder) / job.folder / CONFIG
+        place = self.recipe.folder / job.folder / CONFIG
         specs = {role: [self.recipe.spec(name, _path(name, self.folder))] for role, name in names.items()}
         text = settings_text(relocated(self.recipe.of(log.robot) | specs, self.recipe.folder, place.parent), {})
         sources = replace(
@@ -128,13 +128,11 @@ class LogFit:
         return replace(found, provenance=replace(found.provenance, logs=logs))
 
     def _files(self, found: Identification) -> dict[str, bytes]:
-        """Return the files of a run: result, report, and the configuration that repeats it."""
+        """Return the files of a run, with the configuration that repeats it."""
         source = found.provenance.configuration
-        if self.out is None or source is None:
+        if self.files is None or source is None:
             return {}
-        from dynident.report.run_files import run_files
-
-        files = {**run_files(found), CONFIG: source.text}
+        files = {**self.files(found), CONFIG: source.text}
         return {name: zlib.compress(text.encode("utf-8", "backslashreplace"), FAST) for name, text in files.items()}
 
 
@@ -171,11 +169,6 @@ def _known(text: str, path: Path, source: str, digest: str, level: bool) -> tupl
     project = parse_project(text, path, source)
     model = project.model if level or not has_gravity(project.model) else mounted(project.model, *ANY_TILT)
     return project, structural_base_parameters(model)
-
-
-def names_of(basis: BaseParameters) -> tuple[str, ...]:
-    """Return the names of the parameters that lead the base parameters."""
-    return tuple(basis.names[k] for k in basis.independent)
 
 
 def _path(name: str, folder: Path) -> str:

@@ -22,7 +22,7 @@ from dynident.fleets.scatter import Scatter, blocks_of
 __all__ = ["Pooled", "Posterior", "baseline", "pooled"]
 
 Array = NDArray[np.float64]
-FEWEST = 3  # robots, of which a spread can be told
+FEWEST = 3  # robots that show a spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +92,8 @@ def pooled(
     weights = weights_of(together, parts)
     run = solved(together, parts, weights)
     robots = []
-    for history, value, told in zip(histories, values, information, strict=True):
-        one, share = _posterior(history.robot, value, told, run.value, parts.covariance)
+    for history, value, precision in zip(histories, values, information, strict=True):
+        one, share = _posterior(history.robot, value, precision, run.value, parts.covariance)
         rest = np.eye(len(value)) - share  # of the mean, whose error counts as well
         robots.append(Posterior(one.robot, one.value, one.covariance + rest @ run.covariance @ rest.T))
     return Pooled(run.value, run.covariance, parts.covariance, tuple(robots), weights)

@@ -161,10 +161,8 @@ class _Fit:
     def __call__(self, draw: Draw) -> Array:
         """Return the parameters (p)."""
         drawn = ((one, count) for one, count in zip(self.each, draw[1], strict=True) if count)
-        regression = Regression(self.model, ())
-        regression.__dict__["triangular_factors"] = merged(
-            TriangularFactors(one.factors * np.sqrt(count), one.rows * count) for one, count in drawn
-        )
+        factors = merged(TriangularFactors(one.factors * np.sqrt(count), one.rows * count) for one, count in drawn)
+        regression = Regression(self.model, ()).with_factors(factors)
         return called(self.estimator, Problem(self.model, (), regression), Estimate).value
 
 

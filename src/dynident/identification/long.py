@@ -197,8 +197,7 @@ def _finished(
         return (unpacked(one.factors, one.rows, model.structure) for one in pieces)
 
     progress("estimating")
-    whole = replace(sample)
-    whole.__dict__["triangular_factors"] = merged(parts())
+    whole = sample.with_factors(merged(parts()))
     trained = tuple(replace(log, tau=one.tau) for log, one in zip(logs["train"].values(), fitted, strict=True))
     problem = Problem(model, fitted, whole, trained, fitted[0].time_offset, progress)
     clustered = partial(clustered_std, parts)

@@ -33,8 +33,8 @@ class RobotCourses:
     @cached_property
     def information(self) -> Array:
         """What each log says of the robot (K, b, b), not of its day."""
-        told = self.history.information
-        return told if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in told])
+        own = self.history.information
+        return own if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in own])
 
     def of(self, group: Group) -> list[Course]:
         """Return one course for each direction of the group.

@@ -43,7 +43,7 @@ VERBS = {
 }
 SURE, FEW = 2.0, 3  # standard errors from which on a part of a change is named, and how many are
 RATE = 100.0  # days
-TOLD = 3.0  # odds from which on a shape is told from the other
+CLEAR = 3.0  # odds from which on one shape is clear
 
 
 def group_words(group: Group) -> str:
@@ -58,7 +58,7 @@ def day_words(day: float, start: datetime | None) -> str:
 
 def shape_words(change: Change) -> str:
     """Word the shape of a change, as far as the logs tell it."""
-    return change.shape.value if change.odds >= TOLD else " or ".join(Shape)
+    return change.shape.value if change.odds >= CLEAR else " or ".join(Shape)
 
 
 def worst_first(changes: Sequence[Change]) -> list[Change]:
@@ -85,7 +85,7 @@ def change_words(change: Change, start: datetime | None, before: Array) -> str:
     join = "on" if change.shape is Shape.STEP else "since"
     verb = VERBS[change.shape, _sign(change, before)]
     what = f"{group_words(change.group)} {verb} {join} {day_words(change.day, start)}"
-    unsure = "" if change.odds >= TOLD else " (at once or slowly: the logs do not tell)"
+    unsure = "" if change.odds >= CLEAR else " (at once or slowly: the logs do not tell)"
     return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}."
 
 

@@ -157,6 +157,11 @@ class Estimate:
         """Whether the iteration, if there was one, converged."""
         return not any(isinstance(note, Unsettled) for note in self.notes)
 
+    @property
+    def needs_samples(self) -> bool:
+        """Whether triangular factors alone do not give it: samples had weights, or errors of the motion count."""
+        return self.information is not None or bool(self.residual.sample_weights)
+
 
 class Estimator(Protocol):
     """A frozen dataclass of settings; calling it with the data gives the estimate."""

@@ -139,7 +139,7 @@ def prepared(
     """
     logs = {log.source: log for log in excerpts_of(recordings, division, progress)}
     chosen = identify(model, logs, (), recipe, progress=progress)
-    if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
+    if chosen.estimate.needs_samples:
         raise ConfigError(
             f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
             "memory; take least squares or the physically consistent fit, or a shorter part."

@@ -195,8 +195,8 @@ def _check(found: Identification, runs: int, blocks: int) -> None:
     if found.estimate.needs_samples:
         raise ConfigError(
             f"the bootstrap draws from triangular factors, and {type(found.recipe.estimator).__name__} needs all "
-            "samples (maximum likelihood has its intervals in `estimate.interval`). Identify with least squares, or with "
-            "physical consistency."
+            "samples (maximum likelihood has its intervals in `estimate.interval`). Identify with least squares, or "
+            "with physical consistency."
         )
     if runs < 2 or blocks < FEWEST:
         raise ConfigError(f"runs = {runs} and blocks = {blocks} of the bootstrap; give at least 2 and {FEWEST}.")

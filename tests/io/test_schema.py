@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from dynident.fleets.settings import fleet_schema
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.schema import SCHEMAS, config_schema, result_schema
 from dynident.io.yaml_text import load_yaml
@@ -37,15 +38,16 @@ CONFIGURATIONS = [
         (f"{path.name} {k}", text)
         for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
         for k, text in enumerate(re.findall(r"```yaml\n(.*?)```", path.read_text(), re.DOTALL))
-        if "\ntrain:" in text
+        if "\ntrain:" in text or text.startswith("recipe:")
     ),
 ]
 
 
 @pytest.mark.parametrize("text", [text for _, text in CONFIGURATIONS], ids=[name for name, _ in CONFIGURATIONS])
 def test_configurations_of_the_documentation_keep_to_the_schema(text: str) -> None:
-    schema = config_schema()
-    assert list(wrong(schema, as_editors_read(text), schema)) == []
+    given = as_editors_read(text)
+    schema = fleet_schema() if "recipe" in given else config_schema()
+    assert list(wrong(schema, given, schema)) == []
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, Step, brief, called
-from dynident.estimators import Estimate, Estimator, MaximumLikelihood, Problem
+from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.result import Identification
 from dynident.jobs import Limits, Status, run_jobs
 from dynident.models import Model, Parameter
@@ -192,10 +192,11 @@ def _regression(found: Identification) -> Regression:
 
 
 def _check(found: Identification, runs: int, blocks: int) -> None:
-    if isinstance(found.recipe.estimator, MaximumLikelihood):
+    if found.estimate.needs_samples:
         raise ConfigError(
-            "the bootstrap draws from triangular factors, and maximum likelihood needs the logs; its intervals are in "
-            "`estimate.interval`. Identify with least squares, or with physical consistency."
+            f"the bootstrap draws from triangular factors, and {type(found.recipe.estimator).__name__} needs all "
+            "samples (maximum likelihood has its intervals in `estimate.interval`). Identify with least squares, or "
+            "with physical consistency."
         )
     if runs < 2 or blocks < FEWEST:
         raise ConfigError(f"runs = {runs} and blocks = {blocks} of the bootstrap; give at least 2 and {FEWEST}.")

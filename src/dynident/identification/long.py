@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, brief, called
-from dynident.estimators import Estimate, Problem
+from dynident.estimators import Estimate, Pieces, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
 from dynident.identification.division import USUAL, Division, LongRecording, Span, excerpts_of, spans_of
-from dynident.identification.identify import FAR, by_role, identify, judged, smoothed, warnings_of
+from dynident.identification.identify import FAR, identify, judged, warnings_of
 from dynident.identification.motion_errors import motion_errors
 from dynident.identification.outliers import held_out_outliers, masked
 from dynident.identification.recipe import Recipe
-from dynident.identification.rests import Rests, resting, whole_rests, without_rests
-from dynident.identification.result import Identification, Pieces, Sources, versions
+from dynident.identification.rests import Rests, resting, whole_rests
+from dynident.identification.result import Identification, Sources, versions
+from dynident.identification.role_logs import RoleLogs
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.log import Log, Motion
 from dynident.models import Model
@@ -139,7 +140,7 @@ def prepared(
     """
     logs = {log.source: log for log in excerpts_of(recordings, division, progress)}
     chosen = identify(model, logs, (), recipe, progress=progress)
-    if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
+    if chosen.estimate.needs_samples:
         raise ConfigError(
             f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
             "memory; take least squares or the physically consistent fit, or a shorter part."
@@ -182,14 +183,8 @@ def _finished(
 ) -> Identification:
     model, recipe = found.reducer.model, found.reducer.recipe
     speeds, (smoother,) = recipe.min_speeds([joint.name for joint in model.joints]), recipe.smoothers
-    recorded = by_role(found.logs, validation, tuple(joint.name for joint in model.joints))
-    roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
-    logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
-            for role, named in roles.items()}  # fmt: skip
-    motions = smoothed(model, logs, smoother, progress)
-    if recipe.outliers == "mask":
-        motions = masked(model, motions, roles, speeds)
-    motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, speeds)
+    logs = RoleLogs.of(found.logs, validation, recipe, tuple(joint.name for joint in model.joints))
+    motions, resting = logs.motions(model, smoother, recipe, progress)
     fitted = tuple(map(model.remembering, motions["train"].values()))
     sample = Regression(model, fitted, recipe.filter, speeds)
 
@@ -198,13 +193,13 @@ def _finished(
 
     progress("estimating")
     whole = sample.with_factors(merged(parts()))
-    trained = tuple(replace(log, tau=one.tau) for log, one in zip(logs["train"].values(), fitted, strict=True))
-    problem = Problem(model, fitted, whole, trained, fitted[0].time_offset, progress)
+    problem = Problem(model, fitted, whole, logs.fitted(motions), fitted[0].time_offset, progress)
     clustered = partial(clustered_std, parts)
     estimate, whole, more, noted = _unbiased(problem, sample, found, clustered, progress)
-    validations = judged(model, estimate, roles, motions, recipe, progress)
+    left = _left(found, pieces, parts(), whole, estimate)
+    estimate = replace(estimate, residual=replace(estimate.residual, pieces=left))
+    validations = judged(model, estimate, logs.trimmed, motions, recipe, progress)
     errors, base = identifiability_of(model, whole, estimate, more, progress, clustered)
-    residual = _residual(found, pieces, parts(), whole, estimate)
     return Identification(
         model,
         recipe,
@@ -216,13 +211,12 @@ def _finished(
         found.chosen.calibration,
         Sources(versions=versions()),
         (
-            _said(found, residual, model),
+            _said(found, left, model),
             *warnings_of(model, estimate, base),
             *noted,
             *resting,
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
-        residual,
     )
 
 
@@ -261,7 +255,7 @@ def _unbiased(
     return estimate, whole, late, (MotionCorrected(basis.groupings[worst], float(size[worst])),)
 
 
-def _residual(
+def _left(
     found: Prepared,
     pieces: Sequence[Reduced],
     parts: Iterator[TriangularFactors],

@@ -73,7 +73,8 @@ class Changes:
     """The changes of a fleet at a rate of false alarms (a share of robots in which nothing changes).
 
     ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said,
-    because they have one log, or all have too few.
+    because they have one log, or all have too few. ``scatter`` is that of the base parameters; ``residual_scatter``
+    that of the logarithms of the residuals, None where these were not judged.
     """
 
     rate: float
@@ -81,6 +82,7 @@ class Changes:
     p_values: dict[str, float]
     silent: tuple[str, ...]
     scatter: Scatter
+    residual_scatter: Scatter | None = None
 
     __repr__ = brief
 

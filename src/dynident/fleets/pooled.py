@@ -80,8 +80,9 @@ def pooled(
 ) -> Pooled:
     """Return what robots of one type share, each as it was before its changes.
 
-    ``scatter`` as ``find_changes`` returns it; changes of residuals count for nothing. The spread has no zeros by chance (Chung et al., 2013), and one odd
-    robot is bounded in it and in the mean. Raises InputError for fewer than three robots.
+    ``scatter`` as ``find_changes`` returns it; changes of residuals count for nothing. The spread has no zeros by
+    chance (Chung et al., 2013), and one odd robot is bounded in it and in the mean. Raises InputError for fewer than
+    three robots.
     """
     if len(histories) < FEWEST:
         raise InputError(f"{len(histories)} robots do not show how robots of a type differ; give at least {FEWEST}.")

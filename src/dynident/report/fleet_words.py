@@ -91,7 +91,7 @@ def change_words(change: Change, start: datetime | None, before: Array) -> str:
     verb = VERBS[change.shape, _sign(change, before)]
     what = f"{group_words(change.group)} {verb} {join} {day_words(change.day, start)}"
     unsure = "" if change.odds >= TOLD else " (at once or slowly: the logs do not tell)"
-    todo = RESIDUAL if change.group.kind is GroupKind.RESIDUAL else ""
+    todo = RESIDUAL if change.group.kind is GroupKind.RESIDUAL and change.size[0] > 0 else ""
     return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}.{todo}"
 
 

@@ -4,6 +4,7 @@ from dynident.fleets.changes import Change, Changes, Shape, find_changes
 from dynident.fleets.groups import groups_of
 from dynident.fleets.history import Group, GroupKind, History
 from dynident.fleets.pooled import Pooled, pooled
+from dynident.fleets.residuals import residual_groups
 from dynident.fleets.result import FleetBase, FleetResult
 from dynident.fleets.run import run_fleet
 from dynident.fleets.scatter import Scatter
@@ -22,5 +23,6 @@ __all__ = [
     "find_changes",
     "groups_of",
     "pooled",
+    "residual_groups",
     "run_fleet",
 ]

@@ -62,7 +62,7 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
     """Return the row of a log without a result."""
     log = job.log
     key = {"robot": log.robot, "log": log.log, "recipe": job.recipe, "stamp": log.stamp}
-    lists: dict[str, list[float]] = {name: [] for name in ("errors", "held_out", "value", "information")}
+    lists: dict[str, list[float]] = {name: [] for name in ("errors", "held_out", "value", "information", "residual")}
     found = {"status": status.value, "reason": reason, "seconds": seconds, "version": __version__}
     none = {"samples": None, "verdict": None, "error": None, "folder": ""}
     return {**key, "type": log.type, "date": log.date, **found, **none, **lists}
@@ -101,9 +101,9 @@ class LogFit:
             other = listed(sorted(set(basis.leading) ^ set(self.names)))
             raise ModelError(f"robot {job.log.robot}: its model has not the base parameters of the recipe: {other}.")
         found = self._identified(job, project)
-        value, information = information_of(found, basis)
+        value, information, residual = information_of(found, basis)
         row = empty_row(job, Status.OK) | _figures(found)
-        row |= {"value": value.tolist(), "information": packed(information)}
+        row |= {"value": value.tolist(), "information": packed(information), "residual": residual.tolist()}
         files = self._files(found)
         return Fitted(row | {"folder": job.folder if files else ""}, files)
 

@@ -45,9 +45,10 @@ class FleetResult:
 
     ``rows`` has a row for each log (``dynident.fleets.rows.schema``), of the present recipe, by robot and date.
     ``histories`` are those of robots with a result; their days count from ``start``, the first date of all. ``groups``
-    are what can change. ``types`` has the robots of each type. ``fitted`` counts the logs that this run has identified,
-    the others were known. ``changes`` are those of each type of which a log has a result, ``pooled`` by type what its
-    robots share, where there are at least three.
+    are what can change of these. ``types`` has the robots of each type. ``fitted`` counts the logs that this run has
+    identified, the others were known. ``changes`` are those of each type of which a log has a result, ``pooled`` by
+    type what its robots share, where there are at least three. ``residuals`` are histories of the torque that the model
+    leaves, of the same robots and logs: the logarithms of its root mean squares by joint.
     """
 
     name: str
@@ -61,6 +62,7 @@ class FleetResult:
     warnings: tuple[str, ...] = ()
     changes: tuple[Changes, ...] = ()
     pooled: Mapping[str, Pooled] = field(default_factory=dict)
+    residuals: tuple[History, ...] = ()
 
     def __repr__(self) -> str:
         robots = self.rows["robot"].n_unique()

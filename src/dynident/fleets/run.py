@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
-from math import ceil
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynident.errors import InputError, Step, listed
-from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -23,8 +21,9 @@ from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
 from dynident.fleets.recipe import FleetRecipe, fleet_recipe
+from dynident.fleets.residuals import changes_and_residuals
 from dynident.fleets.result import FleetBase, FleetResult
-from dynident.fleets.rows import KEY, histories_of, schema
+from dynident.fleets.rows import KEY, histories_of, residuals_of, schema
 from dynident.fleets.settings import read_fleet_settings
 from dynident.identification import Identification
 from dynident.io.folder import result_folder
@@ -80,6 +79,7 @@ def run_fleet(
             start,
             fitted,
             warnings,
+            residuals=tuple(residuals_of(rows, start)),
         )
         rng = rng or np.random.default_rng(0)
         found = with_statistics(found, settings.false_alarms, rng, say)
@@ -94,11 +94,13 @@ def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, s
     """Return a result with the changes of its robots and what those of a type share, where there are enough."""
     changes, shared = [], dict[str, Pooled]()
     of = {one.robot: one for one in found.histories}
+    left = {one.robot: one for one in found.residuals}
     for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
         histories = [of[robot] for robot in robots if robot in of]
         if histories:
             say(f"looking for changes of {kind}")
-            changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
+            residuals = [left[one.robot] for one in histories if one.robot in left]
+            changes.append(changes_and_residuals(histories, found.groups, residuals, found.base.joints, own, rate=rate))
         if len(histories) >= FEWEST:
             shared[kind] = pooled(histories, found.groups, changes[-1].scatter, changes[-1].found)
     return replace(found, changes=tuple(changes), pooled=shared)

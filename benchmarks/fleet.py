@@ -5,8 +5,9 @@ and no two logs: friction follows the temperature of the day, offsets wander, jo
 does not know, and the torque's noise is coloured. On five robots something changes. Printed is what was found, and of
 ``--quiet`` further robots without any change how many were flagged. Then the torque error of new robots on another
 motion, from one short log: by their own estimate, by the fleet's mean, and by what borrows from both. Each log is
-fitted by least squares on the exact motion (0.05 s). With ``--run FOLDER`` the logs are written there as encoders and
-drives would report them, and all is done by ``dynident fleet``.
+fitted by least squares on the exact motion (0.05 s), with ``--plain`` by a model without ripple terms. With
+``--run FOLDER`` the logs are written there as encoders and drives would report them, and all is done by
+``dynident fleet``.
 """
 
 from __future__ import annotations
@@ -31,12 +32,13 @@ from dynident.demo.arm import JOINTS, TILT, true_model, true_values, urdf
 from dynident.demo.recording import ENCODER, Day, fourier
 from dynident.errors import ModelError
 from dynident.fleets import Group, GroupKind, History, groups_of
-from dynident.fleets.changes import Changes, find_changes
+from dynident.fleets.changes import Changes
 from dynident.fleets.pooled import Pooled, pooled
-from dynident.fleets.run import fleet
+from dynident.fleets.residuals import changes_and_residuals
 from dynident.log import Motion
 from dynident.models import Model, Ripple
 from dynident.regression import BaseParameters, Regression, structural_base_parameters
+from dynident.report.fleet_run import fleet
 from dynident.validation import robust_covariance
 
 ROBOTS, LOGS, EVERY = 10, 20, 7.0  # days from log to log
@@ -141,8 +143,9 @@ def recorded(model: Model, theta: dict[str, float], rng: np.random.Generator, se
     return Motion(t, q, dq, ddq, tau, names, np.ones(len(t), dtype=bool), "simulated")
 
 
-def fitted(model: Model, basis: BaseParameters, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Return the base parameters of one log, by weighted least squares, and their information, as a fleet has it."""
+def fitted(model: Model, basis: BaseParameters, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the base parameters of one log, by weighted least squares, their information and the residual of each
+    joint, as a fleet has them."""
     kept, weights = list(basis.independent), 1 / (NOISE * EFFORT)
     X = (weights[:, None] * model.regressor(motion.q, motion.dq, motion.ddq)[:, :, kept]).reshape(-1, len(kept))
     scale = np.linalg.norm(X, axis=0)
@@ -156,26 +159,36 @@ def fitted(model: Model, basis: BaseParameters, motion: Motion) -> tuple[np.ndar
         covariance = robust_covariance(Regression(model, (motion,)), theta, weights, kept)
         variance = np.maximum(np.einsum("ij,jk,ik->i", to_axes, covariance, to_axes), 1.0)
     half = to_axes / np.sqrt(variance)[:, None]
-    return beta, half.T @ half
+    left = motion.tau - (X @ beta).reshape(motion.tau.shape) / weights
+    return beta, half.T @ half, np.sqrt((left**2).sum(axis=0) / (len(left) - len(kept) / left.shape[1]))
+
+
+Histories = tuple[History, History]  # of base parameters, and of what they leave
 
 
 @dataclass(frozen=True)
 class Bench:
-    """The model, its base parameters and groups, and fleets made of them."""
+    """The model, its base parameters and groups, and fleets made of robots as ``true`` says."""
 
+    true: Model
     model: Model
     basis: BaseParameters
     groups: tuple[Group, ...]
 
-    def history(self, name: str, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> History:
-        fits = [fitted(self.model, self.basis, motion) for motion in motions(self.model, theta, rng, fault)]
-        values, information = (np.array(one) for one in zip(*fits, strict=True))
-        logs = tuple(f"log{k:02}" for k in range(len(fits)))
-        return History(name, logs, EVERY * np.arange(float(len(fits))), values, information)
+    def history(self, name: str, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> Histories:
+        fits = [fitted(self.model, self.basis, motion) for motion in motions(self.true, theta, rng, fault)]
+        values, information, residual = (np.array(one) for one in zip(*fits, strict=True))
+        logs, days = tuple(f"log{k:02}" for k in range(len(fits))), EVERY * np.arange(float(len(fits)))
+        sure = np.tile(2 * RATE * SECONDS * np.eye(len(JOINTS)), (len(fits), 1, 1))
+        return History(name, logs, days, values, information), History(name, logs, days, np.log(residual), sure)
 
-    def fleet(self, rng: np.random.Generator, faults: tuple[Fault, ...] = ()) -> list[History]:
+    def fleet(self, rng: np.random.Generator, faults: tuple[Fault, ...] = ()) -> list[Histories]:
         known = {fault.robot: fault for fault in faults}
-        return [self.history(f"robot{r}", built(self.model, rng), rng, known.get(r)) for r in range(ROBOTS)]
+        return [self.history(f"robot{r}", built(self.true, rng), rng, known.get(r)) for r in range(ROBOTS)]
+
+    def changes(self, robots: list[Histories], rng: np.random.Generator) -> Changes:
+        histories, residuals = zip(*robots, strict=True)
+        return changes_and_residuals(histories, self.groups, residuals, self.model.joints, rng)
 
 
 def motions(model: Model, theta: dict[str, float], rng: np.random.Generator, fault: Fault | None) -> Iterator[Motion]:
@@ -193,18 +206,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--run", type=Path, metavar="FOLDER", help="by `dynident fleet`, in this folder")
     parser.add_argument("--workers", type=int, default=2, help="processes of --run")
+    parser.add_argument("--plain", action="store_true", help="fit a model without ripple terms")
     given = parser.parse_args()
     rng, model = np.random.default_rng(given.seed), arm()
     if given.run:
         write(given.run, model, rng)
         run(given.run, given.workers)
         return
-    basis = structural_base_parameters(model)
-    bench = Bench(model, basis, groups_of(model, basis))
-    histories = bench.fleet(rng, FAULTS)
-    changes = find_changes(histories, bench.groups, rng)
+    known = true_model() if given.plain else model
+    basis = structural_base_parameters(known)
+    bench = Bench(model, known, basis, groups_of(known, basis))
+    robots = bench.fleet(rng, FAULTS)
+    changes = bench.changes(robots, rng)
     print_changes(changes)
-    print_new(bench, pooled(histories, bench.groups, changes.scatter, changes.found), changes, given.new, rng)
+    if not given.plain:
+        shared = pooled([one for one, _ in robots], bench.groups, changes.scatter, changes.found)
+        print_new(bench, shared, changes, given.new, rng)
     print_quiet(bench, given.quiet, rng)
 
 
@@ -221,7 +238,7 @@ def print_changes(changes: Changes) -> None:
 def print_quiet(bench: Bench, robots: int, rng: np.random.Generator) -> None:
     chances, flagged = [], 0
     for _ in range(robots // ROBOTS):
-        changes = find_changes(bench.fleet(rng), bench.groups, rng)
+        changes = bench.changes(bench.fleet(rng), rng)
         chances += list(changes.p_values.values())
         flagged += len({one.robot for one in changes.found})
     if chances:
@@ -244,7 +261,9 @@ def _errors(
     bench: Bench, shared: Pooled, changes: Changes, seconds: float, rng: np.random.Generator
 ) -> tuple[float, float, float]:
     theta = built(bench.model, rng)
-    value, information = fitted(bench.model, bench.basis, recorded(bench.model, of_the_day(theta, rng), rng, seconds))
+    value, information, _ = fitted(
+        bench.model, bench.basis, recorded(bench.model, of_the_day(theta, rng), rng, seconds)
+    )
     both = shared.borrow("new", value, changes.scatter.with_scatter(information)).value
     other = recorded(bench.model, theta, rng)
     X = bench.model.regressor(other.q, other.dq, other.ddq)[:, :, list(bench.basis.independent)] / EFFORT[:, None]

@@ -26,7 +26,7 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL
 import numpy as np
 from scaling_cluster import cluster, cpu_of
 from scaling_jobs import Still, Wait
-from scaling_page import draw
+from scaling_page import FIGURES, draw
 
 import dynident
 from dynident.cli.reproduce import PRELOADED
@@ -39,7 +39,6 @@ from dynident.studies import METHODS, SCENARIOS, SmoothAndFit, run_study
 from dynident.studies.article import LEVELS, PERIOD, SAMPLES, ArmScenario
 from dynident.studies.table import KEY, key_type
 
-FIGURES = Path(__file__).resolve().parents[1] / "docs" / "scaling.json"
 ARTICLE = ("raw", "filtered", "spline")
 Figures = dict[str, Any]
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from dynident.jobs.pace import SHARE, SLOWEST
 
-__all__ = ["draw"]
+__all__ = ["FIGURES", "PAGE", "Work", "draw", "page"]
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "scaling.md"
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, FIGURES = DOCS / "scaling.md", DOCS / "scaling.json"
 CORES = (1, 16, 256)
 Figures = Mapping[str, Any]
 
@@ -39,13 +40,17 @@ class Work:
 
 def draw(kept: Figures) -> None:
     """Write the tables anew."""
-    text = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), kept), encoding="utf-8")
+
+
+def page(text: str, kept: Figures) -> str:
+    """Return the page with its tables anew, as far as there are figures."""
     for name, table in TABLES.items():
         if set(NEEDED.get(name, (name,))) <= set(kept):
             before, _, rest = text.partition(f"<!-- {name} -->")
-            body = f"{table(kept)}\n\n{measured(kept[name])}" if name != "cost" else table(kept)
+            body = f"{table(kept)}\n\n{measured(kept[name])}" if name in kept else table(kept)
             text = f"{before}<!-- {name} -->\n\n{body}\n\n<!-- /{name} -->{rest.partition(f'<!-- /{name} -->')[2]}"
-    PAGE.write_text(text, encoding="utf-8")
+    return text
 
 
 def measured(part: Figures) -> str:
@@ -129,10 +134,10 @@ def cost(kept: Figures) -> str:
         for one in works(kept)
     ]  # fmt: skip
     head = ["", "core hours", *(f"{n} core{'s' * (n > 1)}" for n in CORES), "more cores do not help from"]
-    tasks = SLOWEST / kept["scheduler"]["tiny"]["scheduler"] * 1e6
+    tasks = 100 * round(SLOWEST / kept["scheduler"]["tiny"]["scheduler"] * 1e4)
     return (
         markdown(head, lines)
-        + f"\n\nThe scheduler of Dask, by itself, has time for {tasks:.0f} workers with batches of {SLOWEST:g} s."
+        + f"\n\nThe scheduler of Dask would have time for about {tasks} workers with batches of {SLOWEST:g} s."
     )
 
 

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from dynident import errors
     from dynident.bounds import cramer_rao_bound
     from dynident.estimators import Estimate, LeastSquares, MaximumLikelihood, PhysicallyConsistent
-    from dynident.fleets.run import fleet
     from dynident.identification import Identification, Recipe, bootstrap
     from dynident.io.model_files import export_model
     from dynident.io.project import run
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     )
     from dynident.models.gallery import two_link_arm
     from dynident.regression import ParallelFilter
+    from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, Spline
     from dynident.splines import smooth
     from dynident.validation import validate
@@ -113,7 +113,7 @@ _MODULES = {
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "export_model": "dynident.io.model_files",
-    "fleet": "dynident.fleets.run",
+    "fleet": "dynident.report.fleet_run",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",
     "read_log": "dynident.io.shortcuts",

@@ -96,6 +96,18 @@ def test_one_robot_alone_shows_a_large_change() -> None:
     assert [(GROUPS.index(one.group), one.index) for one in found.found] == [(PAYLOAD, 10)]
 
 
+def test_one_of_three_robots_does_not_hide_in_its_own_scatter() -> None:
+    """Its friction rises by a half from log to log, five times what friction scatters; the others are steady."""
+
+    def rises(log: int, value: np.ndarray) -> None:
+        value[4:6] *= 1 + 0.5 * log
+
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        found = find_changes(fleet(rng, 3, 4, {1: rises}), GROUPS, rng, draws=300)
+        assert {(one.robot, GROUPS.index(one.group)) for one in found.found} == {("robot1", FRICTION_A)}
+
+
 def test_too_few_logs_say_nothing_and_are_named() -> None:
     rng = np.random.default_rng(4)
     for robots, logs in ((1, 1), (1, 4), (3, 2), (8, 1)):

@@ -31,9 +31,11 @@ def test_errors_are_as_large_as_the_information_says(tmp_path: Path) -> None:
     basis = structural_base_parameters(model)
     true, distances = basis.to_base(truth(model)), []
     for seed in range(12):
-        value, information = information_of(identify(model, [logged(model, seed)], recipe=RECIPE), basis)
+        found = identify(model, [logged(model, seed)], recipe=RECIPE)
+        value, information, residual = information_of(found, basis)
         error = value - true
         distances.append(error @ information @ error)
+        np.testing.assert_allclose(residual, list(found.validations[0].errors.rmse.values()), rtol=0.05)
     assert 0.6 < np.mean(distances) / basis.rank < 1.5  # chi-squared with 120 degrees of freedom, over these
 
 
@@ -41,7 +43,7 @@ def test_what_a_motion_does_not_show_has_no_information(tmp_path: Path) -> None:
     model = arm(tmp_path)
     basis = structural_base_parameters(model)
     found = identify(model, [logged(model, 0, still=True)], recipe=Recipe(Difference("central")))
-    _, information = information_of(found, basis)
+    _, information, _ = information_of(found, basis)
     names = [basis.names[k] for k in basis.independent]
     viscous = names.index("Fv_elbow")
     assert np.abs(information[viscous]).max() < 1e-9 * np.abs(information).max()

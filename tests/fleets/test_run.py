@@ -259,7 +259,7 @@ def test_without_a_folder_nothing_is_written(made: Path, tmp_path: Path, planned
     shutil.copytree(made, tmp_path / "fleet", ignore=shutil.ignore_patterns("out"))
     before = sorted((tmp_path / "fleet").rglob("*"))
     found = dy.fleet(tmp_path / "fleet" / "fleet.yaml")
-    assert (found.fitted, found.folder, planned) == (3, None, LOGS)
+    assert (found.fitted, planned) == (3, LOGS)
     assert sorted((tmp_path / "fleet").rglob("*")) == before
 
 

@@ -155,9 +155,13 @@ def test_what_cannot_be_drawn_from_is_said() -> None:
     few = identify(ARM, [noisy(0).window(stop=0.7)], recipe=RECIPE)
     with pytest.raises(InputError, match="10 are needed"):
         drawn(few)
-    likely = replace(found, recipe=replace(found.recipe, estimator=MaximumLikelihood()))
-    with pytest.raises(ConfigError, match="maximum likelihood needs the logs"):
-        drawn(likely)
+    likely = replace(found.recipe, estimator=MaximumLikelihood())
+    informed = replace(found.estimate, information=np.eye(len(found.estimate.value)))
+    with pytest.raises(ConfigError, match="MaximumLikelihood needs all samples"):
+        drawn(replace(found, recipe=likely, estimate=informed))
+    weighted = replace(found.estimate, residual=replace(found.estimate.residual, sample_weights=(np.ones(1),)))
+    with pytest.raises(ConfigError, match="needs all samples"):
+        drawn(replace(found, estimate=weighted))
     loaded = replace(found, validations=tuple(replace(one, signals=None) for one in found.validations))
     with pytest.raises(InputError, match="identify again"):
         drawn(loaded)

@@ -47,10 +47,6 @@ class Held:
         return self.log.source
 
     @property
-    def step(self) -> float:
-        return float(np.median(np.diff(self.log.t)))
-
-    @property
     def stretches(self) -> tuple[Stretch, ...]:
         edges = [0, *self.edges, len(self.log)]
         return tuple(Stretch(a, b, float(self.log.t[a]), float(self.log.t[b - 1])) for a, b in pairwise(edges))
@@ -97,8 +93,9 @@ def test_the_estimate_is_that_of_the_whole_to_rounding(
     np.testing.assert_allclose(found.estimate.value, whole.estimate.value, rtol=1e-8)
     np.testing.assert_allclose(found.estimate.residual.sigma, whole.estimate.residual.sigma, rtol=1e-8)
     assert found.estimate.residual.samples == whole.estimate.residual.samples
-    assert found.pieces is not None
-    torque = np.sqrt((found.pieces.rows * found.pieces.torque**2).sum(axis=0) / found.pieces.rows.sum(axis=0))
+    pieces = found.estimate.residual.pieces
+    assert pieces is not None
+    torque = np.sqrt((pieces.rows * pieces.torque**2).sum(axis=0) / pieces.rows.sum(axis=0))
     np.testing.assert_allclose(torque, [np.sqrt(np.mean(x**2)) for x in LOG.tau.T], rtol=0.1)
     note = next(one for one in found.notes if isinstance(one, InPieces))
     assert (note.samples, note.pieces, note.excerpts) == (12_000, 12, 3)
@@ -129,10 +126,11 @@ def test_a_change_is_seen_in_the_pieces() -> None:
     late = np.arange(len(LOG))[:, None] >= 9000
     changed = replace(LOG, tau=LOG.tau + np.where(late, [0.5, 0.0], 0.0))
     found = in_pieces(prepared(ARM, [Held(changed)], Recipe(Spline(sigma=1e-5)), SMALL))
-    assert found.pieces is not None
-    left = found.pieces.residual[:, 0]
-    assert left[found.pieces.begins > 46].min() > 2 * left[found.pieces.ends < 44].max()
-    assert found.pieces.relative_error[0] > 3 * found.pieces.relative_error[1]
+    pieces = found.estimate.residual.pieces
+    assert pieces is not None
+    left = pieces.residual[:, 0]
+    assert left[pieces.begins > 46].min() > 2 * left[pieces.ends < 44].max()
+    assert pieces.relative_error[0] > 3 * pieces.relative_error[1]
 
 
 def test_gaps_end_pieces_and_short_stretches_are_left_out() -> None:

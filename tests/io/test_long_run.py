@@ -85,7 +85,7 @@ def test_the_result_is_that_of_the_recording_in_memory(folder: Path, found: Iden
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DYNIDENT_MEMORY", "1")
         whole = read_project(folder / "robot.yaml").identify()
-    assert whole.pieces is None
+    assert whole.estimate.residual.pieces is None
     std = whole.errors.best
     assert (np.abs(found.estimate.value - whole.estimate.value) < 1e-3 * std).all()
     assert np.allclose(found.errors.best, std, rtol=0.7)
@@ -96,13 +96,15 @@ def test_the_result_is_that_of_the_recording_in_memory(folder: Path, found: Iden
 
 
 def test_what_is_left_in_the_pieces_is_saved_and_reported(found: Identification, tmp_path: Path) -> None:
-    assert found.pieces is not None
-    assert found.pieces.rows.shape == (4, 1)
+    pieces = found.estimate.residual.pieces
+    assert pieces is not None
+    assert pieces.rows.shape == (4, 1)
     assert sum(isinstance(one, InPieces) for one in found.notes) == 1
     again = load(found.save(tmp_path / "result.json"))
-    assert again.pieces is not None
+    saved = again.estimate.residual.pieces
+    assert saved is not None
     for name in ("begins", "ends", "rows", "torque", "residual"):
-        np.testing.assert_array_equal(getattr(again.pieces, name), getattr(found.pieces, name))
+        np.testing.assert_array_equal(getattr(saved, name), getattr(pieces, name))
     page = identification_page(found)
     assert "The whole recording" in page
     assert "all 40,000 samples" in page
@@ -181,6 +183,6 @@ def test_the_command_takes_the_long_way_by_itself(folder: Path, tmp_path: Path) 
     assert done.exit_code == 0, done.output
     assert "all 40,000 samples (200 s) are fitted, in 4 pieces" in done.output
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert len(result["pieces"]["begins"]) == 4
+    assert len(result["estimate"]["residual"]["pieces"]["begins"]) == 4
     (kept,) = (tmp_path / "out").glob("pieces-*.parquet")
     assert len(pl.read_parquet(kept)) == 4

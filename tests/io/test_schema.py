@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from dynident.fleets.settings import fleet_schema
 from dynident.io.families import ESTIMATORS, SMOOTHERS
 from dynident.io.schema import SCHEMAS, config_schema, result_schema
 from dynident.io.yaml_text import load_yaml
@@ -32,20 +33,21 @@ def as_editors_read(text: str) -> Any:
 
 
 CONFIGURATIONS = [
-    *((path.name, path.read_text()) for path in sorted((ROOT / "examples").glob("*.yaml"))),
+    *((path.name, path.read_text()) for path in sorted((ROOT / "examples").glob("*.yaml")) if path.stem != "fleet"),
     *(
         (f"{path.name} {k}", text)
         for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
         for k, text in enumerate(re.findall(r"```yaml\n(.*?)```", path.read_text(), re.DOTALL))
-        if "\ntrain:" in text
+        if "\ntrain:" in text or text.startswith("recipe:")
     ),
 ]
 
 
 @pytest.mark.parametrize("text", [text for _, text in CONFIGURATIONS], ids=[name for name, _ in CONFIGURATIONS])
 def test_configurations_of_the_documentation_keep_to_the_schema(text: str) -> None:
-    schema = config_schema()
-    assert list(wrong(schema, as_editors_read(text), schema)) == []
+    given = as_editors_read(text)
+    schema = fleet_schema() if "recipe" in given else config_schema()
+    assert list(wrong(schema, given, schema)) == []
 
 
 @pytest.mark.parametrize(

@@ -27,14 +27,14 @@ def test_the_code_is_that_of_all_files(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(module, "SOURCE", tmp_path)
     (tmp_path / "a.py").write_bytes(b"x = 1\ny = 2\n")
     (tmp_path / "b").mkdir()
-    first = module._digest()
+    first = module.code_digest()
     (tmp_path / "a.py").write_bytes(b"x = 1\r\ny = 2\r\n")
     (tmp_path / "notes.txt").touch()
-    assert module._digest() == first
+    assert module.code_digest() == first
     (tmp_path / "b" / "c.py").touch()
-    second = module._digest()
+    second = module.code_digest()
     (tmp_path / "b" / "c.py").rename(tmp_path / "b" / "d.py")
-    assert len({first, second, module._digest()}) == 3
+    assert len({first, second, module.code_digest()}) == 3
 
 
 def test_each_difference_is_said_with_its_places() -> None:

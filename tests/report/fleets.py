@@ -34,6 +34,7 @@ PAYLOAD[6:9, 1:] = np.eye(3)
 PAYLOAD[6:9, 0] = 0.5, 0.0, 0.2
 PAYLOAD = PAYLOAD[:, [0, 2, 3]]  # the first direction is no base parameter alone
 NONE = Scatter(Components(tuple(np.arange(SIZE)[:, None]), np.zeros((SIZE, SIZE))), 100.0)
+RESIDUAL = Scatter(Components(tuple(np.arange(2)[:, None]), np.zeros((2, 2))), 100.0)
 
 
 def names(odd: str = "") -> tuple[str, ...]:

@@ -5,13 +5,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.fleets import Changes, GroupKind, Shape
+from dynident.fleets import Changes, GroupKind, History, Shape, residual_groups
 from dynident.jobs import Status
 from dynident.report.fleet import fleet_findings, fleet_heading, fleet_page, fleet_tables
 from dynident.report.fleet_words import change_words
 from dynident.report.page import _script
 from dynident.report.terminal import terminal
-from tests.report.fleets import NONE, change, fleet, groups, history
+from tests.report.fleets import NONE, RESIDUAL, change, fleet, groups, history
 from tests.report.test_page import Outline
 from tests.report.test_study import text_of
 
@@ -79,6 +79,28 @@ def test_a_ripple_rises_by_its_size_whatever_its_phase(found, size, word):
     one = change(history("arm-0"), ripple, Shape.DRIFT, 8, size)
     assert f"ripple of shoulder has been {word} since" in change_words(one, found.start, np.array([-2.0, 3.0]))
     assert "has been drifting" in change_words(one, found.start, np.full(2, np.nan))
+
+
+def test_torque_that_the_model_leaves_is_worded_with_what_to_do_and_drawn(found):
+    """Of a joint of a robot whose payload changed, too; as a torque, with a rise of its logarithm in percent."""
+    left = [
+        History(one.robot, one.logs, one.days, np.full((20, 2), np.log(0.5)), np.tile(400 * np.eye(2), (20, 1, 1)))
+        for one in found.histories
+    ]
+    group = residual_groups(found.base.joints)[1]
+    rise = change(left[0], group, Shape.STEP, 8, [np.log(1.5)], std=np.array([0.02]), p_value=0.0005)
+    changes = replace(found.changes[0], found=(*found.changes[0].found, rise), residual_scatter=RESIDUAL)
+    made = replace(found, residuals=tuple(left), changes=(changes,))
+    words = fleet_findings(made)[0]
+    assert words.startswith("arm-0: torque that the model leaves at elbow rose on ")
+    assert "residual by +50.0 +- 3.0 %. No term of the recipe describes this: look at the residual" in words
+    fell = replace(changes, found=(replace(rise, size=-rise.size),))
+    assert fleet_findings(replace(made, changes=(fell,)))[0].endswith(": residual by -33.3 +- 1.3 %.")
+    page = own(fleet_page(made))
+    assert page.count("torque that the model leaves at elbow rose") >= 2  # in words and below the figure
+    assert "torque that the model leaves at shoulder" in page  # side by side
+    assert "Robots of type ur10" in page
+    assert "+50.0 +- 3.0 %" in text_of(*map(terminal, fleet_tables(made)), width=160)
 
 
 def test_a_direction_that_no_log_shows_is_not_named(found):

@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynident.fleets import Scatter, Shape
+from dynident.fleets import History, Scatter, Shape, residual_groups
 from dynident.fleets.components import Components
+from dynident.models import Joint
 from dynident.report.fleet_courses import RobotCourses
 from tests.report.fleets import MEAN, PAYLOAD, SIZE, STD, change, groups, history
 
@@ -75,3 +76,19 @@ def test_units_do_not_matter():
     for a, b in zip(RobotCourses(one, (), None).of(FRICTION), RobotCourses(other, (), None).of(group), strict=True):
         np.testing.assert_allclose(a.std, b.std)
         np.testing.assert_allclose(a.value, b.value)
+
+
+def test_a_residual_is_drawn_as_a_torque():
+    one, group = history("arm", 6), residual_groups((Joint("a"), Joint("b")))[1]
+    value = np.log(np.array([[1.0, 2.0]])) + np.linspace(0, 0.3, 6)[:, None]
+    left = History(one.robot, one.logs, one.days, value, np.tile(100 * np.eye(2), (6, 1, 1)))
+    step = change(left, group, Shape.STEP, 3, [0.2])
+    courses = RobotCourses(one, (), None, RobotCourses(left, (step,), None))
+    assert courses.changed == [step]
+    (drawn,) = courses.of(group)
+    np.testing.assert_allclose(drawn.value, np.exp(value[:, 1]))
+    np.testing.assert_allclose(drawn.std, 0.1 * drawn.value)
+    assert (drawn.unit, drawn.marks[0].day) == ("N m", one.days[3])
+    assert drawn.fitted is not None
+    np.testing.assert_allclose(drawn.fitted[1][-1] / drawn.fitted[1][0], np.exp(0.2))
+    np.testing.assert_allclose(courses.of(OFFSET)[0].value, one.value[:, 5])

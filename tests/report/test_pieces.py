@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynident.identification import InPieces, Pieces
+from dynident.estimators import Pieces
+from dynident.identification import InPieces
 from dynident.report.figures import pieces_figure
 from dynident.report.pieces import words
 

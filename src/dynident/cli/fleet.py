@@ -29,8 +29,8 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
     """Identify the logs that CONFIG (YAML) lists of many robots, each with the same recipe, and report how parameters
     change over time, which changes are beyond their uncertainty, and what robots of one type share."""
     from dynident.fleets.folders import REPORT, TABLE
-    from dynident.fleets.run import fleet as run
     from dynident.report.fleet import fleet_findings, fleet_heading, fleet_tables
+    from dynident.report.fleet_run import fleet as run
 
     with status() as say, spread.executor(*PRELOADED) as executor:
         found = run(config, out, executor=executor, limits=spread.limits, rerun=rerun, progress=say)

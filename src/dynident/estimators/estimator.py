@@ -75,13 +75,37 @@ class Determined:
 
 
 @dataclass(frozen=True, eq=False)
+class Pieces:
+    """What a fit in pieces leaves of the torque, in each of K pieces of long recordings: is it the same all the time?
+
+    ``recording`` (K) names it; ``begins`` and ``ends`` (K) in s; ``rows`` (K, n) is how many torques of each joint were
+    fitted, ``torque`` and ``residual`` (K, n) their rms (N m or N), zero where there are none.
+    """
+
+    recording: tuple[str, ...]
+    begins: Array
+    ends: Array
+    rows: NDArray[np.int_]
+    torque: Array
+    residual: Array
+
+    __repr__ = brief
+
+    @property
+    def relative_error(self) -> Array:
+        """The residual (n) of all pieces relative to the torque, in %; nan where a joint has no torque."""
+        left, whole = (np.sqrt((self.rows * one**2).sum(axis=0)) for one in (self.residual, self.torque))
+        return np.asarray(100.0 * np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0))
+
+
+@dataclass(frozen=True, eq=False)
 class Residual:
     """What the fit leaves of the torque: standard deviation ``sigma`` (n) of each joint (N m or N), of ``samples``.
 
     How rows were weighted: ``weights`` (n) are what each joint's rows were multiplied with, None where all count the
     same; ``sample_weights`` holds for each motion of the regression what its rows (N, n) were multiplied with besides,
     empty where all count the same, and ``slopes`` (N, n) the derivative of w^2 e by the residual e where the weights w
-    depend on it (empty: w^2).
+    depend on it (empty: w^2). ``pieces`` is what is left in each piece of recordings that were fitted in pieces.
     """
 
     sigma: Array
@@ -89,6 +113,7 @@ class Residual:
     weights: Array | None = None
     sample_weights: tuple[Array, ...] = ()
     slopes: tuple[Array, ...] = ()
+    pieces: Pieces | None = None
 
     __repr__ = brief
 
@@ -156,6 +181,11 @@ class Estimate:
     def converged(self) -> bool:
         """Whether the iteration, if there was one, converged."""
         return not any(isinstance(note, Unsettled) for note in self.notes)
+
+    @property
+    def needs_samples(self) -> bool:
+        """Whether triangular factors alone do not give it: samples had weights, or errors of the motion count."""
+        return self.information is not None or bool(self.residual.sample_weights)
 
 
 class Estimator(Protocol):

@@ -14,6 +14,7 @@ __all__ = [
     "Failed",
     "HeldByConstraints",
     "MotionCorrected",
+    "MotionLimits",
     "MotionTooNoisy",
     "MovingStart",
     "NotAlone",
@@ -106,6 +107,17 @@ class MotionCorrected(Note):
     severity: ClassVar[Severity] = Severity.INFO
     parameter: str
     size: float
+
+
+@dataclass(frozen=True)
+class MotionLimits(Note):
+    """What is left of the bias by errors of the smoothed motion is most of the standard error of ``limited`` of ``all``
+    base parameters, above all of ``parameter``."""
+
+    severity: ClassVar[Severity] = Severity.INFO
+    parameter: str
+    limited: int
+    all: int
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,9 @@ from dynident.fleets.changes import Change, Changes, Shape, find_changes
 from dynident.fleets.groups import groups_of
 from dynident.fleets.history import Group, GroupKind, History
 from dynident.fleets.pooled import Pooled, pooled
+from dynident.fleets.residuals import residual_groups
 from dynident.fleets.result import FleetBase, FleetResult
-from dynident.fleets.run import fleet
+from dynident.fleets.run import run_fleet
 from dynident.fleets.scatter import Scatter
 
 __all__ = [
@@ -20,7 +21,8 @@ __all__ = [
     "Scatter",
     "Shape",
     "find_changes",
-    "fleet",
     "groups_of",
     "pooled",
+    "residual_groups",
+    "run_fleet",
 ]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from dynident.errors import ConfigError, brief
 from dynident.fleets.history import Group, History
 from dynident.fleets.ratios import Ratios
-from dynident.fleets.scatter import Scatter, scatter_of
+from dynident.fleets.scatter import FEW, Scatter, scatter_of
 
 __all__ = ["Change", "Changes", "Shape", "changes_of", "course", "design", "find_changes"]
 
 Array = NDArray[np.float64]
 DRAWS = 1000
-FEWEST = 4  # degrees of freedom of the scatter, below which nothing is told from it
+FEWEST = 4  # degrees of freedom of the scatter, below which it is too uncertain
 ROUNDS = 3  # of scatter and changes in turn
 LIKELY = 3.84  # twice the log-likelihood that the true time of a change loses at most, at 95 %
 MOST = 700.0  # of a logarithm that has an exponential
@@ -73,7 +73,8 @@ class Changes:
     """The changes of a fleet at a rate of false alarms (a share of robots in which nothing changes).
 
     ``p_values``: by robot, of the clearest change, found or not; ``silent``: robots of whom nothing can be said,
-    because they have one log, or all have too few.
+    because they have one log, or all have too few. ``scatter`` is that of the base parameters; ``residual_scatter``
+    that of the logarithms of the residuals, None where these were not judged.
     """
 
     rate: float
@@ -81,6 +82,7 @@ class Changes:
     p_values: dict[str, float]
     silent: tuple[str, ...]
     scatter: Scatter
+    residual_scatter: Scatter | None = None
 
     __repr__ = brief
 
@@ -110,12 +112,14 @@ def find_changes(
     seeds = rng.integers(2**63, size=len(histories))  # the same draws in each round
     scatter, found = scatter_of(histories, groups, rng), dict[str, tuple[Change, ...]]()
     chances, errors = dict[str, float](), _Errors(np.zeros((0, 0)), np.zeros(0, dtype=int))
+    designs: list[Array] | None = None
     for _ in range(ROUNDS):
         before = _named(found)
         for k, (history, seed) in enumerate(zip(histories, seeds, strict=True)):
             if scatter.dof >= FEWEST and len(history.logs) > 1:
                 draw, pool = np.random.default_rng(seed), errors.of_others(k)
-                some, chance = changes_of(history, groups, scatter, draw, rate=rate, draws=draws, pool=pool)
+                others = _of_others(k, histories, groups, draw, designs, scatter)
+                some, chance = changes_of(history, groups, others, draw, rate=rate, draws=draws, pool=pool)
                 found[history.robot], chances[history.robot] = some, chance
         if _named(found) == before:
             break
@@ -171,6 +175,26 @@ def design(history: History, changes: Sequence[Change]) -> Array:
     courses = [course(history.days, change.shape, change.index) for change in changes]
     parts = [one[:, None, None] * change.group.directions for one, change in zip(courses, changes, strict=True)]
     return np.concatenate([np.broadcast_to(np.eye(b), (k, b, b)), *parts], axis=2)
+
+
+def _of_others(
+    robot: int,
+    histories: Sequence[History],
+    groups: Sequence[Group],
+    rng: np.random.Generator,
+    designs: Sequence[Array] | None,
+    scatter: Scatter,
+) -> Scatter:
+    """Return the scatter to judge a robot by: that of all, of few robots that of the others, where it can be told.
+
+    One of few robots that changes would else hide in the scatter that it makes itself.
+    """
+    if not 1 < len(histories) < FEW:
+        return scatter
+    rest = [k for k in range(len(histories)) if k != robot]
+    known = designs and [designs[k] for k in rest]
+    some = scatter_of([histories[k] for k in rest], groups, rng, known)
+    return some if some.dof >= FEWEST else scatter
 
 
 @dataclass(frozen=True, eq=False)

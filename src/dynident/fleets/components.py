@@ -73,12 +73,12 @@ class Solved:
 
 def measured(value: Array, information: Array, design: Array | None = None) -> Measured:
     """Return values (K, b) with information (K, b, b) as whitened rows; ``design`` (K, b, q) is one mean by default."""
-    told = np.sqrt(np.einsum("kii->ki", information))
-    scale = np.where(told > 0, told, 1.0)
+    precision = np.sqrt(np.einsum("kii->ki", information))
+    scale = np.where(precision > 0, precision, 1.0)
     roots, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
     shown = roots > SHOWN * roots[:, -1:].clip(min=0.0)
     size = np.sqrt(np.where(shown, roots, 0.0))
-    factor = size[:, :, None] * vectors.swapaxes(1, 2) * told[:, None, :]
+    factor = size[:, :, None] * vectors.swapaxes(1, 2) * precision[:, None, :]
     mean = np.broadcast_to(np.eye(value.shape[1]), information.shape)
     return Measured(factor, np.einsum("kij,kj->ki", factor, value), shown, mean if design is None else design)
 
@@ -215,8 +215,8 @@ def _block(owners: Sequence[_Owner], block: Block, V: Array, few: bool) -> Array
 def _moved(before: Components, now: Components, runs: Sequence[Solved]) -> float:
     """Return the largest relative change of a standard deviation, as far as the data tell it from zero."""
     old, new = np.diag(before.covariance), np.diag(now.covariance)
-    told = np.sum([np.einsum("kii->i", run.expected) for run in runs], axis=0) / sum(len(run.score) for run in runs)
-    change = np.abs(np.log(np.maximum(new, 1e-300) / np.maximum(old, 1e-300))) * np.minimum(old * told, 1.0)
+    seen = np.sum([np.einsum("kii->i", run.expected) for run in runs], axis=0) / sum(len(run.score) for run in runs)
+    change = np.abs(np.log(np.maximum(new, 1e-300) / np.maximum(old, 1e-300))) * np.minimum(old * seen, 1.0)
     return float(0.5 * max(change.max(initial=0.0), abs(np.log(now.inflation / before.inflation))))
 
 
@@ -224,10 +224,10 @@ def _start(sets: Sequence[Measured], blocks: tuple[Block, ...]) -> Components:
     """Return the variances of the values about their robot's mean and of their errors, from which all fall."""
     total, weight = 0.0, 0.0
     for one in sets:
-        told = np.einsum("kij,kij->kj", one.factor, one.factor)  # how much each vector shows of a parameter
+        precision = np.einsum("kij,kij->kj", one.factor, one.factor)  # how much each vector shows of a parameter
         y = np.array([pseudo_inverse(G.T @ G) @ G.T @ z for G, z in zip(one.factor, one.value, strict=True)])
-        mean = (told * y).sum(axis=0) / np.maximum(told.sum(axis=0), 1e-300)
-        total = total + (told * (y - mean) ** 2 + (told > 0)).sum(axis=0)
-        weight = weight + told.sum(axis=0) * (1 - 1 / max(len(y), 2))
+        mean = (precision * y).sum(axis=0) / np.maximum(precision.sum(axis=0), 1e-300)
+        total = total + (precision * (y - mean) ** 2 + (precision > 0)).sum(axis=0)
+        weight = weight + precision.sum(axis=0) * (1 - 1 / max(len(y), 2))
     variance = np.asarray(total) / np.maximum(np.asarray(weight), 1e-300)
     return Components(blocks, np.diag(variance))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -17,7 +17,7 @@ from dynident.fleets.information import information_of
 from dynident.fleets.listing import FleetLog
 from dynident.fleets.recipe import FleetRecipe
 from dynident.fleets.rows import packed
-from dynident.identification import Identification, SourceFile, judge
+from dynident.identification import Identification, SourceFile, has_gravity, judge, mounted
 from dynident.io.explicit_config import relocated, settings_text
 from dynident.io.opener import real, set_memory, watched
 from dynident.io.places import is_address, local_file
@@ -30,6 +30,7 @@ from dynident.regression import BaseParameters, structural_base_parameters
 __all__ = ["Fitted", "LogFit", "LogJob", "empty_row", "model_of"]
 
 CONFIG = "config.yaml"
+LEVEL, ANY_TILT = (0.0, 0.0), (0.3, 0.2)  # rad; no axis of a robot is likely to be parallel to this
 FAST = 1  # of the levels of zlib: a report holds megabytes
 
 
@@ -61,7 +62,7 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
     """Return the row of a log without a result."""
     log = job.log
     key = {"robot": log.robot, "log": log.log, "recipe": job.recipe, "stamp": log.stamp}
-    lists: dict[str, list[float]] = {name: [] for name in ("errors", "held_out", "value", "information")}
+    lists: dict[str, list[float]] = {name: [] for name in ("errors", "held_out", "value", "information", "residual")}
     found = {"status": status.value, "reason": reason, "seconds": seconds, "version": __version__}
     none = {"samples": None, "verdict": None, "error": None, "folder": ""}
     return {**key, "type": log.type, "date": log.date, **found, **none, **lists}
@@ -71,14 +72,14 @@ def empty_row(job: LogJob, status: Status = Status.FAILED, reason: str = "", sec
 class LogFit:
     """Identifies logs with the recipe of a fleet, whose configuration is in ``folder``.
 
-    ``names`` are those of the base parameters, which all robots must have. With ``out``, the folder of the fleet's
-    results, each run has files. ``memory`` (GB) is the most that reading one file may take.
+    ``names`` are those of the base parameters, which all robots must have. ``files`` gives the texts of a run's files
+    by name, None where none are kept. ``memory`` (GB) is the most that reading one file may take.
     """
 
     recipe: FleetRecipe
     folder: Path
     names: tuple[str, ...]
-    out: Path | None = None
+    files: Callable[[Identification], Mapping[str, str]] | None = None
     memory: float | None = None
 
     __repr__ = brief
@@ -96,13 +97,13 @@ class LogFit:
         if job.log.fault:
             raise InputError(job.log.fault)
         project, basis = _built(self.recipe, job.log.robot, job.recipe)
-        if names_of(basis) != self.names:
-            other = listed(sorted(set(names_of(basis)) ^ set(self.names)))
+        if basis.leading != self.names:
+            other = listed(sorted(set(basis.leading) ^ set(self.names)))
             raise ModelError(f"robot {job.log.robot}: its model has not the base parameters of the recipe: {other}.")
         found = self._identified(job, project)
-        value, information = information_of(found, basis)
+        value, information, residual = information_of(found, basis)
         row = empty_row(job, Status.OK) | _figures(found)
-        row |= {"value": value.tolist(), "information": packed(information)}
+        row |= {"value": value.tolist(), "information": packed(information), "residual": residual.tolist()}
         files = self._files(found)
         return Fitted(row | {"folder": job.folder if files else ""}, files)
 
@@ -110,7 +111,7 @@ class LogFit:
         """Return what is found of a log, with a configuration for its folder."""
         log = job.log
         names = {role: name for role, name in (("train", log.log), ("validation", log.hold_out)) if name}
-        place = (self.out or self.recipe.folder) / job.folder / CONFIG
+        place = self.recipe.folder / job.folder / CONFIG
         specs = {role: [self.recipe.spec(name, _path(name, self.folder))] for role, name in names.items()}
         text = settings_text(relocated(self.recipe.of(log.robot) | specs, self.recipe.folder, place.parent), {})
         sources = replace(
@@ -127,13 +128,11 @@ class LogFit:
         return replace(found, provenance=replace(found.provenance, logs=logs))
 
     def _files(self, found: Identification) -> dict[str, bytes]:
-        """Return the files of a run: result, report, and the configuration that repeats it."""
+        """Return the files of a run, with the configuration that repeats it."""
         source = found.provenance.configuration
-        if self.out is None or source is None:
+        if self.files is None or source is None:
             return {}
-        from dynident.report.run_files import run_files
-
-        files = {**run_files(found), CONFIG: source.text}
+        files = {**self.files(found), CONFIG: source.text}
         return {name: zlib.compress(text.encode("utf-8", "backslashreplace"), FAST) for name, text in files.items()}
 
 
@@ -147,19 +146,29 @@ def _built(recipe: FleetRecipe, robot: str, digest: str) -> tuple[Project, BaseP
     """Return the project of a robot, whose logs are still to be named, and the base parameters of its model."""
     settings = recipe.of(robot) | {"train": [{"file": "-"}], "validation": []}
     source = f"the recipe of {robot}" if robot else "the recipe"
-    return _known(settings_text(settings, {}), recipe.folder / CONFIG, source, digest)
+    level = len({_gravity(recipe, one) for one in ("", *recipe.changes)}) == 1 and _gravity(recipe, "")[1] == LEVEL
+    return _known(settings_text(settings, {}), recipe.folder / CONFIG, source, digest, level)
+
+
+def _gravity(recipe: FleetRecipe, robot: str) -> tuple[str, tuple[float, float]]:
+    """Return what says how gravity acts on the base of a robot: its vector, and the tilt (rad)."""
+    model = recipe.of(robot).get("model")
+    model = model if isinstance(model, Mapping) else {}
+    tilt = model.get("base_tilt")
+    return str(model.get("gravity")), (tilt[0], tilt[1]) if isinstance(tilt, Sequence) and not isinstance(
+        tilt, str
+    ) else LEVEL
 
 
 @lru_cache(maxsize=16)
-def _known(text: str, path: Path, source: str, digest: str) -> tuple[Project, BaseParameters]:  # noqa: ARG001
-    """Return the same; the digest tells files of one name apart."""
+def _known(text: str, path: Path, source: str, digest: str, level: bool) -> tuple[Project, BaseParameters]:  # noqa: ARG001
+    """Return the same; the digest tells files of one name apart.
+
+    Unless all robots are ``level``, the base parameters are those of any direction of gravity: a tilt shows more.
+    """
     project = parse_project(text, path, source)
-    return project, structural_base_parameters(project.model)
-
-
-def names_of(basis: BaseParameters) -> tuple[str, ...]:
-    """Return the names of the parameters that lead the base parameters."""
-    return tuple(basis.names[k] for k in basis.independent)
+    model = project.model if level or not has_gravity(project.model) else mounted(project.model, *ANY_TILT)
+    return project, structural_base_parameters(model)
 
 
 def _path(name: str, folder: Path) -> str:

@@ -17,12 +17,13 @@ Array = NDArray[np.float64]
 
 class GroupKind(StrEnum):
     """What of a robot can change: friction of a joint, what the last body carries, an offset of a sensor, a ripple of
-    a gear."""
+    a gear, the residual of a joint: torque that the model leaves, whatever its cause."""
 
     FRICTION = "friction"
     PAYLOAD = "payload"
     OFFSET = "offset"
     RIPPLE = "ripple"
+    RESIDUAL = "residual"
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,8 @@ class Group:
     """One thing that can change by itself: the ``directions`` (b, k) in which it moves the base parameters.
 
     ``joint`` is the joint whose friction, offset or ripple it is, of a payload the joint that moves its body;
-    ``names`` (k) say what the directions are, with ``units`` (k).
+    ``names`` (k) say what the directions are, with ``units`` (k). Of a residual the directions (n, 1) are of the
+    logarithms of the residuals of n joints, so that a size is the logarithm of a factor.
     """
 
     kind: GroupKind
@@ -48,7 +50,7 @@ class History:
 
     ``days`` (K) since the first log of the fleet; ``value`` (K, b) by least squares on each log alone; ``information``
     (K, b, b), the inverse of its covariance (with correlated residuals accounted for), zero in directions that the log
-    does not show.
+    does not show. What the model leaves has a history of its own, with the logarithm of each joint's residual as value.
     """
 
     robot: str

@@ -1,4 +1,4 @@
-"""What one log alone says of the base parameters: their values, and the information on them."""
+"""What one log alone says of the base parameters: their values, the information on them, and what they leave."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dynident.estimators.least_squares import joint_weights, solve, weighted
 from dynident.identification import Identification
-from dynident.regression import BaseParameters, Regression, base_parameters
+from dynident.regression import BaseParameters, Regression, TriangularFactors, base_parameters
 from dynident.validation import robust_covariance
 
 __all__ = ["information_of"]
@@ -16,9 +16,12 @@ Array = NDArray[np.float64]
 ITERATIONS = 3  # of the weights of the joints
 
 
-def information_of(found: Identification, basis: BaseParameters) -> tuple[Array, Array]:
-    """Return base parameters (b) by least squares on the training logs of an identification, and the information (b, b)
-    on them, the inverse of their covariance; zero in directions that the logs do not show.
+def information_of(found: Identification, basis: BaseParameters) -> tuple[Array, Array, Array]:
+    """Return base parameters (b) by least squares on the training logs of an identification, the information (b, b) on
+    them, the inverse of their covariance, zero in directions that the logs do not show, and the residual.
+
+    The residual (n) is the root mean square of the torque (N m, N) that these parameters leave of each joint, with
+    their degrees of freedom; nan where no row of a joint is in use.
 
     Nothing else than the logs counts: no prior, no constraint; joints are weighted by their residuals. With R the
     triangular factor of the columns in use, R = U S V', the errors of S V' beta are independent where residuals are
@@ -42,4 +45,11 @@ def information_of(found: Identification, basis: BaseParameters) -> tuple[Array,
     to_axes = size[:, None] * axes * scale
     variance = np.maximum(np.einsum("ij,jk,ik->i", to_axes, covariance, to_axes), 1.0)
     half = (to_axes / np.sqrt(variance)[:, None]) @ shown.combination[:, list(basis.independent)]
-    return basis.to_base(value), half.T @ half
+    return basis.to_base(value), half.T @ half, _left(triangular, value, len(kept))
+
+
+def _left(triangular: TriangularFactors, value: Array, rank: int) -> Array:
+    """Return the residual (n) of the torque, the rank spread over all rows."""
+    rows = np.where(triangular.rows > 0, triangular.rows, np.nan)
+    share = 1 - rank / triangular.total
+    return np.asarray(np.sqrt(triangular.residual(value) / (share * rows))) if share > 0 else np.full(len(rows), np.nan)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, brief
 from dynident.fleets.changes import Change, design
 from dynident.fleets.components import components, measured, pseudo_inverse, solved, weights_of
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import Group, GroupKind, History
 from dynident.fleets.scatter import Scatter, blocks_of
 
 __all__ = ["Pooled", "Posterior", "baseline", "pooled"]
 
 Array = NDArray[np.float64]
-FEWEST = 3  # robots, of which a spread can be told
+FEWEST = 3  # robots that show a spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +80,22 @@ def pooled(
 ) -> Pooled:
     """Return what robots of one type share, each as it was before its changes.
 
-    ``scatter`` as ``find_changes`` returns it. The spread has no zeros by chance (Chung et al., 2013), and one odd
-    robot is bounded in it and in the mean. Raises InputError for fewer than three robots.
+    ``scatter`` as ``find_changes`` returns it; changes of residuals count for nothing. The spread has no zeros by
+    chance (Chung et al., 2013), and one odd robot is bounded in it and in the mean. Raises InputError for fewer than
+    three robots.
     """
     if len(histories) < FEWEST:
         raise InputError(f"{len(histories)} robots do not show how robots of a type differ; give at least {FEWEST}.")
-    known = [baseline(one, scatter, [x for x in changes if x.robot == one.robot]) for one in histories]
+    moved = [one for one in changes if one.group.kind is not GroupKind.RESIDUAL]
+    known = [baseline(one, scatter, [x for x in moved if x.robot == one.robot]) for one in histories]
     values, information = (np.array(some) for some in zip(*known, strict=True))
     together = measured(values, information)
     parts = components([together], blocks_of(groups, values.shape[1]), few=True)
     weights = weights_of(together, parts)
     run = solved(together, parts, weights)
     robots = []
-    for history, value, told in zip(histories, values, information, strict=True):
-        one, share = _posterior(history.robot, value, told, run.value, parts.covariance)
+    for history, value, precision in zip(histories, values, information, strict=True):
+        one, share = _posterior(history.robot, value, precision, run.value, parts.covariance)
         rest = np.eye(len(value)) - share  # of the mean, whose error counts as well
         robots.append(Posterior(one.robot, one.value, one.covariance + rest @ run.covariance @ rest.T))
     return Pooled(run.value, run.covariance, parts.covariance, tuple(robots), weights)

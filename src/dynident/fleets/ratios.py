@@ -65,13 +65,13 @@ class Ratios:
         those of a ``pool`` (L, b) of logs (``left``).
         """
         known, many = self._known(taken), max(1, CHUNK // self.value.size)
-        told, best = self._told(known, self.value[None], np.ones((1, len(self.parts))))
+        shown, best = self._evidence(known, self.value[None], np.ones((1, len(self.parts))))
         least = []
         for start in range(0, draws, many):
             count = min(many, draws - start)
             noise = rng.standard_normal((count, *self.value.shape)) if pool is None else self._drawn(rng, count, pool)
-            least.append(self._told(known, noise, self._heavy(rng, count))[0])
-        chance = float((1 + (np.concatenate(least) >= told[0]).sum()) / (draws + 1))
+            least.append(self._evidence(known, noise, self._heavy(rng, count))[0])
+        chance = float((1 + (np.concatenate(least) >= shown[0]).sum()) / (draws + 1))
         return (best, chance) if best else (None, 1.0)
 
     def left(self, taken: Sequence[Candidate]) -> Array:
@@ -94,17 +94,17 @@ class Ratios:
         dof = np.maximum(self.dof - sizes + 1, 1.0)
         return np.asarray(dof / rng.chisquare(dof, (draws, len(sizes))))
 
-    def _told(self, known: Array, values: Array, heavy: Array) -> tuple[Array, Candidate | None]:
+    def _evidence(self, known: Array, values: Array, heavy: Array) -> tuple[Array, Candidate | None]:
         """Return the evidence (N) of the clearest change in values (N, K, b), and which it is in the first of them."""
         scores, top, best = self._scores(known, values), np.full(len(values), -np.inf), None
         for g, part in enumerate(self.parts):
             gains, rank = self._gains(known, scores, part)
             for r in np.unique(rank[rank > 0]):
                 some = np.flatnonzero(rank == r)
-                told = evidence(gains[some].max(axis=0) * heavy[:, g], int(r))
-                if told[0] > top[0]:
+                shown = evidence(gains[some].max(axis=0) * heavy[:, g], int(r))
+                if shown[0] > top[0]:
                     best = g, int(some[np.argmax(gains[some, 0])])
-                top = np.maximum(top, told)
+                top = np.maximum(top, shown)
         return top, best
 
     def refined(self, taken: Sequence[Candidate]) -> list[Candidate]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynident.errors import brief
@@ -36,9 +35,8 @@ class FleetBase:
     @classmethod
     def of(cls, model: Model, basis: BaseParameters) -> FleetBase:
         """Return those of a model."""
-        leads = [model.parameters[k] for k in basis.independent]
-        names, units = tuple(one.name for one in leads), tuple(one.unit for one in leads)
-        return cls(names, units, basis.groupings, model.joints)
+        units = tuple(model.parameters[k].unit for k in basis.independent)
+        return cls(basis.leading, units, basis.groupings, model.joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +45,10 @@ class FleetResult:
 
     ``rows`` has a row for each log (``dynident.fleets.rows.schema``), of the present recipe, by robot and date.
     ``histories`` are those of robots with a result; their days count from ``start``, the first date of all. ``groups``
-    are what can change. ``types`` has the robots of each type. ``folder`` holds the results, None where nothing was
-    written; ``fitted`` counts the logs that this run has identified, the others were known. ``changes`` are those of
-    each type of which a log has a result, ``pooled`` by type what its robots share, where there are at least three.
+    are what can change of these. ``types`` has the robots of each type. ``fitted`` counts the logs that this run has
+    identified, the others were known. ``changes`` are those of each type of which a log has a result, ``pooled`` by
+    type what its robots share, where there are at least three. ``residuals`` are histories of the torque that the model
+    leaves, of the same robots and logs: the logarithms of its root mean squares by joint.
     """
 
     name: str
@@ -59,11 +58,11 @@ class FleetResult:
     groups: tuple[Group, ...]
     types: Mapping[str, tuple[str, ...]]
     start: datetime | None
-    folder: Path | None = None
     fitted: int = 0
     warnings: tuple[str, ...] = ()
     changes: tuple[Changes, ...] = ()
     pooled: Mapping[str, Pooled] = field(default_factory=dict)
+    residuals: tuple[History, ...] = ()
 
     def __repr__(self) -> str:
         robots = self.rows["robot"].n_unique()

@@ -8,14 +8,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import replace
-from math import ceil
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynident.errors import InputError, Step, listed
-from dynident.fleets.changes import DRAWS, find_changes
 from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
@@ -23,9 +21,11 @@ from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
 from dynident.fleets.recipe import FleetRecipe, fleet_recipe
+from dynident.fleets.residuals import changes_and_residuals
 from dynident.fleets.result import FleetBase, FleetResult
-from dynident.fleets.rows import KEY, histories_of, schema
+from dynident.fleets.rows import KEY, histories_of, residuals_of, schema
 from dynident.fleets.settings import read_fleet_settings
+from dynident.identification import Identification
 from dynident.io.folder import result_folder
 from dynident.io.opener import GIGABYTE, memory, watched
 from dynident.io.results import as_path
@@ -35,59 +35,26 @@ from dynident.jobs import Done, Limits, Status, run_jobs
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["fleet"]
+__all__ = ["run_fleet"]
 
 Progress = Callable[[str], None]
 AGAIN = {"status": [one.value for one in Status if one is not Status.OK]}  # another attempt may succeed
 
 
-def fleet(
+def run_fleet(
     config: str | Path,
     out: str | Path | None = None,
     *,
+    run_files: Callable[[Identification], Mapping[str, str]] | None = None,
+    page: Callable[[FleetResult], str] | None = None,
     executor: Executor | None = None,
     limits: Limits | None = None,
     rerun: bool = False,
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
 ) -> FleetResult:
-    """Identify all logs of a fleet that are not known yet, and return what is known of all: parameters over time, what
-    has changed, and what robots of one type share.
-
-    ``config`` is the configuration of the fleet (YAML). In the folder ``out`` are kept: ``report.html``; the table
-    ``fleet.parquet``, with a row for each log; ``recipe.yaml``, in which all that can be chosen is chosen, so that all
-    logs have the same parameters; and below ``runs`` a folder for each log with its own report. A log that is in the
-    table, with its file and its recipe as they are now, is not identified again, unless ``rerun`` or it failed. What
-    fails is a row, and the rest goes on. The logs are spread over ``executor``; ``limits`` hold for each of them.
-    ``rng`` draws fleets in which nothing changes, by default the same ones each time. ``progress`` is called with a few
-    words before each step.
-
-    Raises ConfigError and ModelError where the configuration or its recipe cannot be used, InputError where no log can.
-
-    >>> import numpy as np
-    >>> import dynident as dy
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> t = np.arange(1001) * 0.01
-    >>> recipe = '''
-    ... model: gallery:slider
-    ... time: { column: t, unit: s }
-    ... position: { slider: { column: x, unit: m } }
-    ... torque: { slider: { column: f, unit: N } }
-    ... '''
-    >>> with TemporaryDirectory() as folder:
-    ...     for robot, mass in (("old", 5), ("new", 6)):
-    ...         table = np.column_stack([t, np.sin(3 * t), -9 * mass * np.sin(3 * t) + 24 * np.cos(3 * t)])
-    ...         file = Path(folder, f"{robot}_2026-11-22.csv")
-    ...         np.savetxt(file, table, delimiter=",", header="t,x,f", comments="")
-    ...     _ = Path(folder, "robot.yaml").write_text(recipe)
-    ...     _ = Path(folder, "fleet.yaml").write_text("recipe: robot.yaml\\nlogs: '{robot}_{date}.csv'")
-    ...     found = dy.fleet(Path(folder, "fleet.yaml"))
-    >>> for history in found.histories:
-    ...     print(history.robot, found.base.names[0], round(history.value[0, 0], 2))
-    new M 6.0
-    old M 5.0
-    """
+    """Do what ``dynident.fleet`` says; ``run_files`` (picklable) gives the texts of a run's files by name, ``page``
+    that of the report, None for none."""
     path, folder, say = as_path(config), None if out is None else as_path(out), progress or (lambda _: None)
     with watched(path), nullcontext() if folder is None else result_folder(folder) as place:
         say("listing the logs")
@@ -96,8 +63,8 @@ def fleet(
         recipe = fleet_recipe(settings, logs, path.parent, place, say)
         model, basis = model_of(recipe)
         base = FleetBase.of(model, basis)
-        kept = folder if settings.reports else None
-        work = LogFit(recipe, path.parent, base.names, kept, memory() / GIGABYTE)
+        files = run_files if folder is not None and settings.reports else None
+        work = LogFit(recipe, path.parent, base.names, files, memory() / GIGABYTE)
         rows, fitted = _rows(work, _jobs(logs, recipe), folder, executor, limits, rerun, say)
         start = min((one for one in rows["date"] if one), default=None)
         groups = groups_of(model, basis)
@@ -110,18 +77,16 @@ def fleet(
             groups,
             _types(rows),
             start,
-            folder,
             fitted,
             warnings,
+            residuals=tuple(residuals_of(rows, start)),
         )
         rng = rng or np.random.default_rng(0)
         found = with_statistics(found, settings.false_alarms, rng, say)
         found = replace(found, warnings=(*found.warnings, *doubts(found, rng.spawn(1)[0])))
-        if place is not None:
-            from dynident.report.fleet import fleet_page
-
+        if place is not None and page is not None:
             say("writing the report")
-            place.replace({REPORT: fleet_page(found)})
+            place.replace({REPORT: page(found)})
     return found
 
 
@@ -129,11 +94,13 @@ def with_statistics(found: FleetResult, rate: float, rng: np.random.Generator, s
     """Return a result with the changes of its robots and what those of a type share, where there are enough."""
     changes, shared = [], dict[str, Pooled]()
     of = {one.robot: one for one in found.histories}
+    left = {one.robot: one for one in found.residuals}
     for (kind, robots), own in zip(found.types.items(), rng.spawn(len(found.types)), strict=True):
         histories = [of[robot] for robot in robots if robot in of]
         if histories:
             say(f"looking for changes of {kind}")
-            changes.append(find_changes(histories, found.groups, own, rate=rate, draws=max(DRAWS, ceil(10 / rate))))
+            residuals = [left[one.robot] for one in histories if one.robot in left]
+            changes.append(changes_and_residuals(histories, found.groups, residuals, found.base.joints, own, rate=rate))
         if len(histories) >= FEWEST:
             shared[kind] = pooled(histories, found.groups, changes[-1].scatter, changes[-1].found)
     return replace(found, changes=tuple(changes), pooled=shared)

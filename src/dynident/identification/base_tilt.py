@@ -121,7 +121,7 @@ def _searched(
         regression = Regression(turned, thin, min_speed=min_speed)
         # few rows, needed twice: for the factors and for the residual
         blocks = list(regression.entries() if under is None else under(_gravity(turned)))
-        regression.__dict__["triangular_factors"] = factorise(blocks, blocks[0].structure)
+        regression = regression.with_factors(factorise(blocks, blocks[0].structure))
         value = fast(Problem(turned, thin, regression)).value
         parts = [(one.tau - one.torque(value)) * (1.0 if one.keep is None else one.keep) for one in blocks]
         return np.concatenate(parts, axis=1).ravel()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, Step, brief, called
-from dynident.estimators import Estimate, Estimator, MaximumLikelihood, Problem
+from dynident.estimators import Estimate, Estimator, Problem
 from dynident.identification.result import Identification
 from dynident.jobs import Limits, Status, run_jobs
 from dynident.models import Model, Parameter
@@ -161,10 +161,8 @@ class _Fit:
     def __call__(self, draw: Draw) -> Array:
         """Return the parameters (p)."""
         drawn = ((one, count) for one, count in zip(self.each, draw[1], strict=True) if count)
-        regression = Regression(self.model, ())
-        regression.__dict__["triangular_factors"] = merged(
-            TriangularFactors(one.factors * np.sqrt(count), one.rows * count) for one, count in drawn
-        )
+        factors = merged(TriangularFactors(one.factors * np.sqrt(count), one.rows * count) for one, count in drawn)
+        regression = Regression(self.model, ()).with_factors(factors)
         return called(self.estimator, Problem(self.model, (), regression), Estimate).value
 
 
@@ -194,10 +192,11 @@ def _regression(found: Identification) -> Regression:
 
 
 def _check(found: Identification, runs: int, blocks: int) -> None:
-    if isinstance(found.recipe.estimator, MaximumLikelihood):
+    if found.estimate.needs_samples:
         raise ConfigError(
-            "the bootstrap draws from triangular factors, and maximum likelihood needs the logs; its intervals are in "
-            "`estimate.interval`. Identify with least squares, or with physical consistency."
+            f"the bootstrap draws from triangular factors, and {type(found.recipe.estimator).__name__} needs all "
+            "samples (maximum likelihood has its intervals in `estimate.interval`). Identify with least squares, or "
+            "with physical consistency."
         )
     if runs < 2 or blocks < FEWEST:
         raise ConfigError(f"runs = {runs} and blocks = {blocks} of the bootstrap; give at least 2 and {FEWEST}.")

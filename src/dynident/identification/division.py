@@ -40,10 +40,6 @@ class LongRecording(Protocol):
     def stretches(self) -> tuple[Stretch, ...]:
         """The rows to use, in stretches without gaps."""
 
-    @property
-    def step(self) -> float:
-        """The usual time (s) between samples."""
-
     def read(self, rows: slice) -> tuple[Log, NDArray[np.intp]]:
         """Return the log of some rows of a stretch, and which of them it has."""
 

@@ -10,16 +10,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, Note, Step, called
+from dynident.errors import Note, Step, called
 from dynident.estimators import Estimate, Estimator, Problem
 from dynident.estimators.notes import MotionCorrected, MotionTooNoisy, Undetermined
 from dynident.identification.base_tilt import BaseTilt, SteepBase, find_base_tilt, has_gravity, mounted
 from dynident.identification.load import with_load
 from dynident.identification.motion_errors import MotionErrors, motion_errors
-from dynident.identification.outliers import held_out_outliers, masked
+from dynident.identification.outliers import held_out_outliers
 from dynident.identification.prior_strength import find_prior_strength, with_strength
 from dynident.identification.recipe import Recipe
-from dynident.identification.rests import without_rests
 from dynident.identification.result import (
     Calibration,
     Identifiability,
@@ -27,6 +26,7 @@ from dynident.identification.result import (
     Sources,
     versions,
 )
+from dynident.identification.role_logs import RoleLogs
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.identification.terms import PlainTerms
 from dynident.identification.terms.added import chosen, first, with_choice
@@ -37,7 +37,7 @@ from dynident.regression import (
     Regression,
     one_thread,
 )
-from dynident.smoothers import Smoother, motion_of, unshifted
+from dynident.smoothers import unshifted
 from dynident.validation import (
     FreeRun,
     LogValidation,
@@ -47,7 +47,7 @@ from dynident.validation import (
     validate,
 )
 
-__all__ = ["FAR", "by_role", "identify", "judged", "smoothed", "warnings_of"]
+__all__ = ["FAR", "identify", "judged", "warnings_of"]
 
 Array = NDArray[np.float64]
 FAR = 0.1  # share of the torque above which a bias by the errors of the motion is too large to be corrected
@@ -83,22 +83,15 @@ def _identify(
     executor: Executor | None = None,
 ) -> Identification:
     joints = tuple(joint.name for joint in model.joints)
-    recorded = by_role(train, validation, joints)
-    roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
-    logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
-            for role, named in roles.items()}  # fmt: skip
-    trained, min_speed = tuple(logs["train"].values()), recipe.min_speeds(joints)
+    logs = RoleLogs.of(train, validation, recipe, joints)
+    trained, min_speed = tuple(logs.repaired["train"].values()), recipe.min_speeds(joints)
     whole, (model, early) = model, first(model, recipe)
     sought = recipe.smoothers, recipe.time_offset, early.estimator, min_speed
     pairing = pair(model, trained, *sought, executor=executor, progress=progress)
     smoother = pairing.smoother
-    motions = smoothed(model, logs, smoother, progress)
-    if recipe.outliers == "mask":
-        motions = masked(model, motions, roles, min_speed)
-        pairs = zip(trained, motions["train"].values(), strict=True)
-        trained = tuple(replace(log, tau=motion.tau) for log, motion in pairs)
-    motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, min_speed)
+    motions, resting = logs.motions(model, smoother, recipe, progress)
     fitted = tuple(motions["train"].values())
+    trained = logs.fitted(motions)
     late = fitted[0].time_offset
     model, tilt, angles = _mounted(model, fitted, early, min_speed, progress)
     if recipe.terms is not None:
@@ -119,7 +112,7 @@ def _identify(
     _ = regression.triangular_factors
     problem = Problem(model, fitted, regression, trained, late, progress)
     estimate, regression, more, noted = _estimated(problem, estimator, pairing, progress)
-    validations = judged(model, estimate, roles, motions, used, progress)
+    validations = judged(model, estimate, logs.trimmed, motions, used, progress)
     errors, base = identifiability_of(model, regression, estimate, more, progress)
     return Identification(
         model,
@@ -165,33 +158,6 @@ def _estimated(
         regression = regression.unbiased(found.bias)
         estimate = called(estimator, replace(problem, regression=regression), Estimate)
     return estimate, regression, late + found.covariance, _noted(found)
-
-
-def by_role(
-    train: Mapping[str, Log] | Sequence[Log], validation: Mapping[str, Log] | Sequence[Log], joints: tuple[str, ...]
-) -> dict[str, dict[str, Log]]:
-    """Return the logs by role and name, of these joints in this order.
-
-    ConfigError where none is to be fitted, InputError where no torque is.
-    """
-    roles = {"train": _named(train), "validation": _named(validation)}
-    if not roles["train"]:
-        raise ConfigError("no training log is given; name at least one.")
-    if not any(log.tau.any() for log in roles["train"].values()):
-        raise InputError("all torques of the training are zero; check that the right columns are named and recorded.")
-    return {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
-
-
-def smoothed(
-    model: Model, roles: Mapping[str, Mapping[str, Log]], smoother: Smoother, progress: Callable[[str], None]
-) -> dict[str, dict[str, Motion]]:
-    """Return the motions of logs by role and name, with what the model remembers of them."""
-    motions: dict[str, dict[str, Motion]] = {role: {} for role in roles}
-    every = [(role, *one) for role, logs in roles.items() for one in logs.items()]
-    for k, (role, name, log) in enumerate(every):
-        progress(Step("smoothing the logs", k, len(every)))
-        motions[role][name] = model.remembering(motion_of(smoother, log))
-    return motions
 
 
 def _mounted(
@@ -278,12 +244,3 @@ def _run(
     if log.controller is not None and motion.time_offset:  # a controller sees the positions when they were stamped
         motion = unshifted(recipe.smoothers[0])(log)
     return free_run(model, estimate.value, motion, log.controller, recipe.restart, name=name)
-
-
-def _named(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:
-    if isinstance(logs, Mapping):
-        return dict(logs)
-    named = {log.source: log for log in logs}
-    if len(named) != len(logs):
-        raise ConfigError(f"two logs have the same source among {[log.source for log in logs]}; give them by name.")
-    return named

@@ -8,6 +8,7 @@ their factors merge to those of the whole, and give standard errors that allow f
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -16,18 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, InputError, ModelError, Note, Severity, brief, called
-from dynident.estimators import Estimate, Problem
-from dynident.estimators.notes import MotionCorrected, MotionTooNoisy
+from dynident.estimators import Estimate, Pieces, Problem
+from dynident.estimators.notes import MotionCorrected, MotionLimits, MotionTooNoisy
 from dynident.identification.division import USUAL, Division, LongRecording, Span, excerpts_of, spans_of
-from dynident.identification.identify import FAR, by_role, identify, judged, smoothed, warnings_of
-from dynident.identification.motion_errors import motion_errors
+from dynident.identification.identify import FAR, identify, judged, warnings_of
+from dynident.identification.motion_errors import SAMPLES
 from dynident.identification.outliers import held_out_outliers, masked
 from dynident.identification.recipe import Recipe
-from dynident.identification.rests import Rests, resting, whole_rests, without_rests
-from dynident.identification.result import Identification, Pieces, Sources, versions
+from dynident.identification.repetition import PIECE, credible_share, pieces_of
+from dynident.identification.rests import Rests, resting, whole_rests
+from dynident.identification.result import Identification, Sources, versions
+from dynident.identification.role_logs import RoleLogs
+from dynident.identification.sampled_bias import Repeated, repeat, sampled_bias
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.log import Log, Motion
-from dynident.models import Model
+from dynident.models import Model, Structure
 from dynident.regression import (
     Regression,
     TriangularFactors,
@@ -50,14 +54,21 @@ FORGETS = 10.0  # s before a piece from which terms that remember are followed
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """What is kept of a piece: its times (s), the number of rows of each joint, and its factors as ``packed``."""
+    """What is kept of a piece: its times (s), the number of rows of each joint, and its factors as ``packed``; the same
+    of what was ``repeated`` of it, once and twice."""
 
     begins: float
     ends: float
     rows: tuple[int, ...]
     factors: bytes
+    repeated: tuple[tuple[int, ...], bytes, bytes]
 
     __repr__ = brief
+
+    def repetitions(self, structure: Structure) -> Repeated:
+        """Return the factors of what was repeated."""
+        rows, *contents = self.repeated
+        return Repeated(*(unpacked(one, rows, structure) for one in contents))
 
 
 @dataclass(frozen=True)
@@ -76,12 +87,17 @@ class InPieces(Note):
 
 @dataclass(frozen=True, eq=False)
 class Reducer:
-    """Reduces a piece to its factors, with everything chosen: the same motion, rows and equations as of the whole."""
+    """Reduces a piece to its factors, with everything chosen: the same motion, rows and equations as of the whole.
+
+    Some samples of it are repeated, with the torque of ``theta`` (p) and this ``credible`` share of the noise.
+    """
 
     model: Model
     recipe: Recipe
     recordings: tuple[LongRecording, ...]
     without_rests: bool
+    theta: Array
+    credible: float
 
     __repr__ = brief
 
@@ -95,8 +111,23 @@ class Reducer:
             regression = Regression(self.model, (motion,), self.recipe.filter, speeds)
             structure = self.model.structure
             found = factorise(regression.entries(within=(0, slice(start, stop))), structure)
+            first = start + max(0, (stop - start - PIECE) // 2)
+            some = slice(first, min(first + PIECE, stop))
+            again = self.repeated(log, regression, some, np.random.default_rng([span.recording, span.start]))
         begins, ends = float(log.t[start]), float(log.t[stop - 1])
-        return Reduced(begins, ends, tuple(found.rows.tolist()), packed(found, structure))
+        repeated = tuple(again.once.rows.tolist()), packed(again.once, structure), packed(again.twice, structure)
+        return Reduced(begins, ends, tuple(found.rows.tolist()), packed(found, structure), repeated)
+
+    def repeated(self, log: Log, regression: Regression, rows: slice, rng: np.random.Generator) -> Repeated:
+        """Return the factors of some rows of a piece that are repeated; of none where they cannot be smoothed alone."""
+        (motion,), (smoother,), theta = regression.motions, self.recipe.smoothers, self.theta
+        cut = motion.shifted(0.0, np.arange(rows.start, rows.stop))
+        with suppress(InputError):
+            alone = self.recipe.repaired(log.rows(rows, log.source), torque=False)
+            for one in pieces_of(self.model, alone, cut, smoother, theta, 1.0):
+                return repeat(self.model, replace(one, sigma=one.sigma * self.credible), theta, regression, rng)
+        none = factorise((), self.model.structure)
+        return Repeated(none, none)
 
     def motion(self, log: Log) -> Motion:
         """Return the motion of a piece, of which the fit keeps what it keeps of a whole log."""
@@ -139,7 +170,7 @@ def prepared(
     """
     logs = {log.source: log for log in excerpts_of(recordings, division, progress)}
     chosen = identify(model, logs, (), recipe, progress=progress)
-    if chosen.estimate.information is not None or chosen.estimate.residual.sample_weights:
+    if chosen.estimate.needs_samples:
         raise ConfigError(
             f"estimator: {type(recipe.estimator).__name__} needs all samples at once, which are too many for the "
             "memory; take least squares or the physically consistent fit, or a shorter part."
@@ -157,7 +188,8 @@ def prepared(
     spans, lost = spans_of(recordings, division, around)
     if not spans:
         raise InputError(f"{recordings[0].label}: no stretch without a gap is long enough to be smoothed.")
-    return Prepared(chosen, logs, Reducer(chosen.model, used, tuple(recordings), leave), spans, lost)
+    reducer = Reducer(chosen.model, used, tuple(recordings), leave, chosen.estimate.value, _credible(chosen, logs))
+    return Prepared(chosen, logs, reducer, spans, lost)
 
 
 def finished(
@@ -182,14 +214,8 @@ def _finished(
 ) -> Identification:
     model, recipe = found.reducer.model, found.reducer.recipe
     speeds, (smoother,) = recipe.min_speeds([joint.name for joint in model.joints]), recipe.smoothers
-    recorded = by_role(found.logs, validation, tuple(joint.name for joint in model.joints))
-    roles = {role: {name: recipe.trimmed(log) for name, log in named.items()} for role, named in recorded.items()}
-    logs = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in named.items()}
-            for role, named in roles.items()}  # fmt: skip
-    motions = smoothed(model, logs, smoother, progress)
-    if recipe.outliers == "mask":
-        motions = masked(model, motions, roles, speeds)
-    motions["train"], resting = without_rests(model, motions["train"], recorded, recipe.rests, speeds)
+    logs = RoleLogs.of(found.logs, validation, recipe, tuple(joint.name for joint in model.joints))
+    motions, resting = logs.motions(model, smoother, recipe, progress)
     fitted = tuple(map(model.remembering, motions["train"].values()))
     sample = Regression(model, fitted, recipe.filter, speeds)
 
@@ -197,15 +223,14 @@ def _finished(
         return (unpacked(one.factors, one.rows, model.structure) for one in pieces)
 
     progress("estimating")
-    whole = replace(sample)
-    whole.__dict__["triangular_factors"] = merged(parts())
-    trained = tuple(replace(log, tau=one.tau) for log, one in zip(logs["train"].values(), fitted, strict=True))
-    problem = Problem(model, fitted, whole, trained, fitted[0].time_offset, progress)
+    whole = sample.with_factors(merged(parts()))
+    problem = Problem(model, fitted, whole, logs.fitted(motions), fitted[0].time_offset, progress)
     clustered = partial(clustered_std, parts)
-    estimate, whole, more, noted = _unbiased(problem, sample, found, clustered, progress)
-    validations = judged(model, estimate, roles, motions, recipe, progress)
+    estimate, whole, more, noted = _unbiased(problem, sample, found, pieces, clustered, progress)
+    left = _left(found, pieces, parts(), whole, estimate)
+    estimate = replace(estimate, residual=replace(estimate.residual, pieces=left))
+    validations = judged(model, estimate, logs.trimmed, motions, recipe, progress)
     errors, base = identifiability_of(model, whole, estimate, more, progress, clustered)
-    residual = _residual(found, pieces, parts(), whole, estimate)
     return Identification(
         model,
         recipe,
@@ -217,13 +242,12 @@ def _finished(
         found.chosen.calibration,
         Sources(versions=versions()),
         (
-            _said(found, residual, model),
+            _said(found, left, model),
             *warnings_of(model, estimate, base),
             *noted,
             *resting,
             *(held_out_outliers(validations) if recipe.outliers == "mask" else ()),
         ),
-        residual,
     )
 
 
@@ -231,38 +255,55 @@ def _unbiased(
     problem: Problem,
     sample: Regression,
     found: Prepared,
+    pieces: Sequence[Reduced],
     clustered: Callable[..., Array],
     progress: Callable[[str], None],
 ) -> tuple[Estimate, Regression, Array, tuple[Note, ...]]:
-    """Return the estimate from all pieces, without the bias by errors of the motion that the excerpts show where that
-    is significant, and the regression it is of; the covariance (p, p) by the time offset and a bias that is not
-    corrected, and what to note."""
+    """Return the estimate from all pieces, without the bias by errors of the motion that repetitions show where that
+    is significant, and the regression it is of; the covariance (p, p) by the time offset and what is left of
+    the bias, and what to note."""
     model, recipe, whole = problem.model, found.reducer.recipe, problem.regression
     estimate = called(recipe.estimator, problem, Estimate)
     late = covariance_of_time_offset(model, sample, estimate, found.chosen.calibration.time_offset)
     progress("repeating the smoothing")
-    wrong = motion_errors(model, problem.logs, sample, recipe.smoothers[0], estimate)
+    weights = estimate.residual.weights
+    each = (one.repetitions(model.structure) for one in pieces)
+    wrong = sampled_bias(each, model, np.ones(len(model.joints)) if weights is None else weights)
     if wrong is None:
         return estimate, whole, late, ()
-    weights = estimate.residual.weights
-    basis = base_parameters(whole.triangular_factors.stacked(weights), model.parameters)
+    factor = whole.triangular_factors.stacked(weights)
+    basis = base_parameters(factor, model.parameters)
+    left = wrong.covariance + np.outer(wrong.remainder, wrong.remainder)
+    small = estimate, whole, late + np.outer(wrong.bias, wrong.bias) + left, ()
     try:
         std = clustered(whole, estimate.value, weights, basis.independent)
     except ModelError:  # nearly dependent columns
-        return estimate, whole, late + np.outer(wrong.bias, wrong.bias), ()
+        return small
     bias = np.abs(basis.to_base(wrong.bias))
     size = np.divide(bias, std, out=np.zeros_like(std), where=std > 0)
     worst = int(size.argmax()) if len(size) else 0
     if not len(size) or size[worst] <= NORMAL_95:
-        return estimate, whole, late + np.outer(wrong.bias, wrong.bias), ()
-    if wrong.share >= FAR:
+        return small
+    p = len(wrong.bias)
+    if np.linalg.norm(factor[:, :p] @ wrong.bias) >= FAR * np.linalg.norm(factor[:, :p] @ estimate.value):
         return estimate, whole, late, (MotionTooNoisy(basis.groupings[worst], float(size[worst])),)
     whole = whole.unbiased(wrong.bias)
     estimate = called(recipe.estimator, replace(problem, regression=whole), Estimate)
-    return estimate, whole, late, (MotionCorrected(basis.groupings[worst], float(size[worst])),)
+    wide = np.sqrt(np.einsum("ij,jk,ik->i", basis.combination, left, basis.combination))
+    notes: tuple[Note, ...] = (MotionCorrected(basis.groupings[worst], float(size[worst])),)
+    return estimate, whole, late + left, (*notes, *_limited(basis.groupings, wide, std))
 
 
-def _residual(
+def _limited(names: Sequence[str], wide: Array, std: Array) -> tuple[Note, ...]:
+    """Return the note on standard errors that are mostly what is left of the bias by errors of the motion."""
+    limited = np.flatnonzero(wide > std)
+    if not len(limited):
+        return ()
+    worst = int(np.argmax(np.divide(wide, std, out=np.zeros_like(std), where=std > 0)))
+    return (MotionLimits(names[worst], len(limited), len(names)),)
+
+
+def _left(
     found: Prepared,
     pieces: Sequence[Reduced],
     parts: Iterator[TriangularFactors],
@@ -295,6 +336,20 @@ def _still(log: Log) -> NDArray[np.bool_]:
     for one in whole_rests(log):
         out[one] = True
     return out
+
+
+def _credible(chosen: Identification, logs: Mapping[str, Log]) -> float:
+    """Return the share of the noise of the positions that the residual of the excerpts allows."""
+    model, theta, (smoother,) = chosen.model, chosen.estimate.value, chosen.recipe.smoothers
+    share = min(1.0, SAMPLES / sum(map(len, logs.values())))
+    recipe = chosen.recipe
+    parts = [
+        piece
+        for one in chosen.validations
+        for log in (recipe.repaired(recipe.trimmed(logs[one.name]), torque=True),)
+        for piece in pieces_of(model, log, one.motion, smoother, theta, share)
+    ]
+    return credible_share(model, parts, theta, np.random.default_rng(0))
 
 
 def _fixed(chosen: Identification, logs: Mapping[str, Log]) -> tuple[Smoother, Log, Motion]:

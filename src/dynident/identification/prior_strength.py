@@ -64,8 +64,8 @@ def find_prior_strength(
         """Return the squared errors (folds, n) of each fold, predicted from the others."""
         fit, found = replace(estimator, strength=strength, costs=False), []
         for k, part in enumerate(parts):
-            regression = Regression(model, thin, None, min_speed)
-            regression.__dict__["triangular_factors"] = merged([*parts[:k], *parts[k + 1 :]])
+            others = merged([*parts[:k], *parts[k + 1 :]])
+            regression = Regression(model, thin, None, min_speed).with_factors(others)
             found.append(part.residual(fit(Problem(model, thin, regression)).value))
         return np.stack(found)
 

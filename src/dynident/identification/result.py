@@ -37,7 +37,6 @@ __all__ = [
     "Identifiability",
     "Identification",
     "OldResult",
-    "Pieces",
     "SourceFile",
     "Sources",
     "StandardErrors",
@@ -102,30 +101,6 @@ class Calibration:
     __repr__ = brief
 
 
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """What a fit in pieces leaves of the torque, in each of K pieces of long recordings: is it the same all the time?
-
-    ``recording`` (K) names it; ``begins`` and ``ends`` (K) in s; ``rows`` (K, n) is how many torques of each joint were
-    fitted, ``torque`` and ``residual`` (K, n) their rms (N m or N), zero where there are none.
-    """
-
-    recording: tuple[str, ...]
-    begins: Array
-    ends: Array
-    rows: NDArray[np.int_]
-    torque: Array
-    residual: Array
-
-    __repr__ = brief
-
-    @property
-    def relative_error(self) -> Array:
-        """The residual (n) of all pieces relative to the torque, in %; nan where a joint has no torque."""
-        left, whole = (np.sqrt((self.rows * one**2).sum(axis=0)) for one in (self.residual, self.torque))
-        return np.asarray(100.0 * np.divide(left, whole, out=np.full_like(whole, np.nan), where=whole > 0))
-
-
 @dataclass(frozen=True)
 class OldResult(Note):
     """The result was read from a file of an older ``version`` of the format, which ``lacks`` these groups."""
@@ -181,7 +156,6 @@ class Identification:
     calibration: Calibration = Calibration()
     provenance: Sources = Sources()
     warnings: tuple[Note | Finding, ...] = ()
-    pieces: Pieces | None = None
 
     def __repr__(self) -> str:
         from dynident.report.display import summary

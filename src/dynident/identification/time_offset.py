@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynident.errors import Note, Severity, Step, called
 from dynident.estimators import Estimate, Estimator, LeastSquares, Problem, quick
 from dynident.identification.cross_validation import Gain, fitted, gain_of
-from dynident.identification.motion_errors import repeated
+from dynident.identification.repetition import repeated
 from dynident.identification.smoother_choice import Choice, choose_smoother, excerpts
 from dynident.log import Log, Motion, subsample
 from dynident.models import Model

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["pieces_name", "reduced"]
 
 KEY = ("piece",)
+ARRAYS = ("rows", "factors", "repeated_rows", "repeated_once", "repeated_twice")
 LISTED = 3  # pieces that failed, in a message
 
 
@@ -95,15 +96,24 @@ def _schema() -> dict[str, Any]:
     import polars as pl
 
     numbers = {"piece": pl.Int64, "begins": pl.Float64, "ends": pl.Float64, "seconds": pl.Float64}
-    return {**numbers, "rows": pl.Binary, "factors": pl.Binary}
+    return {**numbers, **dict.fromkeys(ARRAYS, pl.Binary)}
 
 
 def _row(piece: int, value: Reduced, seconds: float) -> Mapping[str, Any]:
-    rows = np.array(value.rows, dtype=np.int64).tobytes()
     times = {"begins": value.begins, "ends": value.ends, "seconds": seconds}
-    return {"piece": piece, **times, "rows": rows, "factors": value.factors}
+    count, once, twice = value.repeated
+    arrays = _bytes(value.rows), value.factors, _bytes(count), once, twice
+    return {"piece": piece, **times, **dict(zip(ARRAYS, arrays, strict=True))}
+
+
+def _bytes(rows: tuple[int, ...]) -> bytes:
+    return np.array(rows, dtype=np.int64).tobytes()
+
+
+def _rows(content: bytes) -> tuple[int, ...]:
+    return tuple(np.frombuffer(content, dtype=np.int64).tolist())
 
 
 def _pieces(rows: pl.DataFrame) -> Iterator[Reduced]:
-    for begins, ends, count, factors in rows.select("begins", "ends", "rows", "factors").iter_rows():
-        yield Reduced(begins, ends, tuple(np.frombuffer(count, dtype=np.int64).tolist()), factors)
+    for begins, ends, count, factors, again, once, twice in rows.select("begins", "ends", *ARRAYS).iter_rows():
+        yield Reduced(begins, ends, _rows(count), factors, (_rows(again), once, twice))

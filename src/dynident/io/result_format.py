@@ -78,12 +78,25 @@ class ParameterPart(Part):
     provenance: Provenance | None
 
 
+class PiecesPart(Part):
+    """What a fit in pieces leaves of the torque, one row for each piece and one column for each joint; see
+    ``Pieces``."""
+
+    recording: list[str]
+    begins: list[float]
+    ends: list[float]
+    rows: list[list[int]]
+    torque: list[list[float]]
+    residual: list[list[float]]
+
+
 class ResidualPart(Part):
     """The torque that the fit leaves: standard deviation and weight of each joint, number of samples."""
 
     sigma: list[float]
     samples: int
     weights: list[float] | None
+    pieces: PiecesPart | None = None
 
 
 class ConsistencyPart(Part):
@@ -216,18 +229,6 @@ class MassPart(Part):
     positive: bool
 
 
-class PiecesPart(Part):
-    """What a fit in pieces leaves of the torque, one row for each piece and one column for each joint; see
-    ``Pieces``."""
-
-    recording: list[str]
-    begins: list[float]
-    ends: list[float]
-    rows: list[list[int]]
-    torque: list[list[float]]
-    residual: list[list[float]]
-
-
 class FindingPart(Part):
     """An error or a warning of the checks that were run beside the fit; see ``Finding``."""
 
@@ -260,6 +261,5 @@ class ResultFile(Part):
     mass_matrix: MassPart | None
     warnings: list[Kind]
     findings: list[FindingPart] = []
-    pieces: PiecesPart | None = None
     model: ModelPart
     provenance: Sources

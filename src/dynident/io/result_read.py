@@ -15,13 +15,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from dynident.checks import Topic
 from dynident.errors import Finding, InputError, ModelError, Note
-from dynident.estimators import Consistency, Determined, Estimate, Residual
+from dynident.estimators import Consistency, Determined, Estimate, Pieces, Residual
 from dynident.identification import (
     Calibration,
     Choice,
     Identifiability,
     Identification,
-    Pieces,
     Recipe,
     Sources,
     StandardErrors,
@@ -103,7 +102,6 @@ def identification_of(
         ),
         file.provenance,
         (*(_noun(Note, one, source) for one in file.warnings), *(_finding(one, source) for one in file.findings)),
-        _pieces(file.pieces),
     )
 
 
@@ -166,7 +164,7 @@ def _estimate(file: ResultFile, model: Model, source: str) -> Estimate:
         value,
         _matrix(given.covariance, (p, p), "estimate.covariance", source),
         Determined(given.rank, given.condition),
-        Residual(np.array(residual.sigma), residual.samples, weights),
+        Residual(np.array(residual.sigma), residual.samples, weights, pieces=_pieces(residual.pieces)),
         tuple(_noun(Note, one, source) for one in given.notes),
         known if len(known) == p else (),
         _consistency(given.consistency, p, source),

@@ -41,7 +41,6 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
         "mass_matrix": mass and {"smallest": mass.smallest, "q": mass.q, "positive": bool(mass.positive)},
         "warnings": [_kind(note) for note in notes],
         "findings": [_finding(one) for one in found.findings],
-        "pieces": found.pieces and vars(found.pieces),
         "model": {
             "name": found.model.name,
             "joints": [asdict(joint) for joint in found.model.joints],
@@ -51,8 +50,7 @@ def result_data(found: Identification, report: Mapping[str, Any] | None = None) 
     }
     plain: dict[str, Any] = _plain(data)
     ResultFile.model_validate(plain)  # what is written can be read
-    without = [key for key in ("report", "pieces") if data[key] is None]
-    return {key: value for key, value in plain.items() if key not in without}
+    return plain if report is not None else {key: value for key, value in plain.items() if key != "report"}
 
 
 def _parameters(found: Identification) -> Iterator[dict[str, Any]]:
@@ -70,10 +68,11 @@ def _parameters(found: Identification) -> Iterator[dict[str, Any]]:
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
     residual = estimate.residual
+    pieces = {} if residual.pieces is None else {"pieces": vars(residual.pieces)}
     return {
         "rank": estimate.determined.rank,
         "condition": estimate.determined.condition,
-        "residual": {"sigma": residual.sigma, "samples": residual.samples, "weights": residual.weights},
+        "residual": {"sigma": residual.sigma, "samples": residual.samples, "weights": residual.weights, **pieces},
         "consistency": None if estimate.consistency is None else asdict(estimate.consistency),
         "notes": [_kind(note) for note in estimate.notes],
         "covariance": estimate.covariance,

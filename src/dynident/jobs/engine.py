@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from functools import partial
 from hashlib import sha256
 from itertools import count, islice
 from operator import length_hint
@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from dynident.errors import InputError
-from dynident.jobs.attempt import Ended, status_of
+from dynident.jobs.attempt import Ended, tried
 from dynident.jobs.batch import Batch, Report, run_batch
 from dynident.jobs.job import Done, Limits, Status
 from dynident.jobs.pace import Pace
@@ -49,20 +49,10 @@ def run_jobs(
     if executor is not None:
         yield from _Spread(function, jobs, executor, limits).done()
     elif limits == Limits():
-        yield from (_here(function, job) for job in jobs)
+        yield from (Done(job, *tried(partial(function, job))) for job in jobs)
     else:
         with local_workers(1) as one:
             yield from _Spread(function, jobs, one, limits).done()
-
-
-def _here(function: Callable[[J], T], job: J) -> Done[J, T]:
-    began = time.perf_counter()
-    try:
-        return Done(job, function(job), seconds=time.perf_counter() - began)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # a result, whatever it is
-        return Done(job, None, *status_of(error), time.perf_counter() - began)
 
 
 class _Spread(Generic[J, T]):
@@ -76,7 +66,7 @@ class _Spread(Generic[J, T]):
         # there is no public name for the number of workers; more are seen when they answer
         self._pace = Pace(getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
         self._under_way: dict[Future[Report | None], list[J]] = {}
-        self._again: deque[tuple[list[J], bool]] = deque()  # with whether they go with the function
+        self._again: deque[list[J]] = deque()  # with the function
         self._ended: SimpleQueue[Future[Report | None]] = SimpleQueue()
         self._answered, self._failed = False, 0
         self._run, self._numbers = uuid.uuid4().hex, count()
@@ -100,15 +90,15 @@ class _Spread(Generic[J, T]):
         """Submit jobs; return whether any are under way."""
         while len(self._under_way) < (self._pace.ahead if self._answered else self._pace.workers):
             if self._again:
-                self._submit(*self._again.popleft())
+                self._submit(self._again.popleft(), whole=True)
             elif jobs := list(islice(self._jobs, self._pace.size(None if self._rest < 0 else self._rest))):
                 self._rest = max(self._rest - len(jobs), 0) if self._rest >= 0 else -1
-                self._submit(jobs, not self._answered)
+                self._submit(jobs, whole=not self._answered)
             else:
                 break
         return bool(self._under_way)
 
-    def _submit(self, jobs: list[J], whole: bool) -> None:
+    def _submit(self, jobs: list[J], *, whole: bool) -> None:
         function = self._function if whole else None
         given = [packed(job) for job in jobs]
         batch = Batch(self._run, next(self._numbers), self._digest, function, given, self._limits)
@@ -134,7 +124,7 @@ class _Spread(Generic[J, T]):
             yield from self._refused(jobs, error)
             return
         if report is None:
-            self._again.append((jobs, True))
+            self._again.append(jobs)
             return
         self._answered = True
         self._pace.saw(report.worker, len(jobs), sum(one.seconds for one in report.ended), report.lost)
@@ -147,7 +137,7 @@ class _Spread(Generic[J, T]):
         if not self._answered and self._failed == HOPELESS:
             raise InputError(f"workers cannot run jobs: {type(error).__name__}: {error}") from error
         if len(jobs) > 1:
-            self._again.extend(([job], True) for job in jobs)
+            self._again.extend([job] for job in jobs)
         else:
             yield Done(jobs[0], None, Status.DIED, f"{type(error).__name__}: {error}")
 
@@ -155,7 +145,5 @@ class _Spread(Generic[J, T]):
 def _read(job: J, ended: Ended) -> Done[J, Any]:
     if ended.status is not Status.OK:
         return Done(job, None, ended.status, ended.reason, ended.seconds)
-    try:
-        return Done(job, unpacked(ended.value), seconds=ended.seconds)
-    except Exception as error:
-        return Done(job, None, *status_of(error), ended.seconds)
+    value, status, reason, _ = tried(partial(unpacked, ended.value))
+    return Done(job, value, status, reason, ended.seconds)

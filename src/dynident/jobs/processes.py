@@ -1,4 +1,8 @@
-"""Starts worker processes, which end with this one, and to which no signal of a terminal comes."""
+"""Starts worker processes, which end with this one, and to which no signal of a terminal comes.
+
+Those of ``multiprocessing`` would import the user's script again, may not be started by a worker of Dask (whose nanny
+makes it a daemon) and can get a Ctrl-C before they ignore it; these are started from any thread, none of which is so.
+"""
 
 from __future__ import annotations
 

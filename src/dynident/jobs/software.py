@@ -13,7 +13,7 @@ from dynident import __version__
 from dynident.errors import listed
 from dynident.kernel import kernel
 
-__all__ = ["differences", "software"]
+__all__ = ["code_digest", "differences", "software"]
 
 SOURCE = Path(__file__).parents[1]
 PACKAGES = ("numpy", "scipy", "sympy", "clarabel", "distributed")
@@ -27,7 +27,7 @@ def software() -> dict[str, str]:
     return {
         "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "dynident": __version__,
-        "the code of dynident": _digest(),
+        "the code of dynident": code_digest(),
         "the kernel of dynident": "compiled" if kernel().level else "NumPy and LAPACK",
         **{name: _version(name) for name in PACKAGES},
     }
@@ -47,7 +47,7 @@ def differences(here: Mapping[str, str], there: Mapping[str, Mapping[str, str]])
     return found
 
 
-def _digest() -> str:
+def code_digest() -> str:
     """Return a digest of the Python files of the package; those of C have theirs in the kernel's."""
     every = sha256()
     for path in sorted(SOURCE.rglob("*.py"), key=lambda one: one.relative_to(SOURCE).parts):

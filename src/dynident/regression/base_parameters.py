@@ -52,8 +52,13 @@ class BaseParameters:
     scale: Array
 
     def __repr__(self) -> str:
-        led = listed((self.names[k] for k in self.independent), 6)
+        led = listed(self.leading, 6)
         return f"<BaseParameters: {self.rank} of {len(self.names)} parameters, led by {led}>"
+
+    @property
+    def leading(self) -> tuple[str, ...]:
+        """Names of the standard parameters that lead a base parameter."""
+        return tuple(self.names[k] for k in self.independent)
 
     @property
     def gap(self) -> float:

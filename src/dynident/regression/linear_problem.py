@@ -182,7 +182,12 @@ class Regression:
     def unbiased(self, bias: Array) -> Regression:
         """Return the regression whose solution is less by ``bias`` (p), with the factors that follow from these."""
         found = replace(self, bias=bias if self.bias is None else self.bias + bias)
-        found.__dict__["triangular_factors"] = self.triangular_factors.less(bias)
+        return found.with_factors(self.triangular_factors.less(bias))
+
+    def with_factors(self, factors: TriangularFactors) -> Regression:
+        """Return the regression with its triangular factors, where they are known without its rows."""
+        found = replace(self)
+        found.__dict__["triangular_factors"] = factors
         return found
 
     def pulls(self, torques: Sequence[Array], weights: Array | None = None) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dynident.errors import listed
+from dynident.fleets import GroupKind, residual_groups
 from dynident.report import figures
 from dynident.report.fleet_courses import RobotCourses
 from dynident.report.fleet_logs import failed, failed_table, failure_words, log_section, robot_table, rows_of
@@ -30,7 +31,7 @@ from dynident.report.page import (
 from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
-    from dynident.fleets import Change, FleetResult, Group
+    from dynident.fleets import Change, Changes, FleetResult, Group, History
 
 __all__ = ["fleet_findings", "fleet_heading", "fleet_page", "fleet_tables"]
 
@@ -46,8 +47,8 @@ _CHANGES = (
 )
 _COURSES = (
     "Each point is one log with its 95 % interval, which counts the scatter from log to log; all else is as in the "
-    "mean of the robot's logs. The line is what was found, dashed where it begins; where there is a pale strip, it may "
-    "have begun anywhere in it (95 %)."
+    "mean of the robot's logs. A residual is the root mean square of the torque that the model leaves. The line is "
+    "what was found, dashed where it begins; where there is a pale strip, it may have begun anywhere in it (95 %)."
 )
 
 
@@ -141,15 +142,24 @@ def _robots(found: FleetResult, changes: Sequence[Change]) -> dict[str, RobotCou
     own: dict[str, list[Change]] = {}
     for one in changes:
         own.setdefault(one.robot, []).append(one)
-    scatter = {robot: one.scatter for one in found.changes for robot in one.p_values}
+    of = {robot: one for one in found.changes for robot in one.p_values}
+    left = {history.robot: history for history in found.residuals}
     histories = {history.robot: history for history in found.histories}
     order = [*(robot for robot in own if robot in histories), *(robot for robot in histories if robot not in own)]
-    return {robot: RobotCourses(histories[robot], own.get(robot, []), scatter.get(robot)) for robot in order}
+    return {robot: _courses(histories[robot], left.get(robot), own.get(robot, []), of.get(robot)) for robot in order}
+
+
+def _courses(history: History, left: History | None, own: Sequence[Change], of: Changes | None) -> RobotCourses:
+    """Return those of one robot, what the model leaves beside its parameters."""
+    residual = [one for one in own if one.group.kind is GroupKind.RESIDUAL]
+    scatter, beside = (of.scatter, of.residual_scatter) if of else (None, None)
+    drawn = RobotCourses(left, residual, beside) if left else None
+    return RobotCourses(history, [one for one in own if one not in residual], scatter, drawn)
 
 
 def _changed_section(found: FleetResult, robots: Mapping[str, RobotCourses]) -> Iterator[PageSection]:
     """Yield the section with the figures of the robots that changed."""
-    changed = [one for one in robots.values() if one.changes]
+    changed = [one for one in robots.values() if one.changed]
     if changed:
         blocks: list[PageBlock] = [_COURSES]
         for k, one in enumerate(changed[:DRAWN]):
@@ -163,7 +173,7 @@ def _changed_section(found: FleetResult, robots: Mapping[str, RobotCourses]) -> 
 def _drawn(one: RobotCourses, found: FleetResult) -> Iterator[PageBlock]:
     """Yield a figure for each group that changed, with the parameters that did."""
     groups: dict[str, list[Change]] = {}
-    for change in one.changes:
+    for change in one.changed:
         groups.setdefault(group_words(change.group), []).append(change)
     for changes in groups.values():
         courses = one.of(changes[0].group)
@@ -180,7 +190,8 @@ def _all_section(found: FleetResult, robots: Mapping[str, RobotCourses]) -> Iter
     drawn = {kind: some[:each] for kind, some in list(types.items())[:SIDE_BY_SIDE]}
     words = list(dict.fromkeys([group_words(one.group) for one in worst_first(_changes(found))]))
     groups = sorted(
-        found.groups, key=lambda one: words.index(word) if (word := group_words(one)) in words else len(words)
+        (*found.groups, *(residual_groups(found.base.joints) if found.residuals else ())),
+        key=lambda one: words.index(word) if (word := group_words(one)) in words else len(words),
     )
     views = tuple(
         ((kind, group_words(group)), tuple(_side_by_side(group, some, found)))

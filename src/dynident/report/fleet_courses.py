@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from dynident.fleets import GroupKind, Shape
 from dynident.report.figures import Array, Course, Mark
-from dynident.report.fleet_words import shape_words
+from dynident.report.fleet_words import shape_words, worst_first
 
 if TYPE_CHECKING:
     from dynident.fleets import Change, Group, History, Scatter
@@ -24,24 +25,39 @@ SINGULAR = 1e-10  # relative eigenvalues of an information matrix that are zero
 class RobotCourses:
     """The parameters of one robot over time, by group, with all else as in the mean of its logs.
 
-    ``changes`` are those found in this robot; ``scatter`` is that of its type, which intervals and means count.
+    ``changes`` are those found in its history; ``scatter`` is that of its type, which intervals and means count;
+    ``left`` are the courses of what the model leaves of the torque.
     """
 
-    def __init__(self, history: History, changes: Sequence[Change], scatter: Scatter | None) -> None:
-        self.history, self.changes, self.scatter = history, changes, scatter
+    def __init__(
+        self, history: History, changes: Sequence[Change], scatter: Scatter | None, left: RobotCourses | None = None
+    ) -> None:
+        self.history, self.changes, self.scatter, self.left = history, changes, scatter, left
+
+    @property
+    def changed(self) -> list[Change]:
+        """All changes of this robot, the worst first."""
+        return worst_first([*self.changes, *(self.left.changes if self.left else ())])
 
     @cached_property
     def information(self) -> Array:
         """What each log says of the robot (K, b, b), not of its day."""
-        told = self.history.information
-        return told if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in told])
+        own = self.history.information
+        return own if self.scatter is None else np.array([self.scatter.with_scatter(one) for one in own])
 
     def of(self, group: Group) -> list[Course]:
         """Return one course for each direction of the group.
 
         A log says a = (D' I D)^-1 D' I (beta - mean - the other changes) of it. Friction, offset and ripple have their
-        values, where a direction is one base parameter; all others the difference from the mean before the changes.
+        values, where a direction is one base parameter; all others the difference from the mean before the changes. A
+        residual is drawn as a torque, which its history has the logarithm of.
         """
+        if group.kind is GroupKind.RESIDUAL and self.left is not None:
+            return [_as_torque(one) for one in self.left.courses(group)]
+        return self.courses(group)
+
+    def courses(self, group: Group) -> list[Course]:
+        """Return the same in the parameters of the history."""
         own = [one for one in self.changes if _same(one.group, group)]
         others = [one for one in self.changes if not _same(one.group, group)]
         rest = self.history.value - self.mean - _effect(others, self.history.days, self.history)
@@ -79,6 +95,8 @@ class RobotCourses:
 
     def before(self, group: Group) -> Array:
         """Return the value (k) of each direction in the mean, nan where it has none of its own."""
+        if group.kind is GroupKind.RESIDUAL and self.left is not None:
+            return self.left.before(group)
         D = group.directions
         row = np.abs(D).argmax(axis=0)
         own = ((D != 0).sum(axis=0) == 1) & (group.kind is not GroupKind.PAYLOAD)
@@ -91,6 +109,13 @@ class RobotCourses:
         corners = np.unique([self.history.days[0], self.history.days[-1], *(one.day for one in own)])
         ends = [sum(_course(one, corners, self.history, after) * one.size for one in own) for after in (False, True)]
         return np.repeat(corners, 2), np.nan_to_num(zero) + np.stack(ends, axis=1).reshape(-1, len(zero))
+
+
+def _as_torque(one: Course) -> Course:
+    """Return a course of logarithms as one of their exponentials."""
+    value = np.exp(one.value)
+    line = one.fitted and (one.fitted[0], np.exp(one.fitted[1]))
+    return replace(one, value=value, std=value * one.std, fitted=line)
 
 
 def _same(one: Group, other: Group) -> bool:

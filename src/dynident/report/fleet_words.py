@@ -32,6 +32,7 @@ GROUPS = {
     GroupKind.PAYLOAD: "payload at {}",
     GroupKind.OFFSET: "offset of {}",
     GroupKind.RIPPLE: "ripple of {}",
+    GroupKind.RESIDUAL: "torque that the model leaves at {}",
 }
 VERBS = {
     (Shape.STEP, 1): "rose",
@@ -41,9 +42,13 @@ VERBS = {
     (Shape.DRIFT, -1): "has been falling",
     (Shape.DRIFT, 0): "has been drifting",
 }
+RESIDUAL = (
+    " No term of the recipe describes this: look at the residual in the report of that log; if it follows the "
+    "position, add a `ripple` to `recipe.yaml`; else look at the sensor and for play."
+)
 SURE, FEW = 2.0, 3  # standard errors from which on a part of a change is named, and how many are
 RATE = 100.0  # days
-TOLD = 3.0  # odds from which on a shape is told from the other
+CLEAR = 3.0  # odds from which on one shape is clear
 
 
 def group_words(group: Group) -> str:
@@ -58,7 +63,7 @@ def day_words(day: float, start: datetime | None) -> str:
 
 def shape_words(change: Change) -> str:
     """Word the shape of a change, as far as the logs tell it."""
-    return change.shape.value if change.odds >= TOLD else " or ".join(Shape)
+    return change.shape.value if change.odds >= CLEAR else " or ".join(Shape)
 
 
 def worst_first(changes: Sequence[Change]) -> list[Change]:
@@ -85,13 +90,14 @@ def change_words(change: Change, start: datetime | None, before: Array) -> str:
     join = "on" if change.shape is Shape.STEP else "since"
     verb = VERBS[change.shape, _sign(change, before)]
     what = f"{group_words(change.group)} {verb} {join} {day_words(change.day, start)}"
-    unsure = "" if change.odds >= TOLD else " (at once or slowly: the logs do not tell)"
-    return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}."
+    unsure = "" if change.odds >= CLEAR else " (at once or slowly: the logs do not tell)"
+    todo = RESIDUAL if change.group.kind is GroupKind.RESIDUAL and change.size[0] > 0 else ""
+    return f"{change.robot}: {what}{unsure}: {listed(_sizes(change), FEW)}.{todo}"
 
 
 def _sign(change: Change, before: Array) -> int:
-    """Return 1 where friction or a ripple rises, -1 where it falls, 0 where that cannot be said or means nothing."""
-    if change.group.kind is GroupKind.FRICTION:
+    """Return 1 where friction, ripple or residual rises, -1 where it falls, 0 where that cannot be said."""
+    if change.group.kind in (GroupKind.FRICTION, GroupKind.RESIDUAL):
         signs = {int(np.sign(change.size[k])) for k in changed_in(change)}
         return signs.pop() if len(signs) == 1 else 0
     if change.group.kind is GroupKind.RIPPLE and np.isfinite(before).all():  # its size, whatever its phase
@@ -100,10 +106,20 @@ def _sign(change: Change, before: Array) -> int:
 
 
 def _sizes(change: Change) -> Iterator[str]:
+    if change.group.kind is GroupKind.RESIDUAL:
+        yield _relative(change)
+        return
     for k in changed_in(change):
         size = f"{change.group.names[k]} by {_signed(change.size[k])} +- {number(float(change.std[k]), 2)}"
         rate = f" ({_signed(RATE * change.per_day[k])} in {RATE:.0f} days)" if change.per_day is not None else ""
         yield f"{size} {change.group.units[k]}{rate}"
+
+
+def _relative(change: Change) -> str:
+    """Return the size of a logarithm in percent; the standard error to first order."""
+    factor = float(np.exp(change.size[0]))
+    std = number(100 * factor * float(change.std[0]), 2)
+    return f"{change.group.names[0]} by {_signed(100 * (factor - 1))} +- {std} %"
 
 
 def _signed(value: float) -> str:

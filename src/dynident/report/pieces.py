@@ -38,7 +38,7 @@ def _(note: InPieces) -> str:
 
 def pieces_section(identification: Identification) -> Iterator[PageSection]:
     """Yield the section of the pieces, where there are any."""
-    pieces = identification.pieces
+    pieces = identification.estimate.residual.pieces
     if pieces is None:
         return
     joints = identification.model.joints

@@ -144,6 +144,14 @@ def _(note: notes.MotionCorrected) -> str:
 
 
 @words.register
+def _(note: notes.MotionLimits) -> str:
+    return (
+        f"a longer recording does not help {note.limited} of {note.all} base parameters, {note.parameter} above all: "
+        "most of their standard errors is what errors of the smoothed motion leave; positions with less noise help"
+    )
+
+
+@words.register
 def _(note: notes.MotionTooNoisy) -> str:
     return (
         f"standard errors are too small: smoothing and the noise left in the motion bias {note.parameter} by about "

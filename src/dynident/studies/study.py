@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import struct
 import time
 from array import array
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.estimators import Estimate
 from dynident.jobs import Done, Limits, run_jobs
+from dynident.jobs.software import code_digest
 from dynident.kernel import kernel
 from dynident.models import Recording
 from dynident.regression import one_thread
@@ -124,10 +124,7 @@ def code_version() -> str:
 
     All levels of the kernel give the same numbers, NumPy others by rounding.
     """
-    root = Path(__file__).parents[1]
-    sources = sorted(root.rglob("*.py"))
-    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    return f"{version('dynident')}+{digest[:12]}.{'kernel' if kernel().level else 'numpy'}"
+    return f"{version('dynident')}+{code_digest()}.{'kernel' if kernel().level else 'numpy'}"
 
 
 def generator(seed: int, level: float, run: int) -> np.random.Generator:

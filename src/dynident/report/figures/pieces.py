@@ -11,7 +11,7 @@ from dynident.report.figures.canvas import AMBER, BLUE, GREEN, INK, PALE, RED, D
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dynident.identification import Pieces
+    from dynident.estimators import Pieces
 
 __all__ = ["pieces_figure"]
 

@@ -1,0 +1,86 @@
+"""The logs of an identification by role, from as they are given to the motions that are fitted and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dynident.errors import ConfigError, InputError, Step, brief
+from dynident.identification.outliers import masked
+from dynident.identification.recipe import Recipe
+from dynident.identification.rests import Rests, without_rests
+from dynident.log import Log, Motion
+from dynident.models import Model
+from dynident.smoothers import Smoother, motion_of
+
+__all__ = ["RoleLogs"]
+
+Logs = Mapping[str, Mapping[str, Log]]
+Motions = dict[str, dict[str, Motion]]
+
+
+@dataclass(frozen=True, eq=False)
+class RoleLogs:
+    """Logs by role ("train", "validation") and name: as ``recorded``, without rests at their ends (``trimmed``), and
+    without outliers in what is smoothed and fitted (``repaired``)."""
+
+    recorded: Logs
+    trimmed: Logs
+    repaired: Logs
+
+    __repr__ = brief
+
+    @classmethod
+    def of(
+        cls,
+        train: Mapping[str, Log] | Sequence[Log],
+        validation: Mapping[str, Log] | Sequence[Log],
+        recipe: Recipe,
+        joints: tuple[str, ...],
+    ) -> RoleLogs:
+        """Return the logs of these joints in this order.
+
+        ConfigError where none is to be fitted, InputError where no torque is.
+        """
+        roles = {"train": _named(train), "validation": _named(validation)}
+        if not roles["train"]:
+            raise ConfigError("no training log is given; name at least one.")
+        if not any(log.tau.any() for log in roles["train"].values()):
+            raise InputError(
+                "all torques of the training are zero; check that the right columns are named and recorded."
+            )
+        recorded = {role: {name: log.select(joints) for name, log in logs.items()} for role, logs in roles.items()}
+        trimmed = {role: {name: recipe.trimmed(log) for name, log in logs.items()} for role, logs in recorded.items()}
+        repaired = {role: {name: recipe.repaired(log, torque=role == "train") for name, log in logs.items()}
+                    for role, logs in trimmed.items()}  # fmt: skip
+        return cls(recorded, trimmed, repaired)
+
+    def motions(
+        self, model: Model, smoother: Smoother, recipe: Recipe, progress: Callable[[str], None]
+    ) -> tuple[Motions, tuple[Rests, ...]]:
+        """Return the motions by role and name, with what the model remembers of them, those of the training without
+        what is not fitted; and the rests of the training."""
+        motions: Motions = {role: {} for role in self.repaired}
+        every = [(role, *one) for role, logs in self.repaired.items() for one in logs.items()]
+        for k, (role, name, log) in enumerate(every):
+            progress(Step("smoothing the logs", k, len(every)))
+            motions[role][name] = model.remembering(motion_of(smoother, log))
+        speeds = recipe.min_speeds([joint.name for joint in model.joints])
+        if recipe.outliers == "mask":
+            motions = masked(model, motions, self.trimmed, speeds)
+        motions["train"], rests = without_rests(model, motions["train"], self.recorded, recipe.rests, speeds)
+        return motions, rests
+
+    def fitted(self, motions: Mapping[str, Mapping[str, Motion]]) -> tuple[Log, ...]:
+        """Return the logs of the training with the torques that are fitted."""
+        pairs = zip(self.repaired["train"].values(), motions["train"].values(), strict=True)
+        return tuple(replace(log, tau=motion.tau) for log, motion in pairs)
+
+
+def _named(logs: Mapping[str, Log] | Sequence[Log]) -> dict[str, Log]:
+    if isinstance(logs, Mapping):
+        return dict(logs)
+    named = {log.source: log for log in logs}
+    if len(named) != len(logs):
+        raise ConfigError(f"two logs have the same source among {[log.source for log in logs]}; give them by name.")
+    return named

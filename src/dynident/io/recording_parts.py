@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 import re
 from pathlib import Path
 
@@ -15,9 +16,9 @@ PARQUET = ".parquet"
 
 def is_divided(path: Path) -> bool:
     """Return whether a path names parts of a recording: a pattern, or a folder with Parquet files that is no bag."""
-    if path.is_dir():
+    if os.path.isdir(path):  # that of Path raises for a name that is too long
         return not (path / "metadata.yaml").exists() and any(one.suffix.lower() == PARQUET for one in path.iterdir())
-    return glob.has_magic(path.name) and not path.exists()
+    return glob.has_magic(path.name) and not os.path.exists(path)
 
 
 def recording_parts(path: Path) -> tuple[Path, ...]:

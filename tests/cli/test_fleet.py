@@ -38,6 +38,13 @@ def test_a_fleet_is_identified_reported_and_known_the_next_time(fleet: Path) -> 
     assert "Logs identified now: 1; known before: 3." in said
 
 
+def test_where_no_log_has_a_result_the_exit_code_says_so(fleet: Path, tmp_path: Path) -> None:
+    code, said = run_command(fleet, "--out", tmp_path, "--workers", "1", "--time-limit", "0.001")
+    assert code == 1, said
+    assert "Error: no log has a result: " in said
+    assert (tmp_path / "report.html").is_file()
+
+
 def test_logs_of_an_object_store_are_read(fleet: Path, tmp_path: Path) -> None:
     store = fsspec.filesystem("memory")
     for path in fleet.parent.glob("logs/*/2026-01-*.csv"):

@@ -73,8 +73,8 @@ def test_a_table_lists_logs_and_its_unknown_columns_are_named(tmp_path: Path) ->
         ("007", "one.csv", True), ("007", "two.csv", True), ("8", "no.csv", False)
     ]  # fmt: skip
     assert found[2].fault == "no.csv: there is no such file"
-    assert "'operator' is not used" in warnings[0]
-    assert "'holdout' is not used; did you mean 'hold_out'" in warnings[1]
+    assert "'holdout' is not used; did you mean 'hold_out'" in warnings[0]  # what may be misspelt comes first
+    assert "'operator' is not used" in warnings[1]
 
 
 def test_a_table_may_be_parquet_with_dates_and_a_held_out_log(tmp_path: Path) -> None:
@@ -100,6 +100,16 @@ def test_a_wrong_table_is_refused(tmp_path: Path, table: str, words: str) -> Non
     (tmp_path / "runs.csv").write_text(table)
     with pytest.raises(ConfigError, match=words):
         listed(tmp_path, table="runs.csv")
+
+
+def test_of_the_folder_of_results_only_the_results_are_no_logs(tmp_path: Path) -> None:
+    touched(tmp_path, "logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv", "out/runs/arm-1/2026-11-22.csv")
+    for out in (tmp_path, tmp_path / "logs", tmp_path / "logs" / "arm-1"):
+        assert len(fleet_logs(settings(logs="logs/{robot}/{date}.csv"), tmp_path, out)[0]) == 1
+    found, _ = fleet_logs(settings(logs="**/{robot}/{date}.csv"), tmp_path, tmp_path / "out")
+    assert [one.log for one in found] == ["logs/arm-1/2026-11-22.csv", "runs/arm-1/2026-11-22.csv"]
+    with pytest.raises(InputError, match="no log but those where results are written"):
+        fleet_logs(settings(logs="runs/{robot}/{date}.csv"), tmp_path, tmp_path)
 
 
 def test_no_log_is_an_error_and_robots_without_one_a_warning(tmp_path: Path) -> None:

@@ -66,3 +66,9 @@ def test_where_no_log_can_be_read_the_first_reason_is_said(tmp_path: Path) -> No
         log.write_text("t,q1\n0,1\n")
     with pytest.raises(InputError, match=r"no log can be read to choose the recipe: .*2026-01-01"):
         recipe_of(folder)
+
+
+def test_a_joint_that_is_not_there_is_named_with_its_robot(tmp_path: Path) -> None:
+    folder = make_fleet(tmp_path).parent
+    with pytest.raises(ConfigError, match=r"robots.arm-1: torque: there is no 'elbw'; did you mean 'elbow'"):
+        recipe_of(folder, FLEET + "robots: { arm-1: { torque: { elbw: { gain: 2 } } } }\n")

@@ -149,9 +149,32 @@ def test_what_is_changed_in_the_explicit_recipe_or_the_robot_file_holds(fleet: P
     assert "delay: 0.001" in explicit.read_text()
     robot = fleet.with_name("arm.urdf")
     robot.write_text(robot.read_text().replace("0.4 0 0", "0.41 0 0"))
+    with pytest.raises(ConfigError, match=r"recipe.yaml: was written or changed by hand, and would be replaced"):
+        dy.fleet(fleet, fleet.parent / "out")
+    assert "delay: 0.001" in explicit.read_text()
+    explicit.unlink()
     dy.fleet(fleet, fleet.parent / "out")
     assert len(planned) == 6
     assert "delay: 0.001" not in explicit.read_text()  # chosen anew
+    robot.write_text(robot.read_text().replace("0.41 0 0", "0.42 0 0"))
+    dy.fleet(fleet, fleet.parent / "out")  # nor asked for, where nothing was changed by hand
+    assert len(planned) == 9
+
+
+def test_a_recipe_of_somebody_else_in_the_folder_stays(fleet: Path) -> None:
+    own = fleet.parent / "mine" / "recipe.yaml"
+    own.parent.mkdir()
+    own.write_text("mine")
+    with pytest.raises(ConfigError, match=r"recipe.yaml: was written or changed by hand"):
+        dy.fleet(fleet, own.parent)
+    assert own.read_text() == "mine"
+    assert {one.name for one in own.parent.iterdir()} == {"recipe.yaml"}
+
+
+def test_logs_that_are_not_what_they_are_taken_for_are_said(fleet: Path) -> None:
+    shutil.copy(fleet.parent / LOGS[0], fleet.parent / "logs" / "arm-2" / "2026-01-09.csv")
+    (words,) = dy.fleet(fleet, fleet.parent / "out").warnings
+    assert "logs/arm-1/2026-01-01.csv (arm-1) = logs/arm-2/2026-01-09.csv (arm-2)" in words
 
 
 def test_the_table_is_the_same_whatever_computes_it_and_limits_hold(fleet: Path) -> None:

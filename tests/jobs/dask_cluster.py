@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import distributed
+from distributed.versions import VersionMismatchWarning
 
 from tests.jobs.work import HANGS
 
@@ -50,7 +52,10 @@ class DaskCluster:
 
     def require_workers(self, count: int) -> list[str]:
         """Wait until there are so many, and no more; return their addresses."""
-        with distributed.Client(self.address, set_as_default=False) as client:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", VersionMismatchWarning)  # of a worker that was killed, and is still listed
+            client = distributed.Client(self.address, set_as_default=False)
+        with client:
             deadline = time.monotonic() + HANGS
             while len(client.nthreads()) != count and time.monotonic() < deadline:
                 time.sleep(0.02)

@@ -167,6 +167,7 @@ def identification_of(joints=("shoulder", "elbow"), logs=("swing.csv", "reach.cs
         runs=(),
         calibration=Calibration(),
         provenance=Sources(versions={"dynident": "0.1.0", "numpy": "2.0"}),
+        pieces=None,
     )
 
 

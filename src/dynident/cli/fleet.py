@@ -46,3 +46,6 @@ def fleet(config: Path, out: Path, rerun: bool, spread: Spread) -> None:
         screen.remark(f"Logs identified now: {found.fitted}; known before: {known}.")
     for what, name in (("Table", TABLE), ("Report", REPORT)):
         tell(screen, what, out / name)
+    if not found.histories:
+        first = next((f": {reason}" for reason in found.rows["reason"] if reason), "")
+        raise click.ClickException(f"no log has a result{first}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -17,7 +17,7 @@ from dynident.fleets.information import information_of
 from dynident.fleets.listing import FleetLog
 from dynident.fleets.recipe import FleetRecipe
 from dynident.fleets.rows import packed
-from dynident.identification import Identification, SourceFile, judge
+from dynident.identification import Identification, SourceFile, has_gravity, judge, mounted
 from dynident.io.explicit_config import relocated, settings_text
 from dynident.io.opener import real, set_memory, watched
 from dynident.io.places import is_address, local_file
@@ -30,6 +30,7 @@ from dynident.regression import BaseParameters, structural_base_parameters
 __all__ = ["Fitted", "LogFit", "LogJob", "empty_row", "model_of"]
 
 CONFIG = "config.yaml"
+LEVEL, ANY_TILT = (0.0, 0.0), (0.3, 0.2)  # rad; no axis of a robot is likely to be parallel to this
 FAST = 1  # of the levels of zlib: a report holds megabytes
 
 
@@ -145,14 +146,29 @@ def _built(recipe: FleetRecipe, robot: str, digest: str) -> tuple[Project, BaseP
     """Return the project of a robot, whose logs are still to be named, and the base parameters of its model."""
     settings = recipe.of(robot) | {"train": [{"file": "-"}], "validation": []}
     source = f"the recipe of {robot}" if robot else "the recipe"
-    return _known(settings_text(settings, {}), recipe.folder / CONFIG, source, digest)
+    level = len({_gravity(recipe, one) for one in ("", *recipe.changes)}) == 1 and _gravity(recipe, "")[1] == LEVEL
+    return _known(settings_text(settings, {}), recipe.folder / CONFIG, source, digest, level)
+
+
+def _gravity(recipe: FleetRecipe, robot: str) -> tuple[str, tuple[float, float]]:
+    """Return what says how gravity acts on the base of a robot: its vector, and the tilt (rad)."""
+    model = recipe.of(robot).get("model")
+    model = model if isinstance(model, Mapping) else {}
+    tilt = model.get("base_tilt")
+    return str(model.get("gravity")), (tilt[0], tilt[1]) if isinstance(tilt, Sequence) and not isinstance(
+        tilt, str
+    ) else LEVEL
 
 
 @lru_cache(maxsize=16)
-def _known(text: str, path: Path, source: str, digest: str) -> tuple[Project, BaseParameters]:  # noqa: ARG001
-    """Return the same; the digest tells files of one name apart."""
+def _known(text: str, path: Path, source: str, digest: str, level: bool) -> tuple[Project, BaseParameters]:  # noqa: ARG001
+    """Return the same; the digest tells files of one name apart.
+
+    Unless all robots are ``level``, the base parameters are those of any direction of gravity: a tilt shows more.
+    """
     project = parse_project(text, path, source)
-    return project, structural_base_parameters(project.model)
+    model = project.model if level or not has_gravity(project.model) else mounted(project.model, *ANY_TILT)
+    return project, structural_base_parameters(model)
 
 
 def _path(name: str, folder: Path) -> str:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from hashlib import sha256
+from pathlib import Path
 
-__all__ = ["FILES", "NOTE", "RECIPE", "REPORT", "RUNS", "TABLE", "folder_names"]
+__all__ = ["FILES", "NOTE", "RECIPE", "REPORT", "RUNS", "TABLE", "folder_names", "is_result"]
 
 RECIPE, NOTE, TABLE, REPORT, RUNS = "recipe.yaml", "fleet.json", "fleet.parquet", "report.html", "runs"
 FILES = (RECIPE, NOTE, TABLE, REPORT)
+
+PARTS = f"{TABLE}.parts"
 
 PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")
 RESERVED = {"con", "prn", "aux", "nul", *(f"{name}{k}" for name in ("com", "lpt") for k in range(10))}  # of Windows
@@ -28,6 +31,12 @@ def folder_names(names: Iterable[str]) -> dict[str, str]:
     every = list(dict.fromkeys(names))
     count = Counter(_escaped(name).casefold() for name in every)
     return {name: _distinct(name) if count[_escaped(name).casefold()] > 1 else _short(name) for name in every}
+
+
+def is_result(file: Path, out: Path) -> bool:
+    """Whether a file is one that a fleet writes to its folder ``out``; others may be there, too."""
+    first = file.relative_to(out).parts[:1] if file.is_relative_to(out) else ()
+    return first != () and first[0] in (*FILES, RUNS, PARTS)
 
 
 def _escaped(name: str) -> str:

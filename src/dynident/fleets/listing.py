@@ -8,11 +8,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
+from difflib import get_close_matches
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynident.errors import ConfigError, InputError, choices, listed
+from dynident.fleets.folders import is_result
 from dynident.fleets.settings import FleetSettings
 from dynident.io.opener import content, keep, real
 from dynident.io.places import is_address, local_file, matching, placed, stamp_of
@@ -56,7 +58,7 @@ def fleet_logs(
 ) -> tuple[list[FleetLog], tuple[str, ...]]:
     """Return the logs of a fleet whose configuration is in ``folder``, by robot and date, and warnings.
 
-    A pattern does not find what is in ``out``, the folder of the results. A log without a readable date, or without a
+    A pattern does not find the results, which are in the folder ``out``. A log without a readable date, or without a
     file, has a ``fault``. Raises ConfigError where the pattern or table cannot be used or has no log, InputError where
     files cannot be listed.
     """
@@ -84,12 +86,18 @@ def _by_pattern(settings: FleetSettings, folder: Path, out: Path | None) -> tupl
     _check_fields(pattern)
     inside = placed(pattern)
     named = re.compile(_regex(inside))
-    found = []
+    found, results = [], 0
     for file in matching(_glob(pattern), folder):
-        own = out is not None and not is_address(file.name) and real(folder / file.name).is_relative_to(real(out))
-        if not own and (fields := named.fullmatch(file.matched)):
-            given = {"log": file.name, **fields.groupdict()}
-            found.append(_log(given, settings, file.stamp))
+        if not (fields := named.fullmatch(file.matched)):
+            continue
+        if out is not None and not is_address(file.name) and is_result(real(folder / file.name), real(out)):
+            results += 1
+        else:
+            found.append(_log({"log": file.name, **fields.groupdict()}, settings, file.stamp))
+    if results and not found:
+        raise InputError(
+            f"{pattern}: there is no log but those where results are written; choose a folder beside {out}."
+        )
     return found, ()
 
 
@@ -132,6 +140,7 @@ def _by_table(settings: FleetSettings, folder: Path) -> tuple[list[FleetLog], tu
         if column not in table.columns:
             raise ConfigError(f"{name}: has no column {column!r}; {choices(column, table.columns)}")
     unknown = [column for column in table.columns if column not in COLUMNS]
+    unknown.sort(key=lambda one: not get_close_matches(one, COLUMNS))  # misspelt ones first
     warnings = [f"{name}: the column {one!r} is not used; {choices(one, COLUMNS)}" for one in unknown[:3]]
     if unknown[3:]:
         warnings.append(f"{name}: nor are {listed(unknown[3:])}.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from dynident.errors import ConfigError, InputError, brief
+from dynident.errors import ConfigError, InputError, brief, choices
 from dynident.fleets.folders import FILES, NOTE, RECIPE
 from dynident.fleets.listing import FleetLog
 from dynident.fleets.settings import FleetSettings
@@ -20,10 +21,10 @@ from dynident.identification import SourceFile, identify
 from dynident.io.config import config_text, parse_config
 from dynident.io.config_draft import relative
 from dynident.io.explicit_config import explicit_settings, relocated, settings_text
+from dynident.io.folder import ResultFolder
 from dynident.io.opener import content, real, refuse_inputs
 from dynident.io.places import is_address, local_file
 from dynident.io.project import parse_project
-from dynident.io.results import write_json, write_text
 from dynident.io.robot import SUFFIXES, fingerprint, robot_text
 from dynident.io.yaml_text import load_yaml
 from dynident.log import Log
@@ -33,6 +34,7 @@ __all__ = ["FleetRecipe", "fleet_recipe"]
 Progress = Callable[[str], None]
 MOST = 5  # robots whose first logs choose, and logs of one that are tried
 FORMAT = "dynident-fleet"
+CHANNELS = ("position", "torque")
 COMMENTS = {
     "": ("All logs of the fleet are identified with this recipe, so that they have the same parameters.",
          "Delete the file to choose it anew; what is changed here holds for all logs."),
@@ -75,14 +77,15 @@ class FleetRecipe:
 
 
 def fleet_recipe(
-    settings: FleetSettings, logs: Sequence[FleetLog], folder: Path, out: Path | None, progress: Progress
+    settings: FleetSettings, logs: Sequence[FleetLog], folder: Path, place: ResultFolder | None, progress: Progress
 ) -> FleetRecipe:
-    """Return the recipe in the folder ``out``, where it was made from the present one; else choose it on the first log
-    of up to five robots together, and write it there.
+    """Return the recipe in the folder ``place``, where it was made from the present one; else choose it on the first
+    log of up to five robots together, and write it there.
 
     ``folder`` is that of the fleet's configuration. Raises ConfigError and ModelError where the recipe cannot be used,
-    InputError where none of these logs can.
+    or would replace one that was changed by hand, InputError where none of these logs can.
     """
+    out = None if place is None else place.path
     path = settings.recipe
     data = load_yaml(config_text(path), str(path))
     if not isinstance(data, dict):
@@ -93,18 +96,25 @@ def fleet_recipe(
     _checked(asked, settings.robots, path)
     if out is not None:
         refuse_inputs(*(out / name for name in FILES))  # before anything there is read
-    place, digest = out or path.parent, _digest(path.parent, given, reading)
-    changes = _changes(settings, folder, place)
-    if out is not None and _is_of(out, digest):
+    start, digest = out or path.parent, _digest(path.parent, given, reading)
+    changes = _changes(settings, folder, start)
+    note = {} if out is None else _note(out)
+    if out is not None and note.get("recipe") == digest and (out / RECIPE).is_file():
         known = load_yaml(config_text(out / RECIPE), str(out / RECIPE))
         recipe = FleetRecipe(known, out, changes, reading)
         _checked(recipe, (), out / RECIPE)
         return recipe
-    chosen = _chosen(asked, path, logs, folder, place, progress)
-    if out is not None:
-        write_text(out / RECIPE, settings_text(chosen, COMMENTS))
-        write_json(out / NOTE, {"format": FORMAT, "version": 1, "recipe": digest})
-    return FleetRecipe(chosen, place, changes, reading)
+    if out is not None and os.path.lexists(out / RECIPE) and note.get("written") != _fingerprint(out / RECIPE):
+        raise ConfigError(
+            f"{out / RECIPE}: was written or changed by hand, and would be replaced, since it was not made from {path} "
+            "as this, and the robot file, are now; move or delete it, or choose another folder."
+        )
+    chosen = _chosen(asked, path, logs, folder, start, progress)
+    if place is not None:
+        data = settings_text(chosen, COMMENTS).encode("utf-8", "backslashreplace")
+        note = {"format": FORMAT, "version": 1, "recipe": digest, "written": sha256(data).hexdigest()}
+        place.replace({RECIPE: data, NOTE: json.dumps(note) + "\n"})
+    return FleetRecipe(chosen, start, changes, reading)
 
 
 def merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,6 +124,13 @@ def merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
         before = found.get(key)
         found[key] = merged(before, value) if isinstance(before, Mapping) and isinstance(value, Mapping) else value
     return found
+
+
+def _check_joints(part: str, known: Any, given: Mapping[str, Any], source: str) -> None:
+    """Raise ConfigError where a joint has changes but no channel."""
+    for name in given:
+        if isinstance(known, Mapping) and name not in known:
+            raise ConfigError(f"{source}: {part}: there is no {name!r}; {choices(name, known)}")
 
 
 def _yaml(settings: Mapping[str, Any]) -> str:
@@ -146,17 +163,27 @@ def _checked(recipe: FleetRecipe, robots: Iterable[str], path: Path) -> None:
     for robot in (None, *robots):
         settings = recipe.settings if robot is None else recipe.of(robot)
         source = str(path) if robot is None else f"{path} with the changes of robots.{robot}"
+        for part in CHANNELS:
+            _check_joints(part, recipe.settings.get(part), recipe.changes.get(robot or "", {}).get(part, {}), source)
         logs = {"train": [{"file": "-"}]}
         parse_config(_yaml({**settings, **logs, "validation": []}), path.parent, source)
 
 
-def _is_of(out: Path, digest: str) -> bool:
-    """Whether the recipe in a folder was made from the one with this digest."""
+def _note(out: Path) -> dict[str, Any]:
+    """Return what is noted of the recipe in a folder: digests of the one it was made from, and of its text."""
     try:
         note = json.loads(content(out / NOTE, remember=False))
-        return (out / RECIPE).is_file() and note["format"] == FORMAT and note["recipe"] == digest
-    except (InputError, ValueError, RecursionError, KeyError, TypeError):
-        return False
+    except (InputError, ValueError, RecursionError):
+        return {}
+    return note if isinstance(note, dict) and note.get("format") == FORMAT else {}
+
+
+def _fingerprint(file: Path) -> str | None:
+    """Return the digest of a file, None where it cannot be read."""
+    try:
+        return sha256(content(file, remember=False)).hexdigest()
+    except InputError:
+        return None
 
 
 def _digest(folder: Path, *settings: Any) -> str:

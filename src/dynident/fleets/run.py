@@ -16,6 +16,7 @@ import numpy as np
 
 from dynident.errors import InputError, Step, listed
 from dynident.fleets.changes import DRAWS, find_changes
+from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
 from dynident.fleets.groups import groups_of
@@ -60,7 +61,7 @@ def run_fleet(
         say("listing the logs")
         settings = read_fleet_settings(path)
         logs, warnings = fleet_logs(settings, path.parent, folder)
-        recipe = fleet_recipe(settings, logs, path.parent, folder, say)
+        recipe = fleet_recipe(settings, logs, path.parent, place, say)
         model, basis = model_of(recipe)
         base = FleetBase.of(model, basis)
         files = run_files if folder is not None and settings.reports else None
@@ -80,7 +81,9 @@ def run_fleet(
             fitted,
             warnings,
         )
-        found = with_statistics(found, settings.false_alarms, rng or np.random.default_rng(0), say)
+        rng = rng or np.random.default_rng(0)
+        found = with_statistics(found, settings.false_alarms, rng, say)
+        found = replace(found, warnings=(*found.warnings, *doubts(found, rng.spawn(1)[0])))
         if place is not None and page is not None:
             say("writing the report")
             place.replace({REPORT: page(found)})

@@ -16,7 +16,7 @@ PARQUET = ".parquet"
 
 def is_divided(path: Path) -> bool:
     """Return whether a path names parts of a recording: a pattern, or a folder with Parquet files that is no bag."""
-    if os.path.isdir(path):  # that of Path raises for a name that is too long
+    if os.path.isdir(path):  # also of a name that is too long
         return not (path / "metadata.yaml").exists() and any(one.suffix.lower() == PARQUET for one in path.iterdir())
     return glob.has_magic(path.name) and not os.path.exists(path)
 

@@ -120,6 +120,8 @@ def _summary(found: FleetResult, changes: Sequence[Change]) -> Iterator[PageBloc
         facts.append((percent(100 * found.changes[0].rate), "false alarms", "of robots in which nothing changes"))
     yield Facts(tuple(facts))
     yield tuple(fleet_findings(found))
+    if found.warnings:
+        yield found.warnings
     if changes:
         table = with_times(change_table(found, changes, IN_TABLE), found, changes)
         table = replace(table, rows=tuple(tuple(map(_typeset, row)) for row in table.rows))
@@ -219,8 +221,6 @@ def _method(found: FleetResult) -> Iterator[PageBlock]:
         ("base parameters", str(len(found.base.names))),
     ]
     yield pairs("", facts)
-    if found.warnings:
-        yield found.warnings
     meaning = tuple(zip(found.base.names, found.base.units, found.base.groupings, strict=True))
     heads = tuple(Column(title, numeric=False) for title in ("parameter", "unit", "sum of"))
     yield Fold("Base parameters", (PageTable(heads, meaning),))

@@ -1,0 +1,91 @@
+"""Logs that are not what they are taken for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynident.fleets import GroupKind, find_changes
+from dynident.fleets.doubts import _all_at_once, _at_rest, _twice, common_groups
+from dynident.fleets.history import Group, History
+from dynident.fleets.scatter import scatter_of
+from tests.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, fleet
+
+
+def together(histories: list[History], rng: np.random.Generator) -> tuple[Group, ...]:
+    return common_groups(histories, GROUPS, scatter_of(histories, GROUPS, rng), rng)
+
+
+def later(index: int, size: float):
+    def change(log: int, value: np.ndarray) -> None:
+        value[index] += size * SIZE[index] * (log >= 5)
+
+    return change
+
+
+def test_quiet_robots_have_nothing_in_common() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        assert together(fleet(rng, 6, 8), rng) == ()
+
+
+def test_a_change_of_all_robots_at_once_is_named() -> None:
+    rng = np.random.default_rng(1)
+    histories = fleet(rng, 8, 10, dict.fromkeys(range(8), later(9, 0.2)))
+    assert find_changes(histories, GROUPS, rng).found == ()  # it hides in the scatter
+    assert together(histories, rng) == (GROUPS[OFFSET_B],)
+
+
+def test_the_temperature_of_the_day_is_named() -> None:
+    rng = np.random.default_rng(2)
+    warm = rng.standard_normal(10)
+
+    def change(log: int, value: np.ndarray) -> None:
+        value[4:6] *= 1 + 0.3 * warm[log]
+
+    assert together(fleet(rng, 6, 10, dict.fromkeys(range(6), change)), rng) == (GROUPS[FRICTION_A],)
+
+
+@pytest.mark.parametrize(("robots", "logs"), [(0, 0), (1, 8), (2, 8), (5, 1)])
+def test_of_few_robots_nothing_is_said(robots: int, logs: int) -> None:
+    rng = np.random.default_rng(3)
+    histories = fleet(rng, robots, logs)
+    scatter = scatter_of(fleet(rng, 4, 8), GROUPS, rng)
+    assert common_groups(histories, GROUPS, scatter, rng) == ()
+
+
+def test_the_same_recording_under_two_names_is_named() -> None:
+    one, two = fleet(np.random.default_rng(4), 2, 3)
+    assert list(_twice([one, two])) == []
+    value = two.value.copy()
+    value[2] = one.value[0]
+    (words,) = _twice([one, replace(two, value=value)])
+    assert "log0 (robot0) = log2 (robot1)" in words
+
+
+def test_a_log_at_rest_is_named() -> None:
+    one, two = fleet(np.random.default_rng(5), 2, 3)
+    assert list(_at_rest([one, two])) == []
+    information = one.information.copy()
+    shown = np.isin(np.arange(len(SIZE)), [8, 9])
+    information[1] = np.where(np.outer(shown, shown), information[1], 0.0)
+    (words,) = _at_rest([replace(one, information=information), two])
+    assert words.endswith("as at rest: log1 (robot0).")
+    assert list(_at_rest([])) == []
+
+
+def test_a_robot_of_which_everything_changes_with_one_log_is_doubted() -> None:
+    rng = np.random.default_rng(6)
+
+    def swapped(log: int, value: np.ndarray) -> None:
+        value *= 1 if log < 5 else 3
+
+    found = find_changes(fleet(rng, 6, 8, {2: swapped}), GROUPS, rng)
+    (words,) = _all_at_once(found, len(GROUPS))
+    assert words.startswith("robot2: ")
+    assert "log5" in words
+    found = find_changes(fleet(rng, 6, 8, {2: later(9, 1.0)}), GROUPS, rng)
+    assert [one.group.kind for one in found.found] == [GroupKind.OFFSET]
+    assert list(_all_at_once(found, len(GROUPS))) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -210,7 +211,7 @@ def is_long(config: Config) -> bool:
     Raises InputError where a Parquet file cannot be read.
     """
     files = {one for spec in config.train for path in spec.file.values() for one in recording_parts(path)}
-    rows = sum(count_rows(one) for one in files if one.suffix.lower() == PARQUET and one.exists())
+    rows = sum(count_rows(one) for one in files if one.suffix.lower() == PARQUET and os.path.exists(one))
     return rows * len(config.position) * WEIGHT > memory()
 
 

@@ -180,6 +180,13 @@ def test_a_noun_without_words_is_an_error() -> None:
             ),
         ),
         (
+            notes.MotionLimits("Izz1 + Ia1", 3, 12),
+            (
+                "a longer recording does not help 3 of 12 base parameters, Izz1 + Ia1 above all: most of their "
+                "standard errors is what errors of the smoothed motion leave; positions with less noise help"
+            ),
+        ),
+        (
             notes.MotionTooNoisy("Izz1 + Ia1", 3.21),
             (
                 "standard errors are too small: smoothing and the noise left in the motion bias Izz1 + Ia1 by about "

@@ -5,9 +5,10 @@ from dynident.identification.block_bootstrap import Bootstrap, bootstrap
 from dynident.identification.cross_validation import Gain
 from dynident.identification.division import Division, LongRecording, Span, Stretch
 from dynident.identification.identify import identify
-from dynident.identification.long import InPieces, Prepared, Reduced, finished, prepared
+from dynident.identification.long import InPieces, Prepared, finished, prepared
 from dynident.identification.prior_strength import PriorStrength, find_prior_strength
 from dynident.identification.recipe import Recipe
+from dynident.identification.reducer import Reduced
 from dynident.identification.rests import Rests, moving_span, resting, whole_rests
 from dynident.identification.result import (
     Calibration,

@@ -8,7 +8,6 @@ their factors merge to those of the whole, and give standard errors that allow f
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -22,53 +21,33 @@ from dynident.estimators.notes import MotionCorrected, MotionLimits, MotionTooNo
 from dynident.identification.division import USUAL, Division, LongRecording, Span, excerpts_of, spans_of
 from dynident.identification.identify import FAR, identify, judged, warnings_of
 from dynident.identification.motion_errors import SAMPLES
-from dynident.identification.outliers import held_out_outliers, masked
+from dynident.identification.outliers import held_out_outliers
 from dynident.identification.recipe import Recipe
-from dynident.identification.repetition import PIECE, credible_share, pieces_of
-from dynident.identification.rests import Rests, resting, whole_rests
+from dynident.identification.reducer import Reduced, Reducer
+from dynident.identification.repetition import credible_share, pieces_of
+from dynident.identification.rests import Rests
 from dynident.identification.result import Identification, Sources, versions
 from dynident.identification.role_logs import RoleLogs
-from dynident.identification.sampled_bias import Repeated, repeat, sampled_bias
+from dynident.identification.sampled_bias import sampled_bias
 from dynident.identification.standard_errors import covariance_of_time_offset, identifiability_of
 from dynident.log import Log, Motion
-from dynident.models import Model, Structure
+from dynident.models import Model
 from dynident.regression import (
     Regression,
     TriangularFactors,
     base_parameters,
-    factorise,
     merged,
     one_thread,
-    packed,
     unpacked,
 )
-from dynident.smoothers import Smoother, as_used, motion_of, overlap
+from dynident.smoothers import Smoother, as_used, overlap
 from dynident.splines import NORMAL_95
 from dynident.validation import check_mass, clustered_std
 
-__all__ = ["InPieces", "Prepared", "Reduced", "Reducer", "finished", "prepared"]
+__all__ = ["InPieces", "Prepared", "finished", "prepared"]
 
 Array = NDArray[np.float64]
 FORGETS = 10.0  # s before a piece from which terms that remember are followed
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """What is kept of a piece: its times (s), the number of rows of each joint, and its factors as ``packed``; the same
-    of what was ``repeated`` of it, once and twice."""
-
-    begins: float
-    ends: float
-    rows: tuple[int, ...]
-    factors: bytes
-    repeated: tuple[tuple[int, ...], bytes, bytes]
-
-    __repr__ = brief
-
-    def repetitions(self, structure: Structure) -> Repeated:
-        """Return the factors of what was repeated."""
-        rows, *contents = self.repeated
-        return Repeated(*(unpacked(one, rows, structure) for one in contents))
 
 
 @dataclass(frozen=True)
@@ -83,63 +62,6 @@ class InPieces(Note):
     excerpts: int
     joint: str
     error: float
-
-
-@dataclass(frozen=True, eq=False)
-class Reducer:
-    """Reduces a piece to its factors, with everything chosen: the same motion, rows and equations as of the whole.
-
-    Some samples of it are repeated, with the torque of ``theta`` (p) and this ``credible`` share of the noise.
-    """
-
-    model: Model
-    recipe: Recipe
-    recordings: tuple[LongRecording, ...]
-    without_rests: bool
-    theta: Array
-    credible: float
-
-    __repr__ = brief
-
-    def __call__(self, span: Span) -> Reduced:
-        """Read, smooth and reduce a piece. Raises the errors of reading and smoothing."""
-        log, kept = self.recordings[span.recording].read(slice(span.first, span.last))
-        start, stop = (int(k) for k in np.searchsorted(kept, (span.start - span.first, span.stop - span.first)))
-        with one_thread():
-            motion = self.motion(log)
-            speeds = self.recipe.min_speeds(motion.joints)
-            regression = Regression(self.model, (motion,), self.recipe.filter, speeds)
-            structure = self.model.structure
-            found = factorise(regression.entries(within=(0, slice(start, stop))), structure)
-            first = start + max(0, (stop - start - PIECE) // 2)
-            some = slice(first, min(first + PIECE, stop))
-            again = self.repeated(log, regression, some, np.random.default_rng([span.recording, span.start]))
-        begins, ends = float(log.t[start]), float(log.t[stop - 1])
-        repeated = tuple(again.once.rows.tolist()), packed(again.once, structure), packed(again.twice, structure)
-        return Reduced(begins, ends, tuple(found.rows.tolist()), packed(found, structure), repeated)
-
-    def repeated(self, log: Log, regression: Regression, rows: slice, rng: np.random.Generator) -> Repeated:
-        """Return the factors of some rows of a piece that are repeated; of none where they cannot be smoothed alone."""
-        (motion,), (smoother,), theta = regression.motions, self.recipe.smoothers, self.theta
-        cut = motion.shifted(0.0, np.arange(rows.start, rows.stop))
-        with suppress(InputError):
-            alone = self.recipe.repaired(log.rows(rows, log.source), torque=False)
-            for one in pieces_of(self.model, alone, cut, smoother, theta, 1.0):
-                return repeat(self.model, replace(one, sigma=one.sigma * self.credible), theta, regression, rng)
-        none = factorise((), self.model.structure)
-        return Repeated(none, none)
-
-    def motion(self, log: Log) -> Motion:
-        """Return the motion of a piece, of which the fit keeps what it keeps of a whole log."""
-        recipe = self.recipe
-        motion = self.model.remembering(motion_of(recipe.smoothers[0], recipe.repaired(log, torque=True)))
-        if recipe.outliers == "mask":
-            speeds = recipe.min_speeds(motion.joints)
-            motion = masked(self.model, {"train": {"": motion}}, {"train": {"": log}}, speeds)["train"][""]
-        if self.without_rests and (still := _still(log)).any():
-            moving = np.broadcast_to(~still[:, None], motion.q.shape)
-            motion = replace(motion, keep=moving if motion.keep is None else moving & motion.keep)
-        return self.model.remembering(motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,16 +248,6 @@ def _said(found: Prepared, pieces: Pieces, model: Model) -> InPieces:
     error = np.nan_to_num(pieces.relative_error)
     worst = int(error.argmax())
     return InPieces(samples, seconds, len(found.spans), len(found.logs), model.joints[worst].name, float(error[worst]))
-
-
-def _still(log: Log) -> NDArray[np.bool_]:
-    """Return which samples (N) are of a rest of the whole arm; all where it never moves."""
-    out = np.zeros(len(log), dtype=bool)
-    if resting(log).all():
-        return ~out
-    for one in whole_rests(log):
-        out[one] = True
-    return out
 
 
 def _credible(chosen: Identification, logs: Mapping[str, Log]) -> float:

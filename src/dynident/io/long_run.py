@@ -40,6 +40,7 @@ def pieces_name(ready: Prepared, recordings: Sequence[LongLog]) -> str:
         "recipe": [
             repr(one) for one in (recipe.filter, recipe.min_speed, recipe.outliers, ready.reducer.without_rests)
         ],
+        "repeated with": [ready.reducer.theta.tolist(), ready.reducer.credible],
         "spans": [vars(one) for one in ready.spans],
         "channels": [one.config.model_dump(mode="json", exclude={"train"}) for one in recordings],
         "files": [[str(path), *_state(path)] for one in recordings for path in one.files],

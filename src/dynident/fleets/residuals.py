@@ -12,13 +12,14 @@ from math import ceil
 
 import numpy as np
 
-from dynident.fleets.changes import DRAWS, Change, Changes, find_changes
+from dynident.fleets.changes import DRAWS, Change, Changes, Shape, find_changes
 from dynident.fleets.history import Group, GroupKind, History
 from dynident.models import Joint
 
 __all__ = ["changes_and_residuals", "residual_groups"]
 
 SHARE = 0.2  # of the rate of false alarms that residuals have
+LASTING = 2  # logs that have the larger residual
 LEAST = 10  # draws, at least, that are expected to show as much as a change at the rate
 
 
@@ -45,7 +46,8 @@ def changes_and_residuals(
 
     ``residuals`` are histories of the same robots and logs. A fifth of the ``rate`` is theirs, so that it holds for all
     together: a p-value is that of the search divided by its share. A residual that changes with parameters that explain
-    it is left out. There are at least ``draws``. Raises what ``find_changes`` raises.
+    it is left out, and one that only one log shows: single logs have residuals of their own. There are at least
+    ``draws``. Raises what ``find_changes`` raises.
     """
     first, second = rng.spawn(2)
     if not residuals:
@@ -53,8 +55,12 @@ def changes_and_residuals(
     one, other = rate * (1 - SHARE), rate * SHARE
     found = find_changes(histories, groups, first, rate=one, draws=_draws(one, draws))
     left = find_changes(residuals, residual_groups(joints), second, rate=other, draws=_draws(other, draws))
-    logs, names = {history.robot: history.logs for history in histories}, {joint.name for joint in joints}
-    kept = [x for x in left.found if not any(_explains(y, x, logs[x.robot], names) for y in found.of(x.robot))]
+    of, names = {history.robot: history for history in residuals}, {joint.name for joint in joints}
+    kept = [
+        x
+        for x in left.found
+        if _lasts(x, of[x.robot]) and not any(_explains(y, x, of[x.robot].logs, names) for y in found.of(x.robot))
+    ]
     changes = [_shared(x, 1 - SHARE) for x in found.found] + [_shared(x, SHARE) for x in kept]
     chances = {
         robot: min(chance / (1 - SHARE), left.p_values.get(robot, 1.0) / SHARE, 1.0)
@@ -69,6 +75,15 @@ def _draws(rate: float, draws: int) -> int:
 
 def _shared(change: Change, share: float) -> Change:
     return replace(change, p_value=min(change.p_value / share, 1.0))
+
+
+def _lasts(change: Change, residual: History) -> bool:
+    """Return whether at least two logs have the larger residual: more than halfway between the means of both sides."""
+    value = residual.value @ change.group.directions[:, 0]
+    first = change.index if change.shape is Shape.STEP else change.index + 1
+    before, after = value[:first], value[first:]
+    halfway = 0.5 * (before.mean() + after.mean())
+    return bool(((after if change.size[0] > 0 else before) > halfway).sum() >= LASTING)
 
 
 def _explains(change: Change, residual: Change, logs: Sequence[str], joints: set[str]) -> bool:

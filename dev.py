@@ -181,7 +181,7 @@ def dynident(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    """Run the tests that are named; else all, in three processes, and what computes again without the kernel."""
+    """Run the tests that are named; else all of them, in three processes, and what computes again without the kernel."""
     if arguments:
         return run(PYTHON, "-m", "pytest", *arguments)
     # by file, so that what the tests of one share is made once; in their order, the longest of which are not the last

@@ -181,18 +181,17 @@ def dynident(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
-    """Run the tests that are named; else all of them, in three processes, and what computes again without the kernel."""
+    """Run the tests that are named; else all of them, in two processes, and what computes again without the kernel."""
     if arguments:
         return run(PYTHON, "-m", "pytest", *arguments)
     # by file, so that what the tests of one share is made once; in their order, the longest of which are not the last
-    # three processes keep two cores busy while tests wait for commands and clusters
-    three = ("-n", "3", "--dist", "loadfile", "--no-loadscope-reorder")
-    run(PYTHON, "-m", "pytest", *three)
+    two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+    run(PYTHON, "-m", "pytest", *two)
     asked = "import sys; from dynident.kernel import kernel; sys.exit(not kernel().level)"
     if subprocess.run([PYTHON, "-c", asked]).returncode:
         return print("All of this ran on NumPy and LAPACK: the compiled kernel was not tested.")
     os.environ["DYNIDENT_KERNEL"] = "off"
-    return run(PYTHON, "-m", "pytest", *three, *NUMERICAL)
+    return run(PYTHON, "-m", "pytest", *two, *NUMERICAL)
 
 
 def lint(_: list[str]) -> None:

@@ -204,8 +204,8 @@ def test_what_computes_is_tested_without_the_kernel_too(
     assert runs == [("", ("tests/splines", "-x"))]
     runs.clear()
     names["test"]([])
-    three = ("-n", "3", "--dist", "loadfile", "--no-loadscope-reorder")
-    assert runs == [("", three), *([("off", (*three, *names["NUMERICAL"]))] * kernel)]
+    two = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+    assert runs == [("", two), *([("off", (*two, *names["NUMERICAL"]))] * kernel)]
     assert ("kernel was not tested" in capsys.readouterr().out) is not kernel
     *paths, key, expression = names["NUMERICAL"]
     for path in paths:

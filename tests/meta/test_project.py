@@ -75,7 +75,7 @@ def test_a_whole_run_of_the_tests_includes_the_examples_of_docstrings(monkeypatc
     monkeypatch.setitem(main.__globals__, "subprocess", no_kernel)
     main(["test"])
     ((_, *words),) = commands
-    assert words == ["-m", "pytest", "-n", "3", "--dist", "loadfile", "--no-loadscope-reorder"]
+    assert words == ["-m", "pytest", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
 
 
 def test_dev_py_names_what_a_python_without_pip_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

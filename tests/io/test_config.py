@@ -33,6 +33,11 @@ def test_a_full_configuration(tmp_path):
     assert pickle.loads(pickle.dumps(config)) == config
 
 
+def test_the_file_of_a_fleet_is_named_as_such():
+    with pytest.raises(ConfigError, match=r"many.yaml: is the file of a fleet, for `dynident fleet`"):
+        parse_config("recipe: robot.yaml\nlogs: logs/{robot}/{date}.csv\n", source="many.yaml")
+
+
 def test_settings_can_be_recorded_as_json():
     record = json.loads(json.dumps(parse_config(FULL, "/data").model_dump(mode="json")))
     assert record["train"] == [

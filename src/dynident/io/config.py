@@ -47,6 +47,8 @@ def parse_config(
     Unless ``allow_code``, a part of a Python file is refused, as that would run the file.
     """
     data = load_yaml(text, source)
+    if isinstance(data, dict) and "recipe" in data and "model" not in data:
+        raise ConfigError(f"{source}: is the file of a fleet, for `dynident fleet`; a configuration has a `model`.")
     try:
         config = Config.model_validate(data, context={"folder": folder, "code": folder if allow_code else None})
     except ValidationError as error:

@@ -53,6 +53,7 @@ class _Function:
 
     @cached_property
     def itself(self) -> Callable[[Any], Any]:
+        """The function, loaded when it is first called; InputError where that fails."""
         try:
             function: Callable[[Any], Any] = unpacked(self.packed)
         except Exception as error:

@@ -31,13 +31,13 @@ from dynident.cli.workers import Spread
 from dynident.demo.arm import JOINTS, TILT, true_model, true_values, urdf
 from dynident.demo.recording import ENCODER, Day, fourier
 from dynident.errors import ModelError
-from dynident.fleets import Group, GroupKind, History, groups_of
+from dynident.fleets import History
 from dynident.fleets.changes import Changes
 from dynident.fleets.pooled import Pooled, pooled
 from dynident.fleets.residuals import changes_and_residuals
 from dynident.log import Motion
 from dynident.models import Model, Ripple
-from dynident.regression import BaseParameters, Regression, structural_base_parameters
+from dynident.regression import BaseParameters, Group, GroupKind, Regression, groups_of, structural_base_parameters
 from dynident.report.fleet_run import fleet
 from dynident.validation import robust_covariance
 

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dynident.fleets import Group, GroupKind, History
+from dynident.fleets import History
+from dynident.regression import Group, GroupKind
 
 B = 12
 SIZE = np.geomspace(0.01, 10.0, B)

@@ -8,10 +8,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.fleets import GroupKind, find_changes
+from dynident.fleets import find_changes
 from dynident.fleets.doubts import _all_at_once, _at_rest, _twice, _unlike, common_groups
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import History
 from dynident.fleets.scatter import scatter_of
+from dynident.regression import Group, GroupKind
 from tests.fleets.simulated import FRICTION_A, GROUPS, OFFSET_B, SIZE, fleet
 
 

@@ -10,10 +10,11 @@ import pytest
 from scipy.stats import binom
 
 import dynident as dy
-from dynident.fleets import GroupKind, History, residual_groups
+from dynident.fleets import History, residual_groups
 from dynident.fleets.changes import find_changes
 from dynident.fleets.residuals import changes_and_residuals
 from dynident.models import Joint
+from dynident.regression import GroupKind
 from dynident.report.fleet import fleet_findings
 from tests.fleets.made import FLEET, RECIPE, write_log
 from tests.fleets.simulated import FRICTION_A, GROUPS, PAYLOAD, fleet

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from dynident.errors import InputError
-from dynident.fleets import GroupKind
 from dynident.fleets.scatter import blocks_of, scatter_of
+from dynident.regression import GroupKind
 from tests.fleets.simulated import GROUPS, SCATTER, SIZE, B, E, fleet, group
 
 

@@ -5,8 +5,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from dynident.fleets import Changes, GroupKind, History, Shape, residual_groups
+from dynident.fleets import Changes, History, Shape, residual_groups
 from dynident.jobs import Status
+from dynident.regression import GroupKind
 from dynident.report.fleet import fleet_findings, fleet_heading, fleet_page, fleet_tables
 from dynident.report.fleet_words import change_words
 from dynident.report.page import _script

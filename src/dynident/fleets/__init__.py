@@ -1,8 +1,7 @@
 """Many logs of many robots, each identified with one recipe: parameters over time, changes, and what robots share."""
 
 from dynident.fleets.changes import Change, Changes, Shape, find_changes
-from dynident.fleets.groups import groups_of
-from dynident.fleets.history import Group, GroupKind, History
+from dynident.fleets.history import History
 from dynident.fleets.pooled import Pooled, pooled
 from dynident.fleets.residuals import residual_groups
 from dynident.fleets.result import FleetBase, FleetResult
@@ -14,14 +13,11 @@ __all__ = [
     "Changes",
     "FleetBase",
     "FleetResult",
-    "Group",
-    "GroupKind",
     "History",
     "Pooled",
     "Scatter",
     "Shape",
     "find_changes",
-    "groups_of",
     "pooled",
     "residual_groups",
     "run_fleet",

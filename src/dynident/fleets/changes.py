@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import ConfigError, brief
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import History
 from dynident.fleets.ratios import Ratios
 from dynident.fleets.scatter import FEW, Scatter, scatter_of
+from dynident.regression import Group
 
 __all__ = ["Change", "Changes", "Shape", "changes_of", "course", "design", "find_changes"]
 

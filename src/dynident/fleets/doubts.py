@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from dynident.errors import listed
 from dynident.fleets.changes import FEWEST, Change, Changes, Shape
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import History
 from dynident.fleets.scatter import Scatter
 from dynident.jobs import Status
+from dynident.regression import Group
 
 if TYPE_CHECKING:
     import polars as pl

@@ -3,45 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 
-__all__ = ["Group", "GroupKind", "History"]
+__all__ = ["History"]
 
 Array = NDArray[np.float64]
-
-
-class GroupKind(StrEnum):
-    """What of a robot can change: friction of a joint, what the last body carries, an offset of a sensor, a ripple of
-    a gear, the residual of a joint: torque that the model leaves, whatever its cause."""
-
-    FRICTION = "friction"
-    PAYLOAD = "payload"
-    OFFSET = "offset"
-    RIPPLE = "ripple"
-    RESIDUAL = "residual"
-
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """One thing that can change by itself: the ``directions`` (b, k) in which it moves the base parameters.
-
-    ``joint`` is the joint whose friction, offset or ripple it is, of a payload the joint that moves its body;
-    ``names`` (k) say what the directions are, with ``units`` (k). Of a residual the directions (n, 1) are of the
-    logarithms of the residuals of n joints, so that a size is the logarithm of a factor.
-    """
-
-    kind: GroupKind
-    joint: str
-    directions: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from dynident.errors import InputError, brief
 from dynident.fleets.changes import Change, design
 from dynident.fleets.components import components, measured, pseudo_inverse, solved, weights_of
-from dynident.fleets.history import Group, GroupKind, History
+from dynident.fleets.history import History
 from dynident.fleets.scatter import Scatter, blocks_of
+from dynident.regression import Group, GroupKind
 
 __all__ = ["Pooled", "Posterior", "baseline", "pooled"]
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.fleets.components import Components, measured, pseudo_inverse
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import History
+from dynident.regression import Group
 
 __all__ = ["Ratios", "evidence"]
 

@@ -13,8 +13,9 @@ from math import ceil
 import numpy as np
 
 from dynident.fleets.changes import DRAWS, Change, Changes, Shape, find_changes
-from dynident.fleets.history import Group, GroupKind, History
+from dynident.fleets.history import History
 from dynident.models import Joint
+from dynident.regression import Group, GroupKind
 
 __all__ = ["changes_and_residuals", "residual_groups"]
 

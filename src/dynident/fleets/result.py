@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from dynident.errors import brief
 from dynident.fleets.changes import Changes
-from dynident.fleets.history import Group, History
+from dynident.fleets.history import History
 from dynident.fleets.pooled import Pooled
 from dynident.models import Joint, Model
-from dynident.regression import BaseParameters
+from dynident.regression import BaseParameters, Group
 
 if TYPE_CHECKING:
     import polars as pl

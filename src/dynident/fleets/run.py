@@ -17,7 +17,6 @@ from dynident.errors import InputError, Step, listed
 from dynident.fleets.doubts import doubts
 from dynident.fleets.fit import Fitted, LogFit, LogJob, empty_row, model_of
 from dynident.fleets.folders import REPORT, RUNS, TABLE, folder_names
-from dynident.fleets.groups import groups_of
 from dynident.fleets.listing import FleetLog, fleet_logs
 from dynident.fleets.pooled import FEWEST, Pooled, pooled
 from dynident.fleets.recipe import FleetRecipe, fleet_recipe
@@ -31,6 +30,7 @@ from dynident.io.opener import GIGABYTE, memory, watched
 from dynident.io.results import as_path
 from dynident.io.row_store import RowStore
 from dynident.jobs import Done, Limits, Status, run_jobs
+from dynident.regression import groups_of
 
 if TYPE_CHECKING:
     import polars as pl

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dynident.errors import InputError, brief
 from dynident.fleets.components import Components, Measured, components, measured
-from dynident.fleets.history import Group, GroupKind, History
+from dynident.fleets.history import History
+from dynident.regression import Group, GroupKind
 
 __all__ = ["Scatter", "blocks_of", "scatter_of"]
 

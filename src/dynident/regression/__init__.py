@@ -9,6 +9,7 @@ from dynident.regression.base_parameters import (
     informed_std,
     structural_base_parameters,
 )
+from dynident.regression.groups import Group, GroupKind, groups_of
 from dynident.regression.linear_problem import (
     BLOCK,
     HIGHEST_ORDER,
@@ -29,6 +30,8 @@ __all__ = [
     "HIGHEST_ORDER",
     "BaseParameters",
     "EntryBlock",
+    "Group",
+    "GroupKind",
     "ParallelFilter",
     "Part",
     "Rank",
@@ -44,6 +47,7 @@ __all__ = [
     "factors_of_parts",
     "fast_enough",
     "fitted_rows",
+    "groups_of",
     "informed_std",
     "merged",
     "one_thread",

@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dynident.errors import listed
-from dynident.fleets import GroupKind, residual_groups
+from dynident.fleets import residual_groups
+from dynident.regression import GroupKind
 from dynident.report import figures
 from dynident.report.fleet_courses import RobotCourses
 from dynident.report.fleet_logs import failed, failed_table, failure_words, log_section, robot_table, rows_of
@@ -31,7 +32,8 @@ from dynident.report.page import (
 from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
-    from dynident.fleets import Change, Changes, FleetResult, Group, History
+    from dynident.fleets import Change, Changes, FleetResult, History
+    from dynident.regression import Group
 
 __all__ = ["fleet_findings", "fleet_heading", "fleet_page", "fleet_tables"]
 

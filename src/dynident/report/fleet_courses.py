@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynident.fleets import GroupKind, Shape
+from dynident.fleets import Shape
+from dynident.regression import GroupKind
 from dynident.report.figures import Array, Course, Mark
 from dynident.report.fleet_words import shape_words, worst_first
 
 if TYPE_CHECKING:
-    from dynident.fleets import Change, Group, History, Scatter
+    from dynident.fleets import Change, History, Scatter
+    from dynident.regression import Group
 
 __all__ = ["RobotCourses"]
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynident.errors import listed
-from dynident.fleets import Group, GroupKind, Shape
+from dynident.fleets import Shape
+from dynident.regression import Group, GroupKind
 from dynident.report.figures import Array
 from dynident.report.page import Column, PageTable, number
 

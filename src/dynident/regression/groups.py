@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.fleets.history import Group, GroupKind
+from dynident.errors import brief
 from dynident.models import (
     Counterbalance,
     CoupledFriction,
@@ -22,13 +24,42 @@ from dynident.models import (
     Spring,
     Term,
 )
-from dynident.regression import BaseParameters
+from dynident.regression.base_parameters import BaseParameters
 
-__all__ = ["groups_of"]
+__all__ = ["Group", "GroupKind", "groups_of"]
 
 Array = NDArray[np.float64]
 LASTING = (RotorInertia, Spring, Counterbalance, Drift)  # terms of joints that are no friction
 DISTINCT = 1e-6  # of a direction of unit length: what is left of it beside those before
+
+
+class GroupKind(StrEnum):
+    """What of a robot can change: friction of a joint, what the last body carries, an offset of a sensor, a ripple of
+    a gear, the residual of a joint: torque that the model leaves, whatever its cause."""
+
+    FRICTION = "friction"
+    PAYLOAD = "payload"
+    OFFSET = "offset"
+    RIPPLE = "ripple"
+    RESIDUAL = "residual"
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One thing that can change by itself: the ``directions`` (b, k) in which it moves the base parameters.
+
+    ``joint`` is the joint whose friction, offset or ripple it is, of a payload the joint that moves its body;
+    ``names`` (k) say what the directions are, with ``units`` (k). Of a residual the directions (n, 1) are of the
+    logarithms of the residuals of n joints, so that a size is the logarithm of a factor.
+    """
+
+    kind: GroupKind
+    joint: str
+    directions: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    __repr__ = brief
 
 
 def groups_of(model: Model, basis: BaseParameters) -> tuple[Group, ...]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dynident.demo.arm import true_model
-from dynident.fleets import GroupKind, groups_of
 from dynident.models import Coulomb, CoupledMotor, Joint, Model, Offset, Ripple, RotorInertia, Viscous
 from dynident.models.gallery import MODELS
-from dynident.regression import structural_base_parameters
+from dynident.regression import GroupKind, groups_of, structural_base_parameters
 
 
 def test_each_joint_has_its_groups_and_the_last_body_a_payload() -> None:

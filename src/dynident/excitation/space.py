@@ -1,0 +1,57 @@
+"""What an arm must keep clear of: itself, and what stands around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Box", "Cylinder", "Floor", "Obstacle", "Space"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Floor:
+    """All below ``height`` (m) along the z axis of the robot's root link."""
+
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with its middle at ``centre`` (m), of ``size`` (m) along the axes x, y and z of the root link."""
+
+    name: str
+    centre: tuple[float, float, float]
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """An upright cylinder about (x, y) of ``radius`` (m), from ``bottom`` to ``top`` (m): a keep-out volume."""
+
+    name: str
+    centre: tuple[float, float]
+    radius: float
+    bottom: float = -np.inf
+    top: float = np.inf
+
+
+Obstacle = Floor | Box | Cylinder
+
+
+class Space(Protocol):
+    """Distances of the links of an arm to each other and to obstacles, for P pairs."""
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The names of the P pairs: links, or a link and an obstacle."""
+
+    def distances(self, q: Array, /) -> Array:
+        """Return distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
+
+    def gradients(self, q: Array, /) -> tuple[Array, Array]:
+        """Return ``distances`` and their derivatives (N, P, n) by q."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.excitation.family import Family
+from dynident.excitation.family import Family, Guard
 from dynident.excitation.limits import MotionLimits
 from dynident.excitation.space import Space
 
@@ -27,7 +27,6 @@ __all__ = ["Interior", "Point", "Spare"]
 Array = NDArray[np.float64]
 Information = Callable[[Array, Array, Array], tuple[float, Array]]
 NEAR = 0.1  # m: beyond such a distance the barrier fades
-ROUND = 1e-6  # of a limit: within it |x| is smooth
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,41 +90,29 @@ class Interior:
         return self.family.values(self.grid)
 
     @cached_property
-    def still(self) -> Array:
-        """The coefficients (K) of one, for all times."""
-        found = np.linalg.lstsq(self.functions[0], np.ones(len(self.grid)))[0]
-        return np.where(np.abs(found) < 1e-12, 0.0, found)
-
-    @cached_property
-    def middle(self) -> Array:
-        """The middle (4, n) of the limits of q, dq, ddq and the jerk."""
-        out = np.zeros((4, len(self.limits.joints)))
-        ends = self.limits.lower, self.limits.upper
-        out[0] = np.where(np.isfinite(ends).all(axis=0), np.nan_to_num(np.add(*ends) / 2), 0.0)
-        return out
-
-    @cached_property
-    def reach(self) -> Array:
-        """Half of the range (4, n) of q, dq, ddq and the jerk; infinite where there is no limit."""
-        limits = self.limits
-        return np.array([limits.upper - self.middle[0], limits.velocity, limits.acceleration, limits.jerk])
+    def guard(self) -> Guard:
+        """What keeps q, dq, ddq and the jerk within their limits at all times."""
+        return self.family.guard(len(self.grid))
 
     def states(self, x: Array) -> Array:
         """Return q, dq, ddq and the jerk, (4, N, n)."""
         return np.asarray(self.functions @ x.T)
 
-    def room(self, x: Array, states: Array) -> Array:
-        """Return what of the half ranges (4, N, n) is left on either side, as shares (2, 4, N, n)."""
-        excess = self._between @ np.sqrt(np.square(x) + ROUND**2).T
-        out = (states - self.middle[:, None]) / self.reach[:, None]
-        free = 1.0 - (excess / self.reach)[:, None]
-        return np.array([free - out, free + out])
+    def room(self, x: Array) -> Array:
+        """Return what is left of the ranges of q, dq, ddq and the jerk on either side, as shares (2, R, n) of half of
+        them, at the rows of the guard one below the other."""
+        out = self.moved(x) - self._middle
+        return np.array([self.guard.share - out, self.guard.share + out])
+
+    def moved(self, x: Array) -> Array:
+        """Return the rows of the guard (R, n) as shares of half of the ranges."""
+        return np.asarray((self._rows @ x.T) / self._sizes)
 
     def keeps(self, x: Array) -> bool:
         """Whether a motion keeps to all limits on the grid, with what is to spare."""
-        states = self.states(x)
-        if not (self.room(x, states) > 0).all():
+        if not (self.room(x) > 0).all():
             return False
+        states = self.states(x)
         push, gap = self.torque_room(states), self.gaps(states[0])
         return bool((push > 0).all() and (gap > 0).all())
 
@@ -141,10 +128,10 @@ class Interior:
 
     def at(self, x: Array, weight: float) -> Point | None:
         """Return the value at coefficients x with a ``weight`` of the barrier; None where a limit is not kept."""
-        states = self.states(x)
-        room = self.room(x, states)
+        room = self.room(x)
         if not (room > 0).all():
             return None
+        states = self.states(x)
         push = self.torque_room(states)
         if not (push > 0).all():
             return None
@@ -159,22 +146,20 @@ class Interior:
         barrier = share * float(np.log1p(NEAR / gap).sum() - np.log(room).sum() - np.log(push).sum())
         all_slopes = np.zeros_like(states)
         all_slopes[:3] = slopes
-        all_slopes += share * (1.0 / room[0] - 1.0 / room[1]) / self.reach[:, None]
         self._add_torque(all_slopes, states, share * (1.0 / push[0] - 1.0 / push[1]) / self.limits.torque)
         if gap.size:
             all_slopes[0] -= share * np.einsum("ip,ipj->ij", NEAR / (gap * (gap + NEAR)), turned)
         gradient = np.einsum("din,dik->nk", all_slopes, self.functions)
-        squeeze = share * (1.0 / room).sum(axis=(0, 2)) / self.reach  # (4, n), by the excess
-        gradient += (squeeze.T @ self._between) * x / np.sqrt(np.square(x) + ROUND**2)
+        gradient += share * ((1.0 / room[0] - 1.0 / room[1]) / self._sizes).T @ self._rows
         return Point(criterion, criterion + barrier, gradient)
 
     def metric(self, x: Array, weight: float, least: float) -> Array:
         """Return the curvature (n, K, K) of the barrier of q, dq, ddq and jerk, joint by joint; at its middle with a
         weight ``least`` more."""
-        room = np.maximum(self.room(x, self.states(x)), 0.1 * weight)
-        bent = (weight * np.square(1.0 / room).sum(axis=0) + 2 * least) / np.square(self.reach)[:, None]
-        B = self.functions
-        return np.asarray(np.einsum("dik,din,dil->nkl", B, bent, B, optimize=True) / len(self.grid))
+        room = np.maximum(self.room(x), 0.1 * weight)
+        bent = (weight * np.square(1.0 / room).sum(axis=0) + 2 * least) / np.square(self._sizes)
+        B = self._rows
+        return np.asarray(np.einsum("rk,rn,rl->nkl", B, bent, B, optimize=True) / len(self.grid))
 
     def between(self, x: Array, finer: int = 4) -> Spare:
         """Return by how much torque and distances go beyond their extremes on the grid, on a ``finer`` one."""
@@ -194,5 +179,15 @@ class Interior:
             slopes[k] += np.einsum("ij,ijk->ik", forces, one)
 
     @cached_property
-    def _between(self) -> Array:
-        return self.family.bounds(self.grid)
+    def _rows(self) -> Array:
+        return np.concatenate(self.guard.rows)
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """Half of the range of each row (R, n)."""
+        return np.repeat(self.limits.sizes, [len(rows) for rows in self.guard.rows], axis=0)
+
+    @cached_property
+    def _middle(self) -> Array:
+        """The middle of the range of each row (R, n), as a share of half of it."""
+        return np.asarray((np.arange(len(self._rows)) < len(self.guard.rows[0]))[:, None] * self.limits.middle / self._sizes)

@@ -23,7 +23,7 @@ def random_poses(interior: Interior, rng: np.random.Generator, count: int, share
 
     Raises InputError where hardly any does.
     """
-    middle, reach = interior.middle[0], np.where(np.isfinite(interior.reach[0]), interior.reach[0], np.pi)
+    middle, reach = interior.limits.middle, interior.limits.half
     found = np.zeros((0, len(middle)))
     for _ in range(ROUNDS):
         q = middle + share * reach * rng.uniform(-1.0, 1.0, (POSES, len(middle)))
@@ -47,8 +47,9 @@ def random_motion(interior: Interior, rng: np.random.Generator) -> Array:
     n, K = len(interior.limits.joints), interior.family.size
     for pose in random_poses(interior, rng, 20):
         shape = rng.normal(size=(n, K))
-        shape -= np.outer(interior.functions[0].mean(axis=0) @ shape.T, interior.still)
-        about = np.outer(pose, interior.still)
+        shape[:, 0] = -interior.functions[0, :, 1:].mean(axis=0) @ shape[:, 1:].T
+        about = np.zeros((n, K))
+        about[:, 0] = pose
         use = rng.uniform(0.3, 1.0, n)
         moved = about + shape * (use * _largest(interior, about, shape))[:, None]
         x = _shrunk(interior, about, moved)
@@ -63,7 +64,7 @@ def _largest(interior: Interior, about: Array, shape: Array) -> Array:
     for _ in range(40):
         size = np.sqrt(np.maximum(low, 1e-9) * high)
         x = about + size[:, None] * shape
-        fits = (interior.room(x, interior.states(x)) > 0).all(axis=(0, 1, 2))
+        fits = (interior.room(x) > 0).all(axis=(0, 1))
         low, high = np.where(fits, size, low), np.where(fits, high, size)
     return low
 

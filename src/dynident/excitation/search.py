@@ -200,8 +200,7 @@ def _shorter(value: float, slope: float, reached: float, size: float) -> float:
 
 def _free(interior: Interior, x: Array, step: Array) -> float:
     """Return how much of a step is free of the limits of q, dq, ddq and jerk, less a little."""
-    room = interior.room(x, interior.states(x))
-    rate = interior.states(step) / interior.reach[:, None]
+    room, rate = interior.room(x), interior.moved(step)
     taken = np.array([rate, -rate])
     with np.errstate(divide="ignore"):
         return 0.98 * float(np.where(taken > 0, room / np.where(taken > 0, taken, 1.0), np.inf).min())

@@ -261,6 +261,6 @@ def _check_start(limits: MotionLimits, space: Space, start: Array, clearance: fl
     for name, value, low, high in zip(limits.joints, start, limits.lower, limits.upper, strict=True):
         if not low <= value <= high:
             raise ConfigError(
-                f"the start pose has {name} at {value:g}, outside of {low:.4g} to {high:.4g} (its limits less the margin)."
+                f"start: {name} is at {value:g}, outside of {low:.4g} to {high:.4g}, which are its limits less the margin."
             )
     refuse_contact(space, start, clearance, "the start pose")

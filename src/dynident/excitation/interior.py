@@ -176,7 +176,9 @@ class Interior:
         ``FINER``, too; None where they are."""
         times = np.linspace(0.0, self.family.duration, FINER * len(self.grid) + 1)
         states = np.asarray(self.family.values(times) @ x.T)
-        tau = np.abs(model.torque(*states[:3], self.feasible.theta) / self.limits.torque).max(axis=0)
+        tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque).max(
+            axis=0
+        )
         near = self.space.distances(states[0]).min(axis=0, initial=np.inf) - self.feasible.clearance
         over, under = np.maximum(tau - 1.0 + RESERVE / 2, 0.0), np.maximum(SPARE / 2 - near, 0.0)
         if not (over.any() or under.any()):
@@ -194,12 +196,12 @@ class Interior:
         """Add the slopes of the sum of ``forces`` (N, n) times the torque."""
         if not forces.any():
             return
-        partials = self.feasible.model.partials(*states[:3], self.feasible.theta)
+        partials = self.feasible.model.partials(states[0], states[1], states[2], self.feasible.theta)
         for k, one in enumerate((partials.q, partials.dq, partials.ddq)):
             slopes[k] += np.einsum("ij,ijk->ik", forces, one)
 
     def _torque(self, states: Array) -> Array:
-        return self.feasible.model.torque(*states[:3], self.feasible.theta)
+        return self.feasible.model.torque(states[0], states[1], states[2], self.feasible.theta)
 
     @cached_property
     def _rows(self) -> Array:

@@ -21,7 +21,8 @@ def random_motion(interior: Interior, rng: np.random.Generator) -> Array:
     """Return coefficients (n, K) of a random motion that keeps to all limits, about as large as they allow.
 
     It is about a random pose; each joint uses a random share of what its own limits allow, and all are made smaller
-    together until torques and distances are kept. Raises ConfigError where the arm can stand in no pose, InputError where it can move about none.
+    together until torques and distances are kept. Raises ConfigError where the arm can stand in no pose, InputError
+    where it can move about none.
     """
     n, K = len(interior.limits.joints), interior.family.size
     for pose in interior.feasible.poses(POSES, rng):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -175,7 +175,7 @@ def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gra
     r = np.linalg.solve(metric, q[..., None])[..., 0]
     for (change, bend, inverse), share in zip(history, reversed(shares), strict=True):
         r += change * (share - inverse * float((bend * r).sum()))
-    return -r
+    return np.asarray(-r)
 
 
 def _along(

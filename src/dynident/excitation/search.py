@@ -10,14 +10,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, Step, brief
+from dynident.errors import InputError, brief
 from dynident.excitation.interior import Interior, Point
 from dynident.excitation.random_motion import random_motion
 from dynident.jobs import Status, run_jobs
@@ -37,7 +37,7 @@ class Stage:
     kept: float = 1.0
 
 
-STAGES = (Stage(1.0, 60), Stage(0.2, 80, 0.5), Stage(0.03, 120, 0.5), Stage(0.005, 200, 0.5))
+STAGES = (Stage(1.0, 60), Stage(0.2, 80, 0.5), Stage(0.03, 120), Stage(0.005, 200))
 MEMORY = 20  # pairs of L-BFGS
 LEAST = 5.0  # weight of the curvature at the middle of the limits
 ENOUGH = 1e-4  # of the criterion: less than this gained in PATIENCE steps ends a stage
@@ -84,11 +84,12 @@ def search(
     first: Sequence[Array] = (),
     stages: Sequence[Stage] = STAGES,
     executor: Executor | None = None,
-    progress: Callable[[Step], None] = lambda _: None,
+    progress: Callable[[float, int, int], None] | None = None,
 ) -> Found:
     """Return the best motion from ``starts`` random ones, or from the ``first`` where there are any.
 
-    The result depends on the generator alone, not on the executor. Ctrl-C ends the search with the best motion so far,
+    ``progress`` is called with the best criterion so far, and how many of all stages of motions are done. The result
+    depends on the generator alone, not on the executor. Ctrl-C ends the search with the best motion so far,
     where there is one. Raises InputError where no start keeps to the limits.
     """
     seeds = rng.integers(2**32, size=starts).tolist()
@@ -108,8 +109,8 @@ def search(
                     best = [min([*best, one.value], key=lambda got: (got.criterion, got.number))]
                 else:
                     reason = one.reason
-                if best:
-                    progress(Step(f"searching: best criterion {best[0].criterion:.2f}", done, total))
+                if best and progress is not None:
+                    progress(best[0].criterion, done, total)
             if not reached:
                 raise InputError(f"no motion was found that keeps to the limits: {reason}")
             reached.sort(key=lambda got: (got.criterion, got.number))
@@ -161,7 +162,7 @@ def improved(interior: Interior, x: Array, stage: Stage) -> tuple[Array, float]:
         if here.criterion < best[1]:
             best = x, here.criterion
         values.append(here.value)
-        if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < ENOUGH * abs(stage.weight + 1):
+        if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < ENOUGH * interior.unit:
             break
     return best
 
@@ -175,7 +176,7 @@ def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gra
     r = np.linalg.solve(metric, q[..., None])[..., 0]
     for (change, bend, inverse), share in zip(history, reversed(shares), strict=True):
         r += change * (share - inverse * float((bend * r).sum()))
-    return -r
+    return np.asarray(-r)
 
 
 def _along(

@@ -1,6 +1,7 @@
 """A robot that is watched: recursive least squares, derivatives with a fixed lag, detection of changes."""
 
+from dynident.online.fixed_lag import FixedLag
 from dynident.online.recursive import RecursiveLeastSquares
 from dynident.online.tracker import Block, Tracker
 
-__all__ = ["Block", "RecursiveLeastSquares", "Tracker"]
+__all__ = ["Block", "FixedLag", "RecursiveLeastSquares", "Tracker"]

@@ -67,7 +67,7 @@ class RecursiveLeastSquares:
     >>> fit
     <RecursiveLeastSquares of 2 parameters: 1001 rows, nothing forgotten>
     >>> print(fit.estimate().value)
-    [0.0824 0.2498]
+    [0.0825 0.25  ]
     """
 
     def __init__(

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynident.checks import GAP
-from dynident.errors import ConfigError, InputError, listed
+from dynident.errors import ConfigError, InputError, brief, listed
 from dynident.log import Motion
 from dynident.smoothers import decay
 from dynident.splines import Fixed, smooth
 
-__all__ = ["FixedLag"]
+__all__ = ["FixedLag", "Smoothed"]
 
 Array = NDArray[np.float64]
 ACCURACY = 1e-10  # what is left of the error at a cut, by default
@@ -28,6 +29,16 @@ ENDS = 6.0  # bandwidths at the ends of a recording that are not usable, as of `
 WINDOW = 64  # samples that are smoothed together at least, as each call has its cost
 FEWEST = 3  # samples of a spline
 LONGEST = 100_000  # samples of a lag
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A final ``motion``, and whether it ``ends`` a stretch without gaps: what follows is smoothed by itself."""
+
+    motion: Motion
+    ends: bool = False
+
+    __repr__ = brief
 
 
 class FixedLag:
@@ -38,14 +49,16 @@ class FixedLag:
     window, ``every`` samples together. A ``lag`` of None is so long that 1e-10 is left of the error at a cut: about 33
     bandwidths. A time between samples above 12 steps is a gap, at which a spline ends and another begins.
 
+    The mask leaves out ``ends`` times a bandwidth and a step at both ends of a stretch, as that of ``Spline``.
+
     Raises ConfigError for a setting that is not positive, or a lag of more than 100 000 samples.
 
     >>> import numpy as np
     >>> from dynident.online import FixedLag
     >>> stream = FixedLag(("hinge",), step=0.01, bandwidth=[0.02], lag=0.2, every=50)
     >>> t = np.arange(200) * 0.01
-    >>> for motion in stream.push(t, np.sin(t)[:, None], np.cos(t)[:, None]):
-    ...     print(motion)
+    >>> for one in stream.push(t, np.sin(t)[:, None], np.cos(t)[:, None]):
+    ...     print(one.motion)
     <Motion 'stream': 50 samples of hinge; 0 to 0.49 s, 100 Hz; 37 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 0.5 to 0.99 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 1 to 1.49 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>
@@ -60,9 +73,10 @@ class FixedLag:
         bandwidth: ArrayLike,
         lag: float | None = None,
         every: int | None = None,
+        ends: float = ENDS,
         source: str = "stream",
     ) -> None:
-        self.joints, self.step, self.source = tuple(joints), float(step), source
+        self.joints, self.step, self.source, self._ends = tuple(joints), float(step), source, ends
         self.bandwidth = np.asarray(bandwidth, dtype=float)
         n = len(self.joints)
         if not 0 < self.step < math.inf:
@@ -102,7 +116,7 @@ class FixedLag:
         """The share (n) that the lag leaves of the error of the motion at the newest sample."""
         return np.array([decay(float(one), self.step) ** self._lag for one in self.bandwidth])
 
-    def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Motion, ...]:
+    def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Smoothed, ...]:
         """Take samples, t (B) s, q and tau (B, n), and return the motion of those that are final, without overlap.
 
         It does not depend on how many are given at a time. Raises InputError for a shape that does not fit, a value
@@ -111,7 +125,7 @@ class FixedLag:
         time, n = np.atleast_1d(np.asarray(t, dtype=float)), len(self.joints)
         positions, torques = (np.asarray(x, dtype=float).reshape(-1, n) for x in (q, tau))
         steps = self._checked(time, positions, torques)
-        found = list[Motion]()
+        found = list[Smoothed]()
         wide = np.flatnonzero(steps > GAP * self.step).tolist()
         for start, stop in zip([0, *wide], [*wide, len(time)], strict=True):
             if start in wide:
@@ -119,7 +133,7 @@ class FixedLag:
             found += self._take(time[start:stop], positions[start:stop], torques[start:stop])
         return tuple(found)
 
-    def finish(self) -> tuple[Motion, ...]:
+    def finish(self) -> tuple[Smoothed, ...]:
         """Return the rest of the motion, with a natural spline's end at the last sample; what follows begins anew."""
         found = self._smoothed(self._filled, ended=True) if self._filled >= FEWEST else ()
         self._filled = self._done = 0
@@ -154,12 +168,14 @@ class FixedLag:
         steps = np.diff(t, prepend=self._last)
         if (steps <= 0).any():
             k = int(np.flatnonzero(steps <= 0)[0])
-            raise InputError(f"{self.source}: the stamp {t[k]!r} s does not follow {t[k] - steps[k]!r} s; leave it out.")
+            raise InputError(
+                f"{self.source}: the stamp {t[k]!r} s does not follow {t[k] - steps[k]!r} s; leave it out."
+            )
         return steps
 
-    def _take(self, t: Array, q: Array, tau: Array) -> list[Motion]:
+    def _take(self, t: Array, q: Array, tau: Array) -> list[Smoothed]:
         """Take samples without a gap between them."""
-        found, taken = list[Motion](), 0
+        found, taken = list[Smoothed](), 0
         if len(t) and math.isnan(self._begin):
             self._begin = float(t[0])
         while taken < len(t):
@@ -179,17 +195,18 @@ class FixedLag:
                 x[: self._filled - first] = x[first : self._filled].copy()
             self._filled, self._done = self._filled - first, self._before
 
-    def _smoothed(self, stop: int, *, ended: bool = False) -> tuple[Motion, ...]:
+    def _smoothed(self, stop: int, *, ended: bool = False) -> tuple[Smoothed, ...]:
         """Return the motion of what was not returned before, up to ``stop``."""
         held, new = slice(0, self._filled), slice(self._done, stop)
         rule = Fixed(lam=(self.bandwidth**4 / self.step).tolist())
         fit = smooth(self._t[held], self._q[held], rule, sigma=1.0, names=[f"joint {name!r}" for name in self.joints])
         t = self._t[new].copy()
-        margin = ENDS * float(self.bandwidth.max()) + self.step
+        margin = self._ends * (float(self.bandwidth.max()) + self.step)
         mask = t >= self._begin + margin
         if ended:
             mask &= t <= self._last - margin
         how = {"method": "natural cubic smoothing spline, fixed lag", "bandwidth": tuple(self.bandwidth.tolist())}
         q, dq, ddq = (fit.derivative(order)[new] for order in range(3))
         self._done = stop
-        return (Motion(t, q, dq, ddq, self._tau[new].copy(), self.joints, mask, self.source, how),)
+        motion = Motion(t, q, dq, ddq, self._tau[new].copy(), self.joints, mask, self.source, how)
+        return (Smoothed(motion, ended),)

@@ -7,8 +7,8 @@ Forgetting multiplies rows of R. Its first row holds all that is known of the fi
 the next what is known of the second given those after it, and so on: with the parameters that change fastest first, the
 rows of a group times exp(-t / (2 T)) forget it over T seconds, what is known of those after it stays as it is, and so
 does the solution of R theta = y. It is the step of a Kalman filter whose process noise is, in each direction, the share
-exp(t / T) - 1 of the variance given all that is forgotten more slowly. A parameter that no motion shows is not forgotten
-below a share of the most that was ever known of it, so that an estimate is not lost while the robot rests.
+exp(t / T) - 1 of the variance given all that is forgotten more slowly. What no motion shows is not forgotten below a
+share of the most that was ever known of it, so that an estimate is not lost while the robot rests.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class RecursiveLeastSquares:
         self._peak = np.zeros(p)
         self._rows = 0.0
         self._clock = np.full(2, np.nan)  # when the first sample was, and how many steps of forgetting were done
-        self._waiting: list[tuple[Array | None, ...]] = []
+        self._waiting: list[tuple[Any, ...]] = []
 
     def __repr__(self) -> str:
         shortest = self.memory.min(initial=math.inf)
@@ -109,7 +109,7 @@ class RecursiveLeastSquares:
     ) -> None:
         """Take one sample, t (s) and (n) each, or B of them, (B) and (B, n), and forget for the time that has passed.
 
-        ``keep`` (B, n) is False where the equation of a joint is not to be used; ``memory`` (B, m) is that of terms that
+        ``keep`` (B, n) is False where the equation of a joint is not to be used; ``memory`` (B, m) is what terms
         remember. The estimate is the same for samples one by one and in blocks. Raises InputError for a shape that does
         not fit, a value that is not finite, or a time before the last one where something is forgotten.
         """
@@ -122,7 +122,7 @@ class RecursiveLeastSquares:
             self._forget(steps)
             cut = [None if x is None else x[part] for x in (*states, kept, more)]
             self._waiting.append(tuple(cut))
-        if sum(len(one[0]) for one in self._waiting if one[0] is not None) >= WAITING:
+        if sum(len(one[0]) for one in self._waiting) >= WAITING:
             self._flush()
 
     def add(self, block: RegressorBlock) -> None:
@@ -255,7 +255,8 @@ class RecursiveLeastSquares:
 
 def _memories(model: Model, memory: float | Mapping[GroupKind, float]) -> Array:
     """Return the memory (p) of each parameter in s, infinite where it is never forgotten."""
-    given = dict(memory) if isinstance(memory, Mapping) else dict.fromkeys([*GroupKind, None], memory)
+    kinds: list[GroupKind | None] = [*GroupKind, None]
+    given = {kind: memory[kind] for kind in memory} if isinstance(memory, Mapping) else dict.fromkeys(kinds, memory)
     if wrong := [value for value in given.values() if not value > 0]:
         raise ConfigError(f"memory = {wrong[0]!r}: give a positive number of seconds, or inf to forget nothing.")
     return np.array([float(given.get(kind, math.inf)) for kind in kinds_of(model)])

@@ -51,9 +51,10 @@ class RecursiveLeastSquares:
 
     ``weights`` (n) multiply the rows of each joint: one over its noise, such as ``estimate.residual.weights`` of a
     result; None for ones. ``memory`` (s) is after which time samples count exp(-1): one number for all parameters, or
-    by ``GroupKind``, where parameters of no group named are never forgotten; by default none is.
+    by ``GroupKind``, where parameters of no group named are never forgotten; by default none is. ``near`` (p) are the
+    values from which an estimate of least squares moves no further than the samples ask for; None for zero.
 
-    Raises ConfigError for a memory or weights that are not positive.
+    Raises ConfigError for a memory or weights that are not positive, and for a shape that does not fit.
 
     >>> import numpy as np
     >>> import dynident as dy
@@ -71,7 +72,11 @@ class RecursiveLeastSquares:
     """
 
     def __init__(
-        self, model: Model, weights: ArrayLike | None = None, memory: float | Mapping[GroupKind, float] = math.inf
+        self,
+        model: Model,
+        weights: ArrayLike | None = None,
+        memory: float | Mapping[GroupKind, float] = math.inf,
+        near: ArrayLike | None = None,
     ) -> None:
         n, p = len(model.joints), len(model.parameters)
         self.model = model
@@ -79,6 +84,9 @@ class RecursiveLeastSquares:
         if self.weights.shape != (n,) or not (np.isfinite(self.weights) & (self.weights > 0)).all():
             raise ConfigError(f"weights = {self.weights}: give a positive number for each of the {n} joints.")
         self.memory = _memories(model, memory)
+        self.near = np.zeros(p) if near is None else np.asarray(near, dtype=float)
+        if self.near.shape != (p,) or not np.isfinite(self.near).all():
+            raise ConfigError(f"near has shape {self.near.shape}: give a number for each of the {p} parameters.")
         self._order, self._rank = _nested(model, self.memory)
         self._R = np.zeros((p + 1, p + 1), order="F")
         self._peak = np.zeros(p)
@@ -119,7 +127,7 @@ class RecursiveLeastSquares:
         kept = None if keep is None else np.broadcast_to(np.asarray(keep, dtype=bool), (len(time), n))
         more = None if memory is None else np.asarray(memory, dtype=float).reshape(len(time), -1)
         for part, steps in self._passed(time):
-            self._forget(steps)
+            self.forget(steps * float(self.memory.min(initial=math.inf)) / STEPS if steps else 0.0)
             cut = [None if x is None else x[part] for x in (*states, kept, more)]
             self._waiting.append(tuple(cut))
         if sum(len(one[0]) for one in self._waiting) >= WAITING:
@@ -132,9 +140,9 @@ class RecursiveLeastSquares:
 
     def forget(self, seconds: float) -> None:
         """Forget as much as in so many seconds."""
-        self._flush()
         if not np.isfinite(self.memory).any() or not seconds > 0:
             return
+        self._flush()
         self._tidy()
         own, p = self.memory[self._order], len(self.memory)
         pivots = np.abs(np.diag(self._R)[:p])
@@ -152,7 +160,7 @@ class RecursiveLeastSquares:
         p = len(self._order)
         columns = np.empty_like(self._R)
         columns[:, [*self._order, p]] = np.triu(self._R)
-        return TriangularFactors(np.linalg.qr(columns, mode="r")[None], np.array([round(self._rows)]))
+        return TriangularFactors(np.asarray(np.linalg.qr(columns, mode="r"))[None], np.array([round(self._rows)]))
 
     def estimate(self, estimator: Estimator | None = None) -> Estimate:
         """Return the estimate by all rows as they count now, by default of least squares.
@@ -166,12 +174,13 @@ class RecursiveLeastSquares:
             raise ConfigError(
                 "estimator: maximum likelihood needs all samples; take least squares or the consistent fit."
             )
-        regression = Regression(self.model, ()).with_factors(self.factors)
+        near = self.near if isinstance(chosen, LeastSquares) else np.zeros(len(self.near))
+        regression = Regression(self.model, ()).with_factors(self.factors.less(near))
         found = called(chosen, Problem(self.model, (), regression), Estimate)
         left = float(found.residual.sigma[0])
         samples = round(self._rows / len(self.weights))
         alike = None if (self.weights == 1.0).all() else self.weights
-        return replace(found, residual=Residual(left / self.weights, samples, alike))
+        return replace(found, value=near + found.value, residual=Residual(left / self.weights, samples, alike))
 
     @property
     def state(self) -> dict[str, Array]:
@@ -208,10 +217,6 @@ class RecursiveLeastSquares:
         self._clock[1] = at[-1]
         starts = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist()]
         return [(slice(a, b), int(at[a] - before[a])) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]
-
-    def _forget(self, steps: int) -> None:
-        if steps:
-            self.forget(steps * float(self.memory.min()) / STEPS)
 
     def _flush(self) -> None:
         """Let the samples that wait enter."""
@@ -255,11 +260,12 @@ class RecursiveLeastSquares:
 
 def _memories(model: Model, memory: float | Mapping[GroupKind, float]) -> Array:
     """Return the memory (p) of each parameter in s, infinite where it is never forgotten."""
-    kinds: list[GroupKind | None] = [*GroupKind, None]
-    given = {kind: memory[kind] for kind in memory} if isinstance(memory, Mapping) else dict.fromkeys(kinds, memory)
-    if wrong := [value for value in given.values() if not value > 0]:
+    given = list(memory.values()) if isinstance(memory, Mapping) else [memory]
+    if wrong := [value for value in given if not value > 0]:
         raise ConfigError(f"memory = {wrong[0]!r}: give a positive number of seconds, or inf to forget nothing.")
-    return np.array([float(given.get(kind, math.inf)) for kind in kinds_of(model)])
+    if not isinstance(memory, Mapping):
+        return np.full(len(model.parameters), float(memory))
+    return np.array([math.inf if kind is None else float(memory.get(kind, math.inf)) for kind in kinds_of(model)])
 
 
 def _nested(model: Model, memory: Array) -> tuple[NDArray[np.intp], int]:

@@ -64,8 +64,9 @@ class Tracker:
 
     ``step`` (s) and ``bandwidth`` (n) s are those of ``smoothing_of`` a log of this robot, such as the first seconds of
     the stream; ``lag`` (s) and ``every`` are those of ``FixedLag``, and ``memory`` that of ``RecursiveLeastSquares``,
-    which starts without any knowledge of the parameters. Without forgetting, the estimate at the end is that of the
-    least-squares fit to the whole recording, smoothed with these bandwidths, up to rounding and what the lag leaves.
+    which starts without any knowledge of the parameters: what no sample has shown keeps the value of the result.
+    Without forgetting, the estimate at the end is that of the least-squares fit to the whole recording, smoothed with
+    these bandwidths, up to rounding and what the lag leaves.
 
     Raises ConfigError where the result has another smoother than a spline, and as those two.
     """
@@ -84,7 +85,7 @@ class Tracker:
         joints = tuple(joint.name for joint in self.model.joints)
         self._speeds = result.recipe.min_speeds(joints)
         self.smoother = FixedLag(joints, step, bandwidth, lag, every, ends=spline.ends)
-        self.fit = RecursiveLeastSquares(self.model, result.estimate.residual.weights, memory)
+        self.fit = RecursiveLeastSquares(self.model, result.estimate.residual.weights, memory, result.estimate.value)
         away = math.ceil(abs(self._late) / self.smoother.step) + SPARE if self._late else 0
         self._shifted = Window(away, away)
         pad = 0 if self._filter is None else self._filter.pad(self._filter.sections(self._rest(1000)))

@@ -77,14 +77,13 @@ class Window:
 
 def cut(motion: Motion, rows: slice) -> Motion:
     """Return some samples of a motion, with its memory; at least two."""
-    given: dict[str, Any] = {name: getattr(motion, name) for name in SIGNALS}
-    return replace(motion, **{name: None if x is None else x[rows] for name, x in given.items()})
+    pairs = ((name, getattr(motion, name)) for name in SIGNALS)
+    part: dict[str, Any] = {name: None if x is None else x[rows] for name, x in pairs}
+    return replace(motion, **part)
 
 
 def joined(first: Motion, then: Motion) -> Motion:
     """Return two motions that follow each other as one, without the memory where one has none."""
-    parts = {name: (getattr(first, name), getattr(then, name)) for name in SIGNALS}
-    whole: dict[str, Any] = {
-        name: None if a is None or b is None else np.concatenate([a, b]) for name, (a, b) in parts.items()
-    }
+    pairs = ((name, getattr(first, name), getattr(then, name)) for name in SIGNALS)
+    whole: dict[str, Any] = {name: None if a is None or b is None else np.concatenate([a, b]) for name, a, b in pairs}
     return replace(then, **whole)

@@ -169,7 +169,7 @@ class FixedLag:
         if (steps <= 0).any():
             k = int(np.flatnonzero(steps <= 0)[0])
             raise InputError(
-                f"{self.source}: the stamp {t[k]!r} s does not follow {t[k] - steps[k]!r} s; leave it out."
+                f"{self.source}: the stamp {float(t[k])!r} s does not follow that before it; leave it out."
             )
         return steps
 

@@ -124,7 +124,7 @@ class RecursiveLeastSquares:
         n = len(self.model.joints)
         time = np.atleast_1d(np.asarray(t, dtype=float))
         states = [_rows_of(name, x, len(time), n) for name, x in zip(NAMES, (q, dq, ddq, tau), strict=True)]
-        kept = None if keep is None else np.broadcast_to(np.asarray(keep, dtype=bool), (len(time), n))
+        kept = np.broadcast_to(True if keep is None else np.asarray(keep, dtype=bool), (len(time), n))
         more = None if memory is None else np.asarray(memory, dtype=float).reshape(len(time), -1)
         for part, steps in self._passed(time):
             self.forget(steps * float(self.memory.min(initial=math.inf)) / STEPS if steps else 0.0)
@@ -213,7 +213,7 @@ class RecursiveLeastSquares:
         before = np.concatenate([self._clock[1:], at[:-1]])
         if not (at >= before).all():
             k = int(np.flatnonzero(~(at >= before))[0])
-            raise InputError(f"t = {t[k]!r} s is before the sample before it, or not finite; time must increase.")
+            raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; time must increase.")
         self._clock[1] = at[-1]
         starts = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist()]
         return [(slice(a, b), int(at[a] - before[a])) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]
@@ -302,7 +302,5 @@ def _rows_of(name: str, value: ArrayLike, rows: int, joints: int) -> Array:
 
 
 def _joined(parts: tuple[Any, ...]) -> Any:
-    """Return the parts as one array; None where none is given, all True where some are not."""
-    if all(one is None for one in parts):
-        return None
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    """Return the parts as one array; None where they are not given."""
+    return parts[0] if len(parts) == 1 or parts[0] is None else np.concatenate(parts)

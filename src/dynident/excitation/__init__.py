@@ -1,1 +1,28 @@
 """Motions that show the parameters of a robot: trajectories within its limits, and what they will tell."""
+
+from dynident.excitation.design import Design, Expected, design
+from dynident.excitation.limits import JointLimits, MotionLimits, limits_of
+from dynident.excitation.request import Criterion, Programme, Request
+from dynident.excitation.space import Box, Cylinder, Floor, Obstacle, Space
+from dynident.excitation.trajectory import Course, Piece, Purpose, Trajectory
+
+__all__ = [
+    "Box",
+    "Course",
+    "Criterion",
+    "Cylinder",
+    "Design",
+    "Expected",
+    "Floor",
+    "JointLimits",
+    "MotionLimits",
+    "Obstacle",
+    "Piece",
+    "Programme",
+    "Purpose",
+    "Request",
+    "Space",
+    "Trajectory",
+    "design",
+    "limits_of",
+]

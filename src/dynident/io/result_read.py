@@ -49,7 +49,7 @@ from dynident.models import Joint, MassMatrixCheck, Model
 from dynident.regression import BaseParameters, ParallelFilter, UnexcitedParameters
 from dynident.validation import Failure, FreeRun, LogValidation
 
-__all__ = ["check_parameters", "identification_of", "model_of"]
+__all__ = ["check_parameters", "identification_of", "model_of", "named_terms"]
 
 Array = NDArray[np.float64]
 Noun = TypeVar("Noun")
@@ -130,14 +130,14 @@ def model_of(sources: Sources, source: str, *, named: bool = True, allow_code: b
     if given is not None:
         folder = Path(given.path).parent
         config = parse_config(given.text, folder, f"{source}, its configuration", allow_code=allow_code)
-        return load_model(_named_terms(config.model) if named else config.model, folder, text, allow_code=allow_code)
+        return load_model(named_terms(config.model) if named else config.model, folder, text, allow_code=allow_code)
     if robot is not None:
         settings = robot_settings(robot.path) or robot.path
-        return load_model(_named_terms(settings) if named else settings, text=text, allow_code=allow_code)
+        return load_model(named_terms(settings) if named else settings, text=text, allow_code=allow_code)
     raise InputError(f"{source}: was made from Python, without a configuration; give its model: load(path, model).")
 
 
-def _named_terms(spec: str | RobotSettings) -> str | RobotSettings:
+def named_terms(spec: str | RobotSettings) -> str | RobotSettings:
     """Return the settings of a model with the plain set in place of terms that are chosen."""
     if not isinstance(spec, RobotSettings):
         return spec

@@ -1,0 +1,221 @@
+"""A robot for which a motion is designed: what a robot file, a configuration or a result says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from dynident.errors import ConfigError, InputError, brief, choices
+from dynident.excitation import (
+    Box,
+    Criterion,
+    Cylinder,
+    Design,
+    Floor,
+    JointLimits,
+    MotionLimits,
+    Obstacle,
+    Programme,
+    Request,
+    Space,
+    design,
+    limits_of,
+)
+from dynident.identification import Identification, SourceFile
+from dynident.io.config import config_text, load_model
+from dynident.io.excitation_known import Known, NoiseOrigin, information, noise, nominal, with_motions
+from dynident.io.excitation_settings import ExcitationSettings, excitation_settings, settings_in
+from dynident.io.opener import text as text_of
+from dynident.io.project import parse_project
+from dynident.io.result_read import named_terms
+from dynident.io.results import as_path
+from dynident.io.robot import SUFFIXES
+from dynident.io.saved import load
+from dynident.io.settings import RobotSettings, robot_settings
+from dynident.io.wording import worded
+from dynident.io.yaml_text import load_yaml
+
+__all__ = ["ExcitationProject", "read_excitation"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+Robot = RobotSettings | str
+CONFIGS = (".yaml", ".yml")
+
+
+@dataclass(frozen=True, eq=False)
+class ExcitationProject:
+    """A robot, what is known of it, and what motion is to be designed within which ``limits``.
+
+    ``path`` is the robot file, configuration or result; ``config`` the configuration that reads its recordings, else
+    ``robot`` says what the model is made of. ``origin`` says where the noise of the request is from.
+    """
+
+    path: Path
+    known: Known
+    settings: ExcitationSettings
+    limits: MotionLimits
+    origin: NoiseOrigin
+    request: Request
+    config: SourceFile | None = None
+    robot: Robot | None = None
+
+    __repr__ = brief
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands around the robot."""
+        given = self.settings
+        floor = () if given.floor is None else (Floor(given.floor),)
+        boxes = (Box(one.name, one.centre, one.size) for one in given.boxes)
+        ends = ((-np.inf if one.bottom is None else one.bottom, one.top) for one in given.cylinders)
+        pairs = zip(given.cylinders, ends, strict=True)
+        cylinders = (
+            Cylinder(one.name, one.centre, one.radius, bottom, np.inf if top is None else top)
+            for one, (bottom, top) in pairs
+        )
+        return (*floor, *boxes, *cylinders)
+
+    def space(self) -> Space:
+        """Return what the arm must keep clear of: itself and the obstacles."""
+        raise NotImplementedError
+
+    def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
+        """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""
+        known, rng = self.known, np.random.default_rng(self.settings.seed)
+        return design(
+            known.model,
+            known.theta,
+            self.limits,
+            self.space(),
+            self.request,
+            rng,
+            executor=executor,
+            progress=progress,
+        )
+
+
+def read_excitation(
+    path: str | Path,
+    settings: str | Path | None = None,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    allow_code: bool = False,
+    progress: Progress = lambda _: None,
+) -> ExcitationProject:
+    """Read a robot file, a configuration or a result, and the ``settings`` of the motion: a file, else the section
+    ``excitation`` of the configuration, also of that of a result; ``changes`` are put in their place.
+
+    Terms that are to be chosen are the plain set. Where all logs of a configuration are there, they are identified: the
+    torque is by the parameters found, the noise by the residual. A result also brings the information of its training.
+    Raises ConfigError for wrong settings, ModelError and InputError for what cannot be read.
+    """
+    path = as_path(path)
+    kind = path.suffix.lower()
+    if kind not in (".json", *SUFFIXES, *CONFIGS):
+        known = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: give a robot file ({known}), a configuration (.yaml) or a result.json.")
+    found = load(path, allow_code=allow_code) if kind == ".json" else None
+    config = (
+        SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else found and found.provenance.configuration
+    )
+    given = _given(config, settings, changes)
+    robot = _robot(path, found, config)
+    if found is not None:
+        progress("reading the logs of the result")
+        known = with_motions(found, allow_code=allow_code)
+    elif robot is not None:
+        progress("building the model")
+        known = nominal(load_model(named_terms(robot), "." if config is None else path.parent))
+    else:
+        known = _recorded(path, config_text(path), progress)
+    limits = limits_of(known.model, _limits(given), given.margin)
+    origin, sigma = noise(known, given.noise, limits, given.margin, given.rate)
+    prior = information(known, given.noise, limits, given.margin) if known.motions else None
+    request = Request(
+        sigma,
+        Programme(given.program),
+        Criterion(given.criterion),
+        given.family,
+        given.duration,
+        given.period,
+        given.harmonics,
+        given.rate,
+        _start(given, limits.joints),
+        given.parameters,
+        prior,
+        given.starts,
+        given.clearance,
+    )
+    return ExcitationProject(path, known, given, limits, origin, request, config if robot is None else None, robot)
+
+
+def _robot(path: Path, found: Identification | None, config: SourceFile | None) -> Robot | None:
+    """Return what the model is made of, where no configuration reads its recordings; else None."""
+    if config is not None:
+        return _alone(load_yaml(config.text, config.path), Path(config.path))
+    if found is None:
+        return robot_settings(str(path)) or str(path)
+    file = found.provenance.model
+    return None if file is None else robot_settings(file.path)
+
+
+def _recorded(path: Path, text: str, progress: Progress) -> Known:
+    """Return what a configuration knows: by its logs where they are all there, else nominal."""
+    project = parse_project(text, path)
+    logs = [file for log in (*project.config.train, *project.config.validation) for file in log.file.values()]
+    if gone := next((file for file in logs if not file.exists()), None):
+        model = load_model(named_terms(project.config.model), path.parent)
+        return nominal(model, f"the configuration names {gone.name}, which is not there")
+    progress("identifying from the logs of the configuration")
+    found = project.identify(progress)
+    return Known(found.model, found.estimate.value, found, NoiseOrigin.LOGS)
+
+
+def _alone(data: Any, path: Path) -> Robot | None:
+    """Return the settings of the model in a file that holds nothing else of a configuration; None for another one."""
+    if not isinstance(data, dict) or "model" not in data or set(data) - {"model", "excitation"}:
+        return None
+    context = {"folder": path.parent, "code": path.parent}
+    given = data["model"]
+    if not isinstance(given, Mapping):
+        return robot_settings(str(given), context) or str(given)
+    try:
+        return RobotSettings.model_validate(given, context=context)
+    except ValidationError as error:
+        raise ConfigError(worded(error, given, f"{path}: model")) from None
+
+
+def _given(
+    config: SourceFile | None, settings: str | Path | None, changes: Mapping[str, Any] | None
+) -> ExcitationSettings:
+    """Return the settings of the file ``settings``, else those in a configuration, with changes."""
+    data: Mapping[str, Any] = {}
+    place = "excitation"
+    if settings is not None:
+        place = str(settings)
+        data = settings_in(load_yaml(text_of(settings, ConfigError, CONFIGS), place), place, alone=True)
+    elif config is not None:
+        place = f"{config.path}: excitation"
+        data = settings_in(load_yaml(config.text, config.path), place, alone=False)
+    return excitation_settings({**data, **(changes or {})}, place)
+
+
+def _limits(given: ExcitationSettings) -> dict[str, JointLimits]:
+    return {name: JointLimits(**one.model_dump()) for name, one in given.limits.items()}
+
+
+def _start(given: ExcitationSettings, joints: tuple[str, ...]) -> Array | None:
+    if given.start is None:
+        return None
+    for name in given.start:
+        if name not in joints:
+            raise ConfigError(f"excitation.start: there is no joint {name!r}; {choices(name, joints)}")
+    return np.array([given.start.get(name, 0.0) for name in joints])

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Box", "Cylinder", "Floor", "Obstacle", "Space"]
+__all__ = ["Box", "Cylinder", "Distances", "Floor", "Obstacle", "Space"]
 
 Array = NDArray[np.float64]
 
@@ -43,15 +43,19 @@ class Cylinder:
 Obstacle = Floor | Box | Cylinder
 
 
-class Space(Protocol):
+class Distances(Protocol):
     """Distances of the links of an arm to each other and to obstacles, for P pairs."""
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """The names of the P pairs: links, or a link and an obstacle."""
+        """The names of the P pairs: links, or a link and an obstacle; a pair may be there several times, by parts."""
 
     def distances(self, q: Array, /) -> Array:
         """Return distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
+
+
+class Space(Distances, Protocol):
+    """Distances with their derivatives: what the optimiser keeps to."""
 
     def gradients(self, q: Array, /) -> tuple[Array, Array]:
         """Return ``distances`` and their derivatives (N, P, n) by q."""

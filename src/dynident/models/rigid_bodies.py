@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dynident.errors import ModelError, listed
 from dynident.models.inertia import consistency_violations
+from dynident.models.placements import Placements, placements
 from dynident.models.recursion import Recursion
 from dynident.models.recursion_kernel import recursion
 from dynident.models.robot_file import (
@@ -208,6 +209,10 @@ class RigidBodies:
         """Return the mass matrix (N, n, n) and the torque (N, n) without acceleration, for any theta (10 n)."""
         dynamics = self._recursion
         return dynamics.mass_and_bias(_floats(q), _floats(dq), dynamics.layout.filled(theta))
+
+    def placements(self, q: Array) -> Placements:
+        """Return where the bodies ``arm.bodies`` are at positions q (N, n), in the frame of the root link."""
+        return placements(self._recursion.tree, self._arm.bodies[0].placement[:3, 3], _floats(q))
 
     def with_gravity(self, gravity: tuple[float, ...]) -> RigidBodies:
         """Return the bodies under another gravity (3), m/s^2."""

@@ -1,0 +1,114 @@
+"""Which pairs of an arm and its surroundings are watched: all that can meet and do not always touch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError
+from dynident.excitation.capsules import Capsule
+from dynident.excitation.clearance import CapsuleSpace
+from dynident.excitation.space import Distances, Obstacle
+from dynident.models import RigidBodies
+
+__all__ = ["capsule_space", "poses", "refuse_contact"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+POSES = 600
+USUAL = 0.95  # share of the poses in which a pair touches that is left out
+WHOLE = np.pi  # rad or m: the range of a joint without limits, to both sides
+
+
+def capsule_space(
+    bodies: RigidBodies,
+    capsules: Sequence[Capsule],
+    obstacles: Sequence[Obstacle] = (),
+    lower: Array | None = None,
+    upper: Array | None = None,
+) -> CapsuleSpace:
+    """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
+
+    These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
+    moving link and an obstacle. Left out, and named, are pairs that touch in at least 95 % of 600 poses spread evenly
+    between ``lower`` and ``upper`` (n; None: of the file): they are parts of a joint, or what an arm stands on.
+    """
+    capsules, obstacles = tuple(capsules), tuple(obstacles)
+    next_to = _neighbours(bodies, {one.body for one in capsules})
+    bodies_of = [one.body for one in capsules]
+    meetings = [
+        (one, other)
+        for one, other in combinations(range(len(capsules)), 2)
+        if bodies_of[one] != bodies_of[other] and frozenset((bodies_of[one], bodies_of[other])) not in next_to
+    ]
+    moving = [place for place, body in enumerate(bodies_of) if body >= 0]
+    encounters = [(one, other) for other in range(len(obstacles)) for one in moving]
+    every = CapsuleSpace(bodies, capsules, obstacles, _places(meetings), _places(encounters))
+    q = poses(*_ranges(bodies, lower, upper), POSES)
+    touching = (every.distances(q) < 0).mean(axis=0) >= USUAL
+    kept, count = ~touching, len(meetings)
+    usual = [pair for pair, out in zip(every.pairs, touching, strict=True) if out]
+    return CapsuleSpace(
+        bodies,
+        capsules,
+        obstacles,
+        every.meetings[kept[:count]],
+        every.encounters[kept[count:]],
+        tuple(dict.fromkeys(usual)),
+    )
+
+
+def poses(lower: Array, upper: Array, count: int) -> Array:
+    """Return poses (count, n) that fill the range of the joints evenly: the same ones each time.
+
+    An additive recurrence by powers of the root of x^(n + 1) = x + 1 (M. Roberts, 2018).
+    """
+    n, root = len(lower), 2.0
+    for _ in range(40):
+        root = (1 + root) ** (1 / (n + 1))
+    steps = root ** -np.arange(1.0, n + 1)
+    share = (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
+    return np.asarray(lower + share * (upper - lower))
+
+
+def refuse_contact(space: Distances, q: Array, clearance: float, what: str) -> None:
+    """Raise InputError where a pose q (n), called ``what``, is nearer to contact than ``clearance`` (m)."""
+    distances = space.distances(q[None])[0]
+    if distances.size and distances.min() < clearance:
+        nearest = int(distances.argmin())
+        one, other = space.pairs[nearest]
+        apart = float(distances[nearest])
+        found = f"overlap by {-1e3 * apart:.0f} mm" if apart < 0 else f"are {1e3 * apart:.0f} mm apart"
+        raise InputError(
+            f"{what}: {one!r} and {other!r} {found}, and {1e3 * clearance:.0f} mm are to be kept between them; give "
+            "another start, correct the obstacles, or ask for less clearance."
+        )
+
+
+def _ranges(bodies: RigidBodies, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
+    """Return the ends (n) of the joints' ranges, as given or of the file; of one without, -pi to pi."""
+    limits = [bodies.limits[joint.name] for joint in bodies.joints]
+    low = np.array([one.lower for one in limits], dtype=float) if lower is None else np.asarray(lower, dtype=float)
+    high = np.array([one.upper for one in limits], dtype=float) if upper is None else np.asarray(upper, dtype=float)
+    return np.where(np.isfinite(low), low, -WHOLE), np.where(np.isfinite(high), high, WHOLE)
+
+
+def _neighbours(bodies: RigidBodies, having: set[int]) -> set[frozenset[int]]:
+    """Return the pairs of a body and the next one towards the root, of those ``having`` capsules."""
+    found = set()
+    for body in having - {-1}:
+        parent = body
+        while parent != -1:
+            above = bodies.arm.bodies[parent].parent
+            parent = -1 if above is None else above
+            if parent in having:
+                break
+        found.add(frozenset((body, parent)))
+    return found
+
+
+def _places(pairs: Sequence[tuple[int, int]]) -> Integers:
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, ModelError, brief, choices
+from dynident.errors import ConfigError, ModelError, brief, choices, listed
 from dynident.models import Joint, RigidBodies
 from dynident.models.robot_file import Limits
 
@@ -92,10 +92,9 @@ def limits_of(model: Model, given: Mapping[str, JointLimits] | None = None, marg
         if name not in names:
             raise ConfigError(f"limits: no joint {name!r} moves in {model.name}; {choices(name, names)}")
     if not 0 <= margin < 1:
-        raise ConfigError(
-            f"limits: the margin is {margin:g}; the share of each range kept free is from 0 to below 1."
-        )
+        raise ConfigError(f"limits: the margin is {margin:g}; the share of each range kept free is from 0 to below 1.")
     file = _narrowed(model)
+    _check_complete(model, given, file)
     found = [_limits(joint, given.get(joint.name, JointLimits()), file[joint.name], model) for joint in model.joints]
     values = {one.name: np.array([getattr(joint, one.name) for joint, _ in found]) for one in fields(JointLimits)}
     spare = margin / 2 * (values["upper"] - values["lower"])
@@ -141,12 +140,10 @@ def _limits(joint: Joint, given: JointLimits, file: Limits, model: Model) -> tup
     _check_range(joint, values, own, model)
     rules = []
     if values["lower"] is None or values["upper"] is None:
-        values["lower"], values["upper"] = _range(joint, values["lower"], values["upper"], model)
+        values["lower"], values["upper"] = _range(values["lower"], values["upper"])
         rules.append("position")
-    if (velocity := values["velocity"]) is None:
-        raise _missing(joint, "velocity", f"velocity, in {joint.unit}/s", model)
     if (acceleration := values["acceleration"]) is None:
-        values["acceleration"] = acceleration = velocity / RISE
+        values["acceleration"] = acceleration = (values["velocity"] or 0.0) / RISE
         rules.append("acceleration")
     if values["jerk"] is None:
         values["jerk"] = acceleration / ONSET
@@ -194,20 +191,26 @@ def _where(own: set[str], model: Model) -> str:
     return "" if own else f" in {model.name}, or give both"
 
 
-def _range(joint: Joint, lower: float | None, upper: float | None, model: Model) -> tuple[float, float]:
-    """Return the range of a joint of which an end or both are missing."""
-    if joint.kind == "prismatic":
-        raise _missing(joint, "position", "lower and upper, in m", model)
+def _range(lower: float | None, upper: float | None) -> tuple[float, float]:
+    """Return the range of a joint that turns of which an end or both are missing."""
     if lower is None and upper is None:
         return -np.pi, np.pi
     return (lower, lower + 2 * np.pi) if lower is not None else ((upper or 0.0) - 2 * np.pi, upper or 0.0)
 
 
-def _missing(joint: Joint, what: str, keys: str, model: Model) -> ModelError:
-    return ModelError(
-        f"limits of joint {joint.name!r}: {model.name} gives no limit of its {what}, and no rule can make one; "
-        f"give it (limits, {joint.name}: {keys})."
-    )
+def _check_complete(model: Model, given: Mapping[str, JointLimits], file: Mapping[str, Limits]) -> None:
+    """Raise ModelError with the joints whose velocity, or whose way where they slide, nobody limits."""
+    missing: dict[str, list[str]] = {}
+    for joint in model.joints:
+        own, theirs = given.get(joint.name, JointLimits()), file[joint.name]
+        if own.velocity is None and theirs.velocity is None:
+            missing.setdefault(f"velocity (in {joint.unit}/s)", []).append(joint.name)
+        for end in ("lower", "upper") if joint.kind == "prismatic" else ():
+            if getattr(own, end) is None and getattr(theirs, end) is None:
+                missing.setdefault(f"{end} (in m)", []).append(joint.name)
+    if missing:
+        lacking = "; ".join(f"{what} of {listed(names)}" for what, names in missing.items())
+        raise ModelError(f"limits: {model.name} does not say, and no rule can: {lacking}. Give each among the limits.")
 
 
 def _beyond(own: JointLimits, file: Limits) -> tuple[str, ...]:

@@ -85,7 +85,7 @@ def identification_of(
         model,
         recipe,
         estimate,
-        _errors(file),
+        _errors(file, source),
         Identifiability(
             _base(base.on_data, model.names, source),
             _base(base.structural, model.names, source),
@@ -181,14 +181,21 @@ def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consiste
     return Consistency(given.eigenvalues, given.costs, value)
 
 
-def _errors(file: ResultFile) -> StandardErrors:
-    rows, base = file.parameters, file.base_parameters.on_data
+def _errors(file: ResultFile, source: str) -> StandardErrors:
+    rows, base, joint = file.parameters, file.base_parameters.on_data, file.base_parameters
     own = [] if base is None else base.parameters
+    r = len(rows) if base is None else len(own)
+    shapes = {"covariance": (r, r), "by_joint": (r, len(file.model.joints))}
+    known = {name: getattr(joint, name) for name in shapes}
     return StandardErrors(
         np.array([row.std for row in rows]),
         _column([row.std_hac for row in rows]),
         None if base is None else _column([row.std for row in own]),
         None if base is None else _column([row.std_hac for row in own]),
+        *(
+            None if known[name] is None else _matrix(known[name], shape, f"base_parameters.{name}", source)
+            for name, shape in shapes.items()
+        ),
     )
 
 

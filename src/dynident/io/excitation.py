@@ -30,7 +30,7 @@ from dynident.excitation import (
 )
 from dynident.identification import Identification, SourceFile
 from dynident.io.config import config_text, load_model
-from dynident.io.excitation_known import Known, NoiseOrigin, information, noise, nominal, with_motions
+from dynident.io.excitation_known import Known, NoiseOrigin, noise, nominal, of_result
 from dynident.io.excitation_settings import ExcitationSettings, excitation_settings, settings_in
 from dynident.io.opener import text as text_of
 from dynident.io.project import parse_project
@@ -54,8 +54,8 @@ CONFIGS = (".yaml", ".yml")
 class ExcitationProject:
     """A robot, what is known of it, and what motion is to be designed within which ``limits``.
 
-    ``path`` is the robot file, configuration or result; ``config`` the configuration that reads its recordings, else
-    ``robot`` says what the model is made of. ``origin`` says where the noise of the request is from.
+    ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone.
+    ``origin`` says where the noise of the request is from.
     """
 
     path: Path
@@ -65,7 +65,6 @@ class ExcitationProject:
     origin: NoiseOrigin
     request: Request
     config: SourceFile | None = None
-    robot: Robot | None = None
 
     __repr__ = brief
 
@@ -120,25 +119,21 @@ def read_excitation(
     path = as_path(path)
     kind = path.suffix.lower()
     if kind not in (".json", *SUFFIXES, *CONFIGS):
-        known = ", ".join(SUFFIXES)
-        raise InputError(f"{path}: give a robot file ({known}), a configuration (.yaml) or a result.json.")
+        robots = ", ".join(SUFFIXES)
+        raise InputError(f"{path}: give a robot file ({robots}), a configuration (.yaml) or a result.json.")
     found = load(path, allow_code=allow_code) if kind == ".json" else None
-    config = (
-        SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else found and found.provenance.configuration
-    )
+    config = found.provenance.configuration if found else _config(path, kind)
     given = _given(config, settings, changes)
     robot = _robot(path, found, config)
     if found is not None:
-        progress("reading the logs of the result")
-        known = with_motions(found, allow_code=allow_code)
+        known = of_result(found)
     elif robot is not None:
         progress("building the model")
-        known = nominal(load_model(named_terms(robot), "." if config is None else path.parent))
+        known = nominal(load_model(named_terms(robot), path.parent if config else "."))
     else:
         known = _recorded(path, config_text(path), progress)
     limits = limits_of(known.model, _limits(given), given.margin)
     origin, sigma = noise(known, given.noise, limits, given.margin, given.rate)
-    prior = information(known, given.noise, limits, given.margin) if known.motions else None
     request = Request(
         sigma,
         Programme(given.program),
@@ -150,11 +145,15 @@ def read_excitation(
         given.rate,
         _start(given, limits.joints),
         given.parameters,
-        prior,
+        known.information,
         given.starts,
         given.clearance,
     )
-    return ExcitationProject(path, known, given, limits, origin, request, config if robot is None else None, robot)
+    return ExcitationProject(path, known, given, limits, origin, request, config)
+
+
+def _config(path: Path, kind: str) -> SourceFile | None:
+    return SourceFile(str(path), text=config_text(path)) if kind in CONFIGS else None
 
 
 def _robot(path: Path, found: Identification | None, config: SourceFile | None) -> Robot | None:

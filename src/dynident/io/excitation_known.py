@@ -6,27 +6,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, DynidentError, ModelError, brief, choices, listed
+from dynident.errors import ConfigError, ModelError, brief, choices, listed
 from dynident.excitation import MotionLimits
 from dynident.identification import Identification
-from dynident.io.config import parse_config
-from dynident.io.logs import read_roles
-from dynident.io.long_log import is_long
-from dynident.log import Motion
 from dynident.models import INERTIAL, Model, RigidBodies
 from dynident.models.friction import PerJoint
-from dynident.regression import Regression
 
-__all__ = ["Known", "NoiseOrigin", "information", "noise", "nominal", "with_motions"]
+__all__ = ["Known", "NoiseOrigin", "noise", "nominal", "of_result"]
 
 Array = NDArray[np.float64]
 SHARE = 0.01  # of a joint's torque limit: noise where nothing is known of it
 USUAL = 1.0  # N m or N, where there is no limit either
+RANK = 1e-12  # of a covariance with ones on its diagonal
 NOMINAL = {"viscous": "damping", "coulomb": "friction", "rotor": "armature"}  # of a robot file, by role
 
 
@@ -43,15 +38,15 @@ class NoiseOrigin(StrEnum):
 class Known:
     """What is known of a robot before it moves: its ``model`` and the parameters ``theta`` (p), nominal or identified.
 
-    ``found`` is the identification behind them, None for nominal ones, ``origin`` where it is from; ``motions`` are
-    those that it was fitted to, whose information counts; ``lost`` says why recordings do not count that could.
+    ``found`` is the identification behind them, None for nominal ones, ``origin`` where it is from; ``information``
+    (p, p) is what recordings have told of the parameters; ``lost`` says why some do not count that could.
     """
 
     model: Model
     theta: Array
     found: Identification | None = None
     origin: NoiseOrigin = NoiseOrigin.RULE
-    motions: tuple[Motion, ...] = ()
+    information: Array | None = None
     lost: str = ""
 
     __repr__ = brief
@@ -80,24 +75,19 @@ def nominal(model: Model, lost: str = "") -> Known:
     return Known(model, np.array(theta), lost=lost)
 
 
-def with_motions(found: Identification, *, allow_code: bool = False) -> Known:
-    """Return what a result knows, with the motions of its training, where its logs can be read again."""
-    given, motions, lost = found.provenance.configuration, list[Motion](), ""
-    if given is None:
-        lost = "the result was made from Python, without a configuration"
-    else:
-        try:
-            config = parse_config(given.text, Path(given.path).parent, given.path, allow_code=allow_code)
-            if is_long(config):
-                lost = "its training is too long to be read again"
-            else:
-                logs = read_roles(config, found.model.joints)[0]["train"].values()
-                joints = tuple(joint.name for joint in found.model.joints)
-                smoothed = (found.recipe.motion(log.select(joints)) for log in logs)
-                motions = [found.model.remembering(one) for one in smoothed]
-        except DynidentError as error:
-            lost = str(error)
-    return Known(found.model, found.estimate.value, found, NoiseOrigin.RESULT, tuple(motions), lost)
+def of_result(found: Identification) -> Known:
+    """Return what a result knows, with the information in the covariance of its base parameters."""
+    basis, covariance = found.base.on_data, found.errors.base_covariance
+    p = len(found.model.parameters)
+    B = np.eye(p) if basis is None else basis.combination
+    if covariance is None:
+        lost = "it has no covariance of base parameters; identify again"
+        return Known(found.model, found.estimate.value, found, NoiseOrigin.RESULT, lost=lost)
+    known = np.diag(covariance) > 0
+    size = np.sqrt(np.diag(covariance)[known])
+    inverse = np.linalg.pinv(covariance[np.ix_(known, known)] / np.outer(size, size), rcond=RANK, hermitian=True)
+    rows = B[known] / size[:, None]
+    return Known(found.model, found.estimate.value, found, NoiseOrigin.RESULT, rows.T @ inverse @ rows)
 
 
 def noise(
@@ -141,15 +131,3 @@ def _residual(found: Identification, joints: tuple[str, ...], rate: float) -> Ar
             row.append(size**2 * max(time * rate, 1.0))
         variance.append(row)
     return np.sqrt(np.mean(variance, axis=0)) if variance else np.zeros(len(joints))
-
-
-def information(known: Known, given: Mapping[str, float] | float | None, limits: MotionLimits, margin: float) -> Array:
-    """Return what the motions known already tell of the parameters: sum of Y' W Y (p, p), at their own rates."""
-    p = len(known.theta)
-    total = np.zeros((p, p))
-    for motion in known.motions:
-        rate = 1.0 / float(np.median(np.diff(motion.t)))
-        _, sigma = noise(known, given, limits, margin, rate)
-        factor = Regression(known.model, (motion,)).triangular_factors.stacked(1.0 / sigma)[:, :p]
-        total += factor.T @ factor
-    return total

@@ -26,6 +26,7 @@ __all__ = [
     "HasRobotFile",
     "HasSign",
     "HasSupport",
+    "HasWeightedGradient",
     "Joint",
     "Loads",
     "NeedsLoad",
@@ -149,6 +150,14 @@ class HasMassMatrix(Protocol):
 
     def mass_and_bias(self, q: Array, dq: Array, theta: Array) -> tuple[Array, Array]:
         """Return the mass matrix (N, n, n), and the torque (N, n) without acceleration, for one theta (p)."""
+
+
+@runtime_checkable
+class HasWeightedGradient(Protocol):
+    """A term that computes the derivatives of a weighted sum of its regressor faster than by ``partials``."""
+
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
 
 
 @runtime_checkable

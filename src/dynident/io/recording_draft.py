@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from dynident.identification import SourceFile
 from dynident.io.excitation import ExcitationProject
 from dynident.io.explicit_config import relocated, settings_text
 from dynident.io.opener import real
+from dynident.io.settings import robot_settings
 from dynident.io.yaml_text import load_yaml
 from dynident.models import Joint
 
@@ -50,10 +52,12 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
 def _data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:
     """Return the settings of the configuration, at least of the model, and the folder that its names start at."""
     if project.config is not None:
-        return load_yaml(project.config.text, project.config.path), Path(project.config.path).parent
+        data = load_yaml(project.config.text, project.config.path)
+        file = isinstance(data["model"], str) and robot_settings(data["model"]) is not None
+        return data | ({"model": {"file": data["model"]}} if file else {}), Path(project.config.path).parent
     found = project.known.found
-    file = str(project.path) if found is None else found.provenance.model and found.provenance.model.path
-    return ({"model": {"file": file}} if file else {}), Path()
+    source = SourceFile(str(project.path)) if found is None else found.provenance.model
+    return ({} if source is None else {"model": {"file": source.path}}), Path()
 
 
 def _channels(joints: tuple[Joint, ...]) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def at_rest(q: Array) -> Array:
 
 
 def coefficients(start: Array, end: Array, duration: Array) -> Array:
-    """Return the polynomials (D, 6, n) in t / T for each duration T (D) in s."""
+    """Return the polynomials (D, 6, n) in t / T for each duration T (D) in s, between states (3, n) or (D, 3, n)."""
     scale = duration[:, None, None] ** np.arange(3.0)[:, None]
     ends = np.concatenate([start * scale, end * scale], axis=1)
     known = np.concatenate([[_powers(np.array([s]), d)[0] for d in range(3)] for s in (0.0, 1.0)])
@@ -59,7 +59,8 @@ def coefficients(start: Array, end: Array, duration: Array) -> Array:
 def quintic_reach(start: Array, end: Array, duration: Array) -> tuple[Array, Array, Array]:
     """Return bounds of the quintics of durations T (D) that hold at all times, and exceed what they bound by little.
 
-    These are the least and the greatest q (D, n), and the sizes of dq, ddq and jerk (D, 3, n).
+    The states are (3, n), or (D, 3, n) by duration. The bounds are the least and the greatest q (D, n), and the sizes
+    of dq, ddq and jerk (D, 3, n).
     """
     polynomials = coefficients(start, end, duration)
     hulls = [_hull(d) @ polynomials for d in range(4)]

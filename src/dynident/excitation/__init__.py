@@ -1,6 +1,9 @@
 """Motions that show the parameters of a robot: trajectories within its limits, and what they will tell."""
 
-from dynident.excitation.design import Design, Expected, design
+from dynident.excitation.capsules import Capsule, Made
+from dynident.excitation.clearance import CapsuleSpace
+from dynident.excitation.design import Design, design
+from dynident.excitation.expected import Expected, expected
 from dynident.excitation.limits import JointLimits, MotionLimits, limits_of
 from dynident.excitation.request import Criterion, Programme, Request
 from dynident.excitation.space import Box, Cylinder, Floor, Obstacle, Space
@@ -8,6 +11,8 @@ from dynident.excitation.trajectory import Course, Piece, Purpose, Trajectory
 
 __all__ = [
     "Box",
+    "Capsule",
+    "CapsuleSpace",
     "Course",
     "Criterion",
     "Cylinder",
@@ -15,6 +20,7 @@ __all__ = [
     "Expected",
     "Floor",
     "JointLimits",
+    "Made",
     "MotionLimits",
     "Obstacle",
     "Piece",
@@ -24,5 +30,6 @@ __all__ = [
     "Space",
     "Trajectory",
     "design",
+    "expected",
     "limits_of",
 ]

@@ -190,4 +190,6 @@ class Interior:
     @cached_property
     def _middle(self) -> Array:
         """The middle of the range of each row (R, n), as a share of half of it."""
-        return np.asarray((np.arange(len(self._rows)) < len(self.guard.rows[0]))[:, None] * self.limits.middle / self._sizes)
+        return np.asarray(
+            (np.arange(len(self._rows)) < len(self.guard.rows[0]))[:, None] * self.limits.middle / self._sizes
+        )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.report.figures.canvas import AMBER, BLUE, GRID, TEMPLATE, Array, Drawing, Trace, plain, trace
+from dynident.report.figures.canvas import AMBER, GRID, TEMPLATE, Array, Drawing, Trace, plain, trace
 
 __all__ = ["Mesh", "box", "capsule", "cylinder", "joined", "plate", "scene_figure"]
 
@@ -82,7 +82,7 @@ def box(name: str, centre: Array, size: Array) -> Mesh:
 def plate(name: str, height: float, reach: float) -> Mesh:
     """Return a square about the z axis."""
     corners = reach * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    return Mesh(name, corners + [0.0, 0.0, height], np.array([[0, 1, 2], [0, 2, 3]]))
+    return Mesh(name, corners + np.array([0.0, 0.0, height]), np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def scene_figure(

@@ -1,0 +1,187 @@
+"""The report of a designed motion: what it will tell, the motion and its limits, the arm along its path, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.excitation import Programme, Trajectory
+from dynident.identification import versions
+from dynident.report import figures
+from dynident.report.excitation_expected import expected_section, told
+from dynident.report.excitation_scene import clearance_of, scene_section
+from dynident.report.excitation_words import limit_words, noise_words
+from dynident.report.page import (
+    Column,
+    Facts,
+    Figure,
+    Gallery,
+    PageBlock,
+    PageSection,
+    PageTable,
+    number,
+    pairs,
+    render,
+)
+from dynident.report.wording import words
+
+if TYPE_CHECKING:
+    from dynident.excitation import Design
+    from dynident.io.excitation import ExcitationProject
+
+__all__ = ["excitation_findings", "excitation_page", "excitation_tables"]
+
+Array = NDArray[np.float64]
+RATE, MOST = 250.0, 20_000  # Hz and samples of what is drawn
+POINTS = 1500  # of a curve
+MOTIONS = ("motion", "validation")
+PROGRAMMES = {
+    Programme.MOTION: "an optimised motion",
+    Programme.FRICTION: "each joint at constant speeds",
+    Programme.GRAVITY: "poses at rest",
+    Programme.ALL: "an optimised motion, constant speeds and poses at rest",
+}
+
+
+def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
+    """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
+    return [*told(project, found), *noise_words(project), *limit_words(found), *map(words, found.notes)]
+
+
+def excitation_tables(project: ExcitationProject, found: Design) -> list[PageTable]:
+    """Return for a terminal how much of the limits both motions use."""
+    return [_used_table(found)]
+
+
+def excitation_page(project: ExcitationProject, found: Design, files: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
+    sections = [
+        PageSection("What it will tell", (_facts(found), tuple(excitation_findings(project, found)))),
+        expected_section(project, found),
+        PageSection("Motion", (_used_table(found), _gallery(found))),
+        scene_section(found),
+        PageSection("Limits", tuple(_limits(found))),
+    ]
+    if files:
+        sections.append(PageSection("Files, and what to do next", (pairs("file", list(files)), _steps(found))))
+    sections.append(PageSection("Settings and versions", tuple(_settings(project, found))))
+    lead = f"{PROGRAMMES[found.request.programme]}, {number(found.trajectory.duration, 3)} s."
+    return render(f"A motion for {found.model.name}", f"{lead[0].upper()}{lead[1:]}", sections)
+
+
+def _facts(found: Design) -> Facts:
+    relative = found.expected.relative
+    known = relative[np.isfinite(relative)]
+    facts = [
+        (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
+        (f"{int((relative <= 10).sum())} of {len(relative)}", "base parameters expected within 10 %"),
+        (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
+    ]
+    least = clearance_of(found, found.trajectory)
+    return Facts((*facts, *(((f"{number(1e3 * least, 3)} mm", "smallest distance"),) if least is not None else ())))
+
+
+def _motions(found: Design) -> Mapping[str, Trajectory]:
+    return dict(zip(MOTIONS, (found.trajectory, found.validation), strict=True))
+
+
+def times(trajectory: Trajectory) -> Array:
+    """Return the times (s) at which a trajectory is drawn."""
+    return trajectory.times(min(RATE, MOST / trajectory.duration))
+
+
+def _used_table(found: Design) -> PageTable:
+    """Return how much of each limit a motion uses."""
+    limits = found.limits
+    heads = ("range", "velocity", "acceleration", "jerk", "torque")
+    columns = [Column("joint", numeric=False)]
+    columns += [Column(head, f"{name}, % of the limit") for name in MOTIONS for head in heads]
+    cells: list[list[str]] = [[name] for name in limits.joints]
+    for trajectory in _motions(found).values():
+        for joint, row in enumerate(_shares(found, trajectory)):
+            cells[joint] += [number(100 * share, 3) if np.isfinite(share) else "-" for share in row]
+    title = "How much of what is allowed is used; the margin is taken off before"
+    return PageTable(tuple(columns), tuple(map(tuple, cells)), title)
+
+
+def _shares(found: Design, trajectory: Trajectory) -> Array:
+    """Return the largest share (n, 5) of each limit, nan where there is none."""
+    limits = found.limits
+    states = trajectory.states(times(trajectory))
+    torque = _torque(found, states)
+    spans = np.ptp(states[0], axis=0) / (limits.upper - limits.lower)
+    sizes = [np.abs(one).max(axis=0) for one in (*states[1:], torque)]
+    most = (limits.velocity, limits.acceleration, limits.jerk, limits.torque)
+    shares = [np.where(np.isfinite(limit), size / limit, np.nan) for size, limit in zip(sizes, most, strict=True)]
+    return np.column_stack([spans, *shares])
+
+
+def _torque(found: Design, states: Array) -> Array:
+    q, dq, ddq = states[:3]
+    return found.model.torque(q, dq, ddq, found.theta)
+
+
+def _gallery(found: Design) -> Gallery:
+    views = []
+    for name, trajectory in _motions(found).items():
+        t = times(trajectory)
+        states = trajectory.states(t)
+        torque = _torque(found, states)
+        for k, joint in enumerate(found.model.joints):
+            caption = f"Joint {joint.name}: the {name} between its limits (dashed), and the torque that it needs."
+            figure = figures.designed_figure(t, list(_quantities(found, k, [*states, torque])), POINTS)
+            views.append(((name, joint.name), (Figure(figure, caption),)))
+    return Gallery(("Motion", "Joint"), tuple(views))
+
+
+def _quantities(found: Design, k: int, states: Sequence[Array]) -> Iterator[figures.Quantity]:
+    joint, limits = found.model.joints[k], found.limits
+    unit = joint.unit
+    titles = (f"position, {unit}", f"velocity, {unit}/s", f"acceleration, {unit}/s²", f"jerk, {unit}/s³")
+    efforts = f"{'force' if joint.effort == 'N' else 'torque'}, {joint.effort}"
+    most = [limits.velocity[k], limits.acceleration[k], limits.jerk[k], limits.torque[k]]
+    ends = [(limits.lower[k], limits.upper[k]), *((-one, one) for one in most)]
+    for title, values, (lower, upper) in zip((*titles, efforts), states, ends, strict=True):
+        yield figures.Quantity(title, values[:, k], float(lower), float(upper))
+
+
+def _limits(found: Design) -> Iterator[PageBlock]:
+    """Yield the limits of the joints, with those made by a rule marked, and what they rest on."""
+    limits = found.limits
+    names = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
+    rows = []
+    for k, joint in enumerate(limits.joints):
+        made = limits.by_rule.get(joint, ())
+        ruled = [name in made or (name in ("lower", "upper") and "position" in made) for name in names]
+        values = [number(float(getattr(limits, name)[k])) for name in names]
+        marked = (f"{value} *" if rule else value for value, rule in zip(values, ruled, strict=True))
+        rows.append((joint, found.model.joints[k].unit, *marked))
+    columns = (Column("joint", numeric=False), Column("unit", numeric=False), *map(Column, names))
+    yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
+    yield (
+        "Between the points of a grid they hold by bounds; the finished motion was then checked at 1 kHz and finer by "
+        "other code."
+    )
+
+
+def _steps(found: Design) -> tuple[str, ...]:
+    first = (
+        "Run the motion slowly first, without a load, with nobody near and a hand at the stop: the limits and the "
+        "distances are those of the files, not of your room."
+    )
+    return (
+        first,
+        "Record position and torque of both motions at the rate that was designed for; write the files that "
+        "`identify.yaml` names.",
+        "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
+        "Then, for what is still open: `dynident excite result/result.json -o next`.",
+    )
+
+
+def _settings(project: ExcitationProject, found: Design) -> Iterator[PageBlock]:
+    given = project.settings.model_dump(mode="json")
+    yield pairs("setting", [("robot", project.path.name), *((key, str(value)) for key, value in given.items())])
+    yield pairs("program", list(versions().items()))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.excitation import Programme, Trajectory
 from dynident.identification import versions
 from dynident.report import figures
-from dynident.report.excitation_expected import expected_section, told
+from dynident.report.excitation_expected import expected_section, told, valued_of
 from dynident.report.excitation_scene import clearance_of, scene_section
 from dynident.report.excitation_words import limit_words, noise_words
 from dynident.report.page import (
@@ -38,6 +38,14 @@ Array = NDArray[np.float64]
 RATE, MOST = 250.0, 20_000  # Hz and samples of what is drawn
 POINTS = 1500  # of a curve
 MOTIONS = ("motion", "validation")
+_STEPS = (
+    "Run it slowly first, with nobody near and a hand at the stop: the limits and the distances are those of the files, "
+    "not of your room.",
+    "Record position and torque of both motions, at the rate of the settings or faster, and save the recordings under "
+    "the names in `identify.yaml`.",
+    "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
+    "For what is still open then: `dynident excite result/result.json -o next`.",
+)
 PROGRAMMES = {
     Programme.MOTION: "an optimised motion",
     Programme.FRICTION: "each joint at constant speeds",
@@ -48,36 +56,36 @@ PROGRAMMES = {
 
 def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
     """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
-    return [*told(project, found), *noise_words(project), *limit_words(found), *map(words, found.notes)]
+    return [*told(found), *noise_words(project), *limit_words(found), *map(words, found.notes)]
 
 
-def excitation_tables(project: ExcitationProject, found: Design) -> list[PageTable]:
+def excitation_tables(found: Design) -> list[PageTable]:
     """Return for a terminal how much of the limits both motions use."""
     return [_used_table(found)]
 
 
 def excitation_page(project: ExcitationProject, found: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
+    steps = pairs("file", list(files)), _STEPS
     sections = [
         PageSection("What it will tell", (_facts(found), tuple(excitation_findings(project, found)))),
-        expected_section(project, found),
-        PageSection("Motion", (_used_table(found), _gallery(found))),
+        *([PageSection("What to do with it", steps)] if files else []),
         scene_section(found),
+        PageSection("Motion and torque", (_used_table(found), _gallery(found))),
+        expected_section(found),
         PageSection("Limits", tuple(_limits(found))),
+        PageSection("Settings and versions", tuple(_settings(project))),
     ]
-    if files:
-        sections.append(PageSection("Files, and what to do next", (pairs("file", list(files)), _steps(found))))
-    sections.append(PageSection("Settings and versions", tuple(_settings(project, found))))
     lead = f"{PROGRAMMES[found.request.programme]}, {number(found.trajectory.duration, 3)} s."
     return render(f"A motion for {found.model.name}", f"{lead[0].upper()}{lead[1:]}", sections)
 
 
 def _facts(found: Design) -> Facts:
-    relative = found.expected.relative
+    relative = found.expected.relative[valued_of(found.expected)]
     known = relative[np.isfinite(relative)]
     facts = [
         (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
-        (f"{int((relative <= 10).sum())} of {len(relative)}", "base parameters expected within 10 %"),
+        (f"{int((relative <= 10).sum())} of {len(relative)}", "base parameters of known size expected within 10 %"),
         (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
     ]
     least = clearance_of(found, found.trajectory)
@@ -167,21 +175,7 @@ def _limits(found: Design) -> Iterator[PageBlock]:
     )
 
 
-def _steps(found: Design) -> tuple[str, ...]:
-    first = (
-        "Run the motion slowly first, without a load, with nobody near and a hand at the stop: the limits and the "
-        "distances are those of the files, not of your room."
-    )
-    return (
-        first,
-        "Record position and torque of both motions at the rate that was designed for; write the files that "
-        "`identify.yaml` names.",
-        "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
-        "Then, for what is still open: `dynident excite result/result.json -o next`.",
-    )
-
-
-def _settings(project: ExcitationProject, found: Design) -> Iterator[PageBlock]:
+def _settings(project: ExcitationProject) -> Iterator[PageBlock]:
     given = project.settings.model_dump(mode="json")
     yield pairs("setting", [("robot", project.path.name), *((key, str(value)) for key, value in given.items())])
     yield pairs("program", list(versions().items()))

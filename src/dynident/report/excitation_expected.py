@@ -16,7 +16,6 @@ from dynident.report.words import count, percent
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
-    from dynident.io.excitation import ExcitationProject
 
 __all__ = ["before", "expected_section", "label", "told"]
 
@@ -32,32 +31,42 @@ _WHAT = (
 )
 
 
-def told(project: ExcitationProject, found: Design) -> Iterator[str]:
+def told(found: Design) -> Iterator[str]:
     """Yield what the motion is expected to tell, what it adds to what is known, and what stays open."""
     one = found.expected
-    relative, total = one.relative, len(one.std)
-    known = relative[np.isfinite(relative)]
-    if not len(known):
+    if not np.isfinite(one.std).any():
+        yield "The motion tells nothing: it shows no base parameter."
         return
-    well, lost = int((relative <= WELL).sum()), int(((relative > LOST) & np.isfinite(one.std)).sum())
-    worst = _worst(one)
-    yield (
-        f"{well} of {count(total, 'base parameter')} are expected within {WELL:g} % (one standard error), the median "
-        f"within {percent(float(np.median(known)), 2)}; the least known, {label(one, worst)}, to "
-        f"{number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
-    )
-    if lost:
-        yield f"{count(lost, 'base parameter')} cannot be distinguished from zero, which also means: hardly matter."
-    if (old := before(project, found)) is not None:
+    valued = valued_of(one)
+    relative, known = one.relative[valued], one.relative[valued & np.isfinite(one.std)]
+    if len(known):
+        well, worst = int((relative <= WELL).sum()), _worst(one)
+        yield (
+            f"{well} of {count(len(relative), 'base parameter')} of known size are expected within {WELL:g} % (one "
+            f"standard error), the median within {percent(float(np.median(known)), 2)}; the least known, "
+            f"{label(one, worst)}, to {number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
+        )
+    if lost := int((known > LOST).sum()):
+        yield f"{count(lost, 'base parameter')} cannot be told from zero: they hardly act on the torque of this motion."
+    if unsized := int((~valued).sum()):
+        yield (
+            f"{count(unsized, 'base parameter')} have no value yet, such as friction that the robot file does not say; "
+            "their standard errors are in their units."
+        )
+    if (old := before(found)) is not None:
         yield from _added(one, old)
     if one.open:
         yield f"{count(len(one.open), 'base parameter')} stay open: {listed(one.open, SHOWN)}."
 
 
+def valued_of(one: Expected) -> NDArray[np.bool_]:
+    """Return which base parameters (r) have a value, so that their errors are a share of it."""
+    return np.asarray(one.value != 0)
+
+
 def _worst(one: Expected) -> int:
-    """Return the parameter that is known worst, of those whose value is not zero where there are any."""
-    sizes = np.where(np.isfinite(one.relative) & np.isfinite(one.std), one.relative, -1.0)
-    return int(sizes.argmax()) if (sizes >= 0).any() else int(np.where(np.isfinite(one.std), one.std, -1.0).argmax())
+    """Return the parameter that is known worst, of those that have a value."""
+    return int(np.where(valued_of(one) & np.isfinite(one.std), one.relative, -1.0).argmax())
 
 
 def _added(one: Expected, old: Expected) -> Iterator[str]:
@@ -66,39 +75,44 @@ def _added(one: Expected, old: Expected) -> Iterator[str]:
         ratio = old.std[both] / one.std[both]
         best = int(np.flatnonzero(both)[ratio.argmax()])
         yield (
-            f"With what is known before, standard errors fall by a factor of {number(float(np.median(ratio)), 2)} in the "
-            f"median, at most {number(float(ratio.max()), 3)} ({label(one, best)})."
+            "Together with what was recorded before, standard errors are smaller than now by a factor of "
+            f"{number(float(np.median(ratio)), 2)} in the median, at most {number(float(ratio.max()), 3)} "
+            f"({label(one, best)})."
         )
     if new := int((~np.isfinite(old.std) & np.isfinite(one.std)).sum()):
-        yield f"{count(new, 'base parameter')} not known before will be."
+        yield f"{count(new, 'base parameter')} that are open now will be known."
 
 
-def before(project: ExcitationProject, found: Design) -> Expected | None:
+def before(found: Design) -> Expected | None:
     """Return what was known before the motion, None where that is nothing."""
     known = found.request.prior
     return None if known is None else expected(found.model, found.theta, known, found.expected.basis)
 
 
-def expected_section(project: ExcitationProject, found: Design) -> PageSection:
+def expected_section(found: Design) -> PageSection:
     """Return the section of the expected standard errors: table, figure, what no motion can show."""
-    one, old = found.expected, before(project, found)
-    percents = np.where(np.isfinite(one.std), one.relative, np.inf)
-    labels = [label(one, k) for k in range(len(one.std))]
-    caption = "Expected standard error of each base parameter in % of its value; the dotted line is 1 %."
-    figure = figures.expected_figure(labels, percents, None if old is None else old.relative)
-    blocks: list[PageBlock] = [_WHAT, Figure(figure, caption), _table(one, old), *_formulas(one), *_never(one)]
-    return PageSection("Expected standard errors", tuple(blocks))
+    one, old = found.expected, before(found)
+    rows = np.flatnonzero(valued_of(one))
+    labels = [label(one, k) for k in rows]
+    caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
+    known = None if old is None else old.relative[rows]
+    blocks: list[PageBlock] = [_WHAT]
+    if len(rows):
+        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], known), caption))
+    table = Fold("All numbers", (_table(one, old),))
+    return PageSection("Expected standard errors", (*blocks, table, *_formulas(one), *_never(one)))
 
 
 def _table(one: Expected, old: Expected | None) -> PageTable:
     columns = [Column("base parameter", numeric=False), Column("value"), Column("expected standard error")]
-    columns += [Column("%")] + ([] if old is None else [Column("known before, %")])
+    columns += [Column("%")] + ([] if old is None else [Column("now, %")])
+    valued = valued_of(one)
     rows = []
     for k in range(len(one.std)):
-        shown = np.isfinite(one.std[k])
-        cells = [label(one, k), number(float(one.value[k])), number(float(one.std[k]), 2) if shown else "open"]
-        cells.append(number(float(one.relative[k]), 2) if shown else "-")
-        rows.append((*cells, *(() if old is None else (number(float(old.relative[k]), 2),))))
+        cells = [label(one, k), number(float(one.value[k])) if valued[k] else "-"]
+        cells.append(number(float(one.std[k]), 2) if np.isfinite(one.std[k]) else "open")
+        shares = (one.relative[k], *(() if old is None else (old.relative[k],)))
+        rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
     title = f"Base parameters; log det of the information {number(one.log_det)}, condition {number(one.condition, 3)}"
     return PageTable(tuple(columns), tuple(rows), title)
 
@@ -116,7 +130,7 @@ def _never(one: Expected) -> Iterator[PageBlock]:
     if none := one.basis.without_effect:
         yield f"No motion shows {', '.join(none)}: they have no effect on the torque of this robot."
     if tied := len(one.basis.dependent) - len(none):
-        yield f"{count(tied, 'more parameter')} can be known only as part of the combinations above, by whatever motion."
+        yield f"{count(tied, 'more parameter')} can be known, by whatever motion, only within the combinations above."
 
 
 def label(one: Expected, k: int) -> str:

@@ -31,8 +31,8 @@ _MADE = {
     Made.JOINTS: "the places of its joints: it has no shapes, or they were not found",
 }
 _WHAT = (
-    "Drag to turn the view; Play moves the arm along the motion as fast as it will move, Turn goes around it. The bodies "
-    "are drawn by the capsules of which the distances are computed."
+    "Drag to turn the view; Play moves the arm along the motion as fast as it will move, Turn goes around it. The "
+    "bodies are drawn by the capsules of which the distances are computed."
 )
 
 
@@ -84,7 +84,7 @@ def _meshes(space: CapsuleSpace) -> Mapping[int, figures.Mesh]:
 
 
 @singledispatch
-def drawn(obstacle: object, reach: float) -> figures.Mesh:
+def drawn(obstacle: object, reach: float) -> figures.Mesh:  # noqa: ARG001
     """Return an obstacle as triangles; one without end as far as the arm ``reach``es (m)."""
     raise TypeError(f"{type(obstacle).__name__} is no obstacle.")
 

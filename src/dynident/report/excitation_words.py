@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from dynident.errors import listed
 from dynident.io.excitation_known import NoiseOrigin
 from dynident.report.page import number
@@ -53,5 +51,3 @@ def limit_words(found: Design) -> Iterator[str]:
         yield f"Limits of {name} of {whose} are by rule{size}: give your robot's own, if they are known."
     for joint, names in found.limits.beyond.items():
         yield f"The limits that are given for {joint} exceed those of the robot file: {', '.join(names)}."
-    if not np.isfinite(found.expected.std).any():
-        yield "The motion tells nothing: no base parameter is shown."

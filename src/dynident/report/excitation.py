@@ -38,11 +38,17 @@ Array = NDArray[np.float64]
 RATE, MOST = 250.0, 20_000  # Hz and samples of what is drawn
 POINTS = 1500  # of a curve
 MOTIONS = ("motion", "validation")
-_STEPS = (
-    "Run it slowly first, with nobody near and a hand at the stop: the limits and the distances are those of the files, "
-    "not of your room.",
+_SLOWLY = (
+    "Run it slowly first, with nobody near and a hand at the stop: the limits and the distances are those of the "
+    "files, not of your room."
+)
+_RECORD = (
     "Record position and torque of both motions, at the rate of the settings or faster, and save the recordings under "
-    "the names in `identify.yaml`.",
+    "the names in `identify.yaml`."
+)
+_STEPS = (
+    _SLOWLY,
+    _RECORD,
     "`dynident check identify.yaml`, then `dynident identify identify.yaml --out result`.",
     "For what is still open then: `dynident excite result/result.json -o next`.",
 )

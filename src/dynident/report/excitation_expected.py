@@ -50,8 +50,8 @@ def told(found: Design) -> Iterator[str]:
         yield f"{count(lost, 'base parameter')} cannot be told from zero: they hardly act on the torque of this motion."
     if unsized := int((~valued).sum()):
         yield (
-            f"{count(unsized, 'base parameter')} have no value yet, such as friction that the robot file does not say; "
-            "their standard errors are in their units."
+            f"{count(unsized, 'base parameter')} are zero in the robot file, or not in it, such as friction: of "
+            "them there are standard errors in their units alone."
         )
     if (old := before(found)) is not None:
         yield from _added(one, old)
@@ -93,7 +93,7 @@ def expected_section(found: Design) -> PageSection:
     """Return the section of the expected standard errors: table, figure, what no motion can show."""
     one, old = found.expected, before(found)
     rows = np.flatnonzero(valued_of(one))
-    labels = [label(one, k) for k in rows]
+    labels = [label(one, k) for k in rows.tolist()]
     caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
     known = None if old is None else old.relative[rows]
     blocks: list[PageBlock] = [_WHAT]

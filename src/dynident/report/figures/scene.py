@@ -67,7 +67,7 @@ def _turned(name: str, middles: Array, radii: Array, heights: Array, axis: Array
     rings = (middles + heights[:, None] * axis)[:, None] + radii[:, None, None] * circle
     k, j = np.meshgrid(np.arange(len(radii) - 1), np.arange(SIDES), indexing="ij")
     a, b = (k * SIDES + j).ravel(), (k * SIDES + (j + 1) % SIDES).ravel()
-    faces = np.concatenate([np.stack([a, b, b + SIDES], axis=1), np.stack([a, b + SIDES, a + SIDES], axis=1)])
+    faces = np.concatenate([np.stack([a, b + SIDES, b], axis=1), np.stack([a, a + SIDES, b + SIDES], axis=1)])
     return Mesh(name, rings.reshape(-1, 3), faces)
 
 
@@ -149,7 +149,7 @@ def _layout() -> dict[str, Any]:
     scene = {
         "aspectmode": "data",
         "dragmode": "turntable",
-        "camera": {"eye": {"x": 1.5, "y": 1.2, "z": 0.7}},
+        "camera": {"eye": {"x": 1.15, "y": 0.95, "z": 0.55}},
         **{f"{one}axis": {**axis, "title": {"text": f"{one}, m"}} for one in "xyz"},
     }
     return {

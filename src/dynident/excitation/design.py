@@ -4,32 +4,70 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import Note, brief
-from dynident.excitation.expected import Expected
+from dynident.errors import ConfigError, InputError, Note, Severity, brief, choices
+from dynident.estimators.maximum_likelihood import with_smooth_signs
+from dynident.excitation.bspline import Clamped
+from dynident.excitation.criterion import InformationCriterion
+from dynident.excitation.expected import Expected, expected, information_of, unexcited
+from dynident.excitation.family import Family
+from dynident.excitation.feasibility import Feasibility
+from dynident.excitation.fourier import Fourier
+from dynident.excitation.interior import Interior, Spare
 from dynident.excitation.limits import MotionLimits
-from dynident.excitation.request import Request
+from dynident.excitation.pairing import refuse_contact
+from dynident.excitation.ramp import from_rest
+from dynident.excitation.request import Criterion, Request
+from dynident.excitation.search import STAGES, Found, Stage, search
 from dynident.excitation.space import Space
-from dynident.excitation.trajectory import Trajectory
+from dynident.excitation.trajectory import Purpose, Trajectory
+from dynident.models import HasMemory, Model
+from dynident.regression import BaseParameters, structural_base_parameters
 
-if TYPE_CHECKING:
-    from dynident.models import Model
-
-__all__ = ["Design", "design"]
+__all__ = ["Design", "Interrupted", "LeftOut", "design", "interior_of"]
 
 Array = NDArray[np.float64]
+SMOOTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
+FINE = 20  # points of the grid by harmonic
+FEWEST = 100  # points of the grid
+SPANS = 2.0  # of a B-spline, by harmonic and period: as free as the series
+AROUND = 4.0  # s that ways and ramps take, about
+ROUNDS = 4  # of the search, with more to spare where the limits do not hold between the grid's points
+OTHER = 0.79  # of the period: the validation motion has other speeds
+QUICK = (Stage(1.0, 40), Stage(0.1, 40))
+
+
+class Plan(NamedTuple):
+    """How many starts a search has, and its stages."""
+
+    starts: int
+    stages: tuple[Stage, ...] = STAGES
+
+
+@dataclass(frozen=True)
+class Interrupted(Note):
+    """The search was stopped before its end; the motion is the best so far, within all limits."""
+
+    severity = Severity.INFO
+
+
+@dataclass(frozen=True)
+class LeftOut(Note):
+    """Terms that remember the motion, by their kind, were left out of the design: their information is not counted."""
+
+    terms: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
     """A motion, another one for validation, and what the first is expected to tell.
 
-    ``theta`` (p) are the parameters of the ``model`` that give the torque, ``request`` and ``limits`` as used.
+    ``request`` and ``limits`` as used; ``model`` and ``theta`` (p) give the torque.
     """
 
     model: Model
@@ -56,5 +94,173 @@ def design(
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Design:
-    """Return the most informative motion that keeps to the limits; ``theta`` (p) gives the torque."""
-    raise NotImplementedError
+    """Return the most informative motion that keeps to the limits; ``theta`` (p) gives the torque.
+
+    The same generator gives the same motion on any executor. Ctrl-C ends the search with the best motion so far.
+    Raises ConfigError for a request that contradicts itself, the model or the limits, InputError where no motion is
+    found.
+    """
+    say = progress or (lambda _: None)
+    notes = list[Note]()
+    model, theta, request, left = _without_memory(model, np.asarray(theta, dtype=float), request)
+    notes += left
+    _check(model, limits, space, request)
+    say("finding base parameters")
+    basis = structural_base_parameters(model)
+    interior = interior_of(model, theta, limits, space, request, basis)
+    found, interior = _searched(interior, model, Plan(request.starts), rng, executor, say)
+    notes += [Interrupted()] if found.interrupted else []
+    say("finding the ways to it and back")
+    trajectory = _trajectory(model, interior, found.x, request, rng)
+    say("a second motion, for validation")
+    validation = _validation(model, theta, limits, space, request, basis, rng)
+    told = expected(model, theta, _information(model, trajectory, request), basis)
+    notes += unexcited(model, _information(model, trajectory, request), told)
+    return Design(model, theta, request, limits, space, trajectory, validation, told, tuple(notes))
+
+
+def interior_of(
+    model: Model, theta: Array, limits: MotionLimits, space: Space, request: Request, basis: BaseParameters
+) -> Interior:
+    """Return the motions that a request asks for, on their grid, with the criterion."""
+    soft = with_smooth_signs(model, SMOOTH * limits.velocity)
+    family = _family(request)
+    points = _points(family)
+    grid = (np.arange(points) + 0.5) * family.duration / points
+    samples = request.rate * family.duration * _periods(request, family) / points
+    kept = list(basis.independent)
+    prior = None if request.prior is None else request.prior[np.ix_(kept, kept)]
+    information = InformationCriterion(soft, np.array(kept), samples / request.sigma**2, prior)
+    feasible = Feasibility(soft, theta, limits, space, request.clearance)
+    return Interior(feasible, space, family, grid, information, Spare.least(feasible, space))
+
+
+def _family(request: Request) -> Family:
+    if request.family == "fourier":
+        return Fourier(request.period, request.harmonics)
+    length = request.duration - (0.0 if request.start is None else AROUND)
+    return Clamped(length, max(6, round(SPANS * request.harmonics * length / request.period)))
+
+
+def _points(family: Family) -> int:
+    wanted = FINE * family.harmonics if isinstance(family, Fourier) else FINE // 2 * family.size // 2
+    return max(FEWEST, wanted)
+
+
+def _periods(request: Request, family: Family, around: float = AROUND) -> int:
+    """Return how many periods there is time for, beside ways that take ``around`` (s)."""
+    return max(1, int((request.duration - around) / family.duration + 1e-9)) if request.family == "fourier" else 1
+
+
+def _searched(
+    interior: Interior,
+    model: Model,
+    plan: Plan,
+    rng: np.random.Generator,
+    executor: Executor | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> tuple[Found, Interior]:
+    """Return the best motion that keeps to the limits also between the points of the grid."""
+    found = search(interior, plan.starts, rng, stages=plan.stages, executor=executor, progress=say)
+    for _ in range(ROUNDS):
+        beyond = interior.between(found.x, model)
+        if beyond is None:
+            return found, interior
+        interior = interior.wider(beyond)
+        x = interior.smaller(found.x)
+        first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
+        again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
+        found = replace(again, interrupted=found.interrupted or again.interrupted)
+    raise InputError("no motion was found that keeps to the limits at all times: allow more torque, or less clearance.")
+
+
+def _trajectory(
+    model: Model, interior: Interior, x: Array, request: Request, rng: np.random.Generator, most: int | None = None
+) -> Trajectory:
+    """Return the motion from rest to rest, with as many periods as there is time for."""
+    feasible = replace(interior.feasible, model=model)
+    around = 0.0
+    for _ in range(3):
+        periods = _periods(request, interior.family, around)
+        periods = periods if most is None else min(most, periods)
+        pieces = from_rest(feasible, interior.family, x, periods, request.start, rng)
+        if pieces is None:
+            raise InputError(
+                "no way was found from the start pose to the motion that keeps to the limits; give another."
+            )
+        found = Trajectory(interior.limits.joints, pieces)
+        if found.duration <= request.duration * (1 + 1e-9):
+            return found
+        around = sum(piece.course.duration for piece in pieces if piece.purpose is Purpose.WAY)
+        if periods == 1:
+            break
+    raise InputError(
+        f"the motion takes {found.duration:.1f} s with the ways to it and back, more than the duration of "
+        f"{request.duration:g} s: give a longer one, or a shorter period."
+    )
+
+
+def _validation(
+    model: Model,
+    theta: Array,
+    limits: MotionLimits,
+    space: Space,
+    request: Request,
+    basis: BaseParameters,
+    rng: np.random.Generator,
+) -> Trajectory:
+    """Return another motion, at other speeds: one period, from another start, with few steps."""
+    other = replace(request, family="fourier", period=OTHER * request.period, starts=2)
+    interior = interior_of(model, theta, limits, space, other, basis)
+    found, interior = _searched(interior, model, Plan(2, QUICK), rng)
+    return _trajectory(model, interior, found.x, other, rng, most=1)
+
+
+def _information(model: Model, trajectory: Trajectory, request: Request) -> Array:
+    """Return the information (p, p) of a recording of a motion, and of what is known before."""
+    states = trajectory.states(trajectory.times(request.rate))
+    found = information_of(model, states, 1 / np.square(request.sigma))
+    return found if request.prior is None else found + request.prior
+
+
+def _without_memory(model: Model, theta: Array, request: Request) -> tuple[Model, Array, Request, list[Note]]:
+    """Return the model without terms that remember the motion, with what belongs to it."""
+    keeps = [not isinstance(term, HasMemory) for term in model.terms]
+    if all(keeps):
+        return model, theta, request, []
+    kept = np.concatenate([np.full(len(t.parameters), k) for t, k in zip(model.terms, keeps, strict=True)])
+    bare = replace(model, terms=tuple(t for t, k in zip(model.terms, keeps, strict=True) if k), load=None)
+    prior = None if request.prior is None else request.prior[np.ix_(kept, kept)]
+    left = tuple(type(t).__name__ for t, k in zip(model.terms, keeps, strict=True) if not k)
+    return bare, theta[kept], replace(request, prior=prior), [LeftOut(left)]
+
+
+def _check(model: Model, limits: MotionLimits, space: Space, request: Request) -> None:
+    """Raise ConfigError or InputError for a request that contradicts itself, the model or the limits."""
+    n, p = len(model.joints), len(model.parameters)
+    if request.sigma.shape != (n,) or not (np.isfinite(request.sigma) & (request.sigma > 0)).all():
+        raise ConfigError(f"the torque noise is {request.sigma}; give a positive number for each of {n} joints.")
+    for name in ("duration", "period", "rate"):
+        if not (np.isfinite(value := getattr(request, name)) and value > 0):
+            raise ConfigError(f"{name} is {value}; give a positive number.")
+    if request.family not in ("fourier", "bspline"):
+        raise ConfigError(f"family is {request.family!r}; {choices(request.family, ('fourier', 'bspline'))}")
+    if request.family == "fourier" and request.period > request.duration:
+        raise ConfigError(f"the period of {request.period:g} s is longer than the duration of {request.duration:g} s.")
+    if request.prior is not None and request.prior.shape != (p, p):
+        raise ConfigError(f"the prior information has shape {request.prior.shape}, expected ({p}, {p}).")
+    if request.criterion is Criterion.A_OPTIMAL and not request.named:
+        raise ConfigError("the A-optimal criterion needs the names of parameters.")
+    if request.start is not None:
+        _check_start(limits, space, request.start, request.clearance)
+
+
+def _check_start(limits: MotionLimits, space: Space, start: Array, clearance: float) -> None:
+    if start.shape != limits.lower.shape:
+        raise ConfigError(f"the start pose has shape {start.shape}, expected ({len(limits.lower)},).")
+    for name, value, low, high in zip(limits.joints, start, limits.lower, limits.upper, strict=True):
+        if not low <= value <= high:
+            raise ConfigError(
+                f"start: {name} is at {value:g}, outside of {low:.4g} to {high:.4g}, which are its limits less the margin."
+            )
+    refuse_contact(space, start, clearance, "the start pose")

@@ -52,7 +52,8 @@ class Feasibility:
         """Return the smallest distances (N), m, less the clearance, at positions q (N, n)."""
         if self.space is None:
             return np.full(len(q), np.inf)
-        return self.space.distances(q).min(axis=1, initial=np.inf) - self.clearance
+        nearest: Array = self.space.distances(q).min(axis=1, initial=np.inf)
+        return nearest - self.clearance
 
     def clear(self, course: Course) -> bool:
         """Return whether a course keeps its distance."""

@@ -1,19 +1,57 @@
-"""The solid shapes of an arm, body by body: what its file says they are, or the places of its joints."""
+"""The solid shapes of an arm, as far as its file and the meshes that it names are there."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.models import RigidBodies
-from dynident.models.robot_file import motion
+from dynident.models.robot_file import LinkShapes, Shape, ShapeKind, motion
 
-__all__ = ["LinkPlace", "joint_places", "link_places"]
+__all__ = ["Geometry", "LinkPlace", "Made", "Mesh", "Solid", "geometry_of", "link_places", "mesh_files"]
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+
+class Made(StrEnum):
+    """What is known of the shape of a body: its shapes for collision, those that are seen, or only its joints."""
+
+    COLLISION = "collision"
+    VISUAL = "visual"
+    JOINTS = "joints"
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface of triangles: ``vertices`` (V, 3) in m, and the three corners of each of the ``triangles`` (F, 3)."""
+
+    vertices: Array
+    triangles: Integers
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A shape of ``link``, with its ``frame`` (4, 4) in that of a body, given by its place in ``Arm.bodies`` (-1: the
+    root link); ``size`` as of a ``Shape``. A mesh is scaled already.
+    """
+
+    link: str
+    body: int
+    kind: ShapeKind
+    size: tuple[float, ...]
+    frame: Array
+    mesh: Mesh | None = None
+
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,23 +65,82 @@ class LinkPlace:
     __repr__ = brief
 
 
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The ``solids`` of an arm; of each body that can touch something how they are ``made``, by its place. ``missing``
+    are the files of meshes that are not there, or cannot be read, each with the reason."""
+
+    bodies: RigidBodies
+    solids: tuple[Solid, ...]
+    made: Mapping[int, Made]
+    missing: Mapping[str, str]
+
+    __repr__ = brief
+
+    @cached_property
+    def places(self) -> tuple[LinkPlace, ...]:
+        """Where the links are."""
+        return link_places(self.bodies)
+
+    def link(self, body: int) -> str:
+        """Return the name of a body: that of its first link."""
+        return self.bodies.arm.bodies[body].name if body >= 0 else self.bodies.file.root
+
+
+def geometry_of(
+    bodies: RigidBodies, meshes: Mapping[str, Mesh] | None = None, missing: Mapping[str, str] | None = None
+) -> Geometry:
+    """Return the shapes of an arm, with the ``meshes`` by the names that its file has for them.
+
+    Of a link, its shapes for collision are taken where all of them are known, else those that are seen where all of
+    these are, else what is known of the first. A body with a link of the last sort, or with a mass but no shape, is
+    ``Made.JOINTS``.
+    """
+    meshes, shapes = meshes or {}, bodies.shapes
+    solids: list[Solid] = []
+    made: dict[int, Made] = {}
+    for place in link_places(bodies):
+        of_link, how = _chosen(shapes.get(place.link, LinkShapes()), meshes)
+        if how is not None:
+            made[place.body] = max(how, made.get(place.body, how), key=list(Made).index)
+        solids += [_solid(one, place, meshes) for one in of_link]
+    for k, body in enumerate(bodies.arm.bodies):
+        if k not in made and not body.massless and body.theta[0] != 0:
+            made[k] = Made.JOINTS
+    return Geometry(bodies, tuple(solids), dict(sorted(made.items())), missing or {})
+
+
+def mesh_files(bodies: RigidBodies) -> tuple[str, ...]:
+    """Return the names that a robot file has for its meshes."""
+    every = [one for shapes in bodies.shapes.values() for one in (*shapes.collision, *shapes.visual)]
+    return tuple(dict.fromkeys(one.file for one in every if one.file))
+
+
 def link_places(bodies: RigidBodies) -> tuple[LinkPlace, ...]:
     """Return where all links of an arm are, those that stand still first."""
-    arm = bodies.arm
     still = [LinkPlace(link, -1, frame) for link, frame in _standing(bodies).items()]
     moving = [
         LinkPlace(link, k, frame)
-        for k, body in enumerate(arm.bodies)
+        for k, body in enumerate(bodies.arm.bodies)
         for link, frame in zip(body.links, body.frames, strict=True)
     ]
     return (*still, *moving)
 
 
-def joint_places(bodies: RigidBodies, body: int) -> Array:
-    """Return the origins (M, 3) in a body's frame of its links and of the joints that it carries."""
-    own = [one.frame[:3, 3] for one in link_places(bodies) if one.body == body]
-    carried = [one.placement[:3, 3] for one in bodies.arm.bodies if (-1 if one.parent is None else one.parent) == body]
-    return np.array([*own, *carried]).reshape(-1, 3)
+def _chosen(shapes: LinkShapes, meshes: Mapping[str, Mesh]) -> tuple[list[Shape], Made | None]:
+    """Return the shapes of a link that are used, and how it is made: None where it has none."""
+    for given, how in ((shapes.collision, Made.COLLISION), (shapes.visual, Made.VISUAL)):
+        known = [one for one in given if one.kind is not ShapeKind.MESH or one.file in meshes]
+        if given and len(known) == len(given):
+            return known, how
+    known = [one for one in shapes.collision if one.kind is not ShapeKind.MESH or one.file in meshes]
+    return known, Made.JOINTS if shapes.collision or shapes.visual else None
+
+
+def _solid(shape: Shape, place: LinkPlace, meshes: Mapping[str, Mesh]) -> Solid:
+    frame, found = place.frame @ shape.frame, meshes.get(shape.file)
+    mesh = None if found is None else Mesh(found.vertices * np.array(shape.size), found.triangles)
+    return Solid(place.link, place.body, shape.kind, shape.size, frame, mesh)
 
 
 def _standing(bodies: RigidBodies) -> dict[str, Array]:

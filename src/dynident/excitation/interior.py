@@ -6,33 +6,42 @@ the search keeps, whenever it is stopped (Boyd and Vandenberghe 2004, "Convex op
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.excitation.family import Family, Guard
+from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
 from dynident.excitation.limits import MotionLimits
 from dynident.excitation.space import Space
 
 if TYPE_CHECKING:
     from dynident.models import Model
 
-__all__ = ["Interior", "Point", "Spare"]
+__all__ = ["Information", "Interior", "Point", "Spare"]
 
 Array = NDArray[np.float64]
-Information = Callable[[Array, Array, Array], tuple[float, Array]]
+FINER = 8  # points between two of the grid
+MORE = 1.5  # times what the limits were exceeded by is kept free
+SHRUNK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 NEAR = 0.1  # m: beyond such a distance the barrier fades
+
+
+class Information(Protocol):
+    """What a motion is to show: a number that is to be small."""
+
+    def value_and_slopes(self, q: Array, dq: Array, ddq: Array) -> tuple[float, Array]:
+        """Return the number, infinite where nothing is shown, and its slopes (3, N, n) by q, dq and ddq (N, n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spare:
-    """What is kept free on the grid for what lies between its points: of the torque (n), N m or N, and of distances
-    (P), m."""
+    """What is kept free on the grid for what lies between its points: as shares (n) of the torque limits, and
+    of distances (P), m."""
 
     torque: Array
     distance: Array
@@ -40,9 +49,9 @@ class Spare:
     __repr__ = brief
 
     @classmethod
-    def none(cls, joints: int, pairs: int) -> Spare:
-        """Return what keeps nothing free."""
-        return cls(np.zeros(joints), np.zeros(pairs))
+    def least(cls, feasible: Feasibility, space: Space) -> Spare:
+        """Return what is kept free at least."""
+        return cls(np.full(len(feasible.limits.joints), RESERVE), np.full(len(space.pairs), SPARE))
 
     def wider(self, other: Spare) -> Spare:
         """Return the larger of two, entry by entry."""
@@ -62,17 +71,13 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Interior:
-    """Motions of a ``family`` on a ``grid`` (N), as coefficients x (n, K), that keep within ``limits``, by the torque of
-    ``model`` at ``theta`` (p), and ``clearance`` (m) from all in ``space``.
+    """Motions of a ``family`` on a ``grid`` (N), as coefficients x (n, K), that are ``feasible``.
 
     ``information`` gives the criterion that is to be small, and its slopes (3, N, n) by q, dq and ddq (N, n).
     """
 
-    model: Model
-    theta: Array
-    limits: MotionLimits
+    feasible: Feasibility
     space: Space
-    clearance: float
     family: Family
     grid: Array
     information: Information
@@ -83,6 +88,11 @@ class Interior:
     def wider(self, spare: Spare) -> Interior:
         """Return it with at least so much to spare."""
         return replace(self, spare=self.spare.wider(spare))
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The limits of the joints."""
+        return self.feasible.limits
 
     @cached_property
     def functions(self) -> Array:
@@ -118,13 +128,13 @@ class Interior:
 
     def torque_room(self, states: Array) -> Array:
         """Return what of the torque is left on either side, as shares (2, N, n)."""
-        tau = self.model.torque(*states[:3], self.theta) / self.limits.torque
-        free = 1.0 - self.spare.torque / self.limits.torque
+        tau = self._torque(states) / self.limits.torque
+        free = 1.0 - self.spare.torque
         return np.array([free - tau, free + tau])
 
     def gaps(self, q: Array) -> Array:
         """Return the distances (N, P) in m beyond what must be kept."""
-        return self.space.distances(q) - self.clearance - self.spare.distance
+        return self.space.distances(q) - self.feasible.clearance - self.spare.distance
 
     def at(self, x: Array, weight: float) -> Point | None:
         """Return the value at coefficients x with a ``weight`` of the barrier; None where a limit is not kept."""
@@ -136,10 +146,10 @@ class Interior:
         if not (push > 0).all():
             return None
         distances, turned = self.space.gradients(states[0])
-        gap = distances - self.clearance - self.spare.distance
+        gap = distances - self.feasible.clearance - self.spare.distance
         if not (gap > 0).all():
             return None
-        criterion, slopes = self.information(*states[:3])
+        criterion, slopes = self.information.value_and_slopes(*states[:3])
         if not np.isfinite(criterion):
             return None
         share = weight / len(self.grid)
@@ -161,22 +171,37 @@ class Interior:
         B = self._rows
         return np.asarray(np.einsum("rk,rn,rl->nkl", B, bent, B, optimize=True) / len(self.grid))
 
-    def between(self, x: Array, finer: int = 4) -> Spare:
-        """Return by how much torque and distances go beyond their extremes on the grid, on a ``finer`` one."""
-        times = np.linspace(self.grid[0], self.grid[-1], finer * (len(self.grid) - 1) + 1)
+    def between(self, x: Array, model: Model) -> Spare | None:
+        """Return what must be kept free so that the torque of ``model`` and the distances are kept on a grid that is
+        ``FINER``, too; None where they are."""
+        times = np.linspace(0.0, self.family.duration, FINER * len(self.grid) + 1)
         states = np.asarray(self.family.values(times) @ x.T)
-        coarse = self.states(x)
-        tau, fine = (np.abs(self.model.torque(*one[:3], self.theta)).max(axis=0) for one in (coarse, states))
-        near, nearer = (self.space.distances(one[0]).min(axis=0, initial=np.inf) for one in (coarse, states))
-        return Spare(np.maximum(fine - tau, 0.0), np.maximum(near - nearer, 0.0))
+        tau = np.abs(model.torque(states[0], states[1], states[2], self.feasible.theta) / self.limits.torque).max(
+            axis=0
+        )
+        near = self.space.distances(states[0]).min(axis=0, initial=np.inf) - self.feasible.clearance
+        over, under = np.maximum(tau - 1.0 + RESERVE / 2, 0.0), np.maximum(SPARE / 2 - near, 0.0)
+        if not (over.any() or under.any()):
+            return None
+        return Spare(self.spare.torque + MORE * over, self.spare.distance + MORE * under)
+
+    def smaller(self, x: Array) -> Array | None:
+        """Return a motion that is smaller by as little as keeps the limits; None where only half of it would."""
+        pose = np.zeros_like(x)
+        pose[:, 0] = (self.functions[0] @ x.T).mean(axis=0)
+        tried = (x + share * (pose - x) for share in SHRUNK)
+        return next((one for one in tried if self.keeps(one)), None)
 
     def _add_torque(self, slopes: Array, states: Array, forces: Array) -> None:
         """Add the slopes of the sum of ``forces`` (N, n) times the torque."""
         if not forces.any():
             return
-        partials = self.model.partials(*states[:3], self.theta)
+        partials = self.feasible.model.partials(states[0], states[1], states[2], self.feasible.theta)
         for k, one in enumerate((partials.q, partials.dq, partials.ddq)):
             slopes[k] += np.einsum("ij,ijk->ik", forces, one)
+
+    def _torque(self, states: Array) -> Array:
+        return self.feasible.model.torque(states[0], states[1], states[2], self.feasible.theta)
 
     @cached_property
     def _rows(self) -> Array:

@@ -41,12 +41,12 @@ def _(floor: Floor) -> Signed:
 
 @signed.register
 def _(box: Box) -> Signed:
-    centre, half = np.array(box.centre), np.array(box.size) / 2
+    centre, half, axes = np.array(box.centre), np.array(box.size) / 2, np.array(box.axes)
 
     def outside(point: Array) -> tuple[Array, Array]:
-        away = point - centre
+        away = (point - centre) @ axes.T
         distance, normal = _corner(np.abs(away) - half)
-        return distance, normal * np.where(away < 0, -1.0, 1.0)
+        return distance, (normal * np.where(away < 0, -1.0, 1.0)) @ axes
 
     return outside
 

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError
-from dynident.excitation.capsules import Capsule
+from dynident.excitation.capsules import Capsule, capsules_of, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
-from dynident.excitation.space import Distances, Obstacle
+from dynident.excitation.geometry import Geometry
+from dynident.excitation.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
-__all__ = ["capsule_space", "poses", "refuse_contact"]
+__all__ = ["capsule_space", "poses", "refuse_contact", "space_of"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -29,15 +30,17 @@ def capsule_space(
     obstacles: Sequence[Obstacle] = (),
     lower: Array | None = None,
     upper: Array | None = None,
+    own: Sequence[Box] = (),
 ) -> CapsuleSpace:
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
     These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
     moving link and an obstacle. Left out, and named, are pairs that touch in at least 95 % of 600 poses spread evenly
-    between ``lower`` and ``upper`` (n; None: of the file): they are parts of a joint, or what an arm stands on.
+    between ``lower`` and ``upper`` (n; None: of the file): they are parts of a joint, or what an arm stands on. Boxes
+    of its ``own`` are parts of links that stand still.
     """
-    capsules, obstacles = tuple(capsules), tuple(obstacles)
-    next_to = _neighbours(bodies, {one.body for one in capsules})
+    capsules, obstacles = tuple(capsules), (*own, *obstacles)
+    next_to = _neighbours(bodies, {one.body for one in capsules} | ({-1} if own else set()))
     bodies_of = [one.body for one in capsules]
     meetings = [
         (one, other)
@@ -45,7 +48,12 @@ def capsule_space(
         if bodies_of[one] != bodies_of[other] and frozenset((bodies_of[one], bodies_of[other])) not in next_to
     ]
     moving = [place for place, body in enumerate(bodies_of) if body >= 0]
-    encounters = [(one, other) for other in range(len(obstacles)) for one in moving]
+    encounters = [
+        (one, other)
+        for other in range(len(obstacles))
+        for one in moving
+        if other >= len(own) or frozenset((bodies_of[one], -1)) not in next_to
+    ]
     every = CapsuleSpace(bodies, capsules, obstacles, _places(meetings), _places(encounters))
     q = poses(*_ranges(bodies, lower, upper), POSES)
     touching = (every.distances(q) < 0).mean(axis=0) >= USUAL
@@ -59,6 +67,16 @@ def capsule_space(
         every.encounters[kept[count:]],
         tuple(dict.fromkeys(usual)),
     )
+
+
+def space_of(
+    geometry: Geometry,
+    obstacles: Sequence[Obstacle] = (),
+    lower: Array | None = None,
+    upper: Array | None = None,
+) -> CapsuleSpace:
+    """Return the distances of an arm with these shapes, by capsules and the boxes of links that stand still."""
+    return capsule_space(geometry.bodies, capsules_of(geometry), obstacles, lower, upper, own=still_boxes(geometry))
 
 
 def poses(lower: Array, upper: Array, count: int) -> Array:

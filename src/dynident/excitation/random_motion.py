@@ -8,44 +8,24 @@ from numpy.typing import NDArray
 from dynident.errors import InputError
 from dynident.excitation.interior import Interior
 
-__all__ = ["random_motion", "random_poses"]
+__all__ = ["random_motion"]
 
 Array = NDArray[np.float64]
-POSES = 200  # that are drawn at once
-ROUNDS = 50  # of drawing poses before there seems to be no room
+POSES = 20  # that are tried
 SHRINK = 0.8
 SMALL = 1e-3  # of the limits: a motion this small is none
 BACKED = 0.95  # of the largest size that keeps to the limits
-
-
-def random_poses(interior: Interior, rng: np.random.Generator, count: int, share: float = 0.8) -> Array:
-    """Return ``count`` poses (count, n) within a ``share`` of the ranges that keep to the limits at rest.
-
-    Raises InputError where hardly any does.
-    """
-    middle, reach = interior.limits.middle, interior.limits.half
-    found = np.zeros((0, len(middle)))
-    for _ in range(ROUNDS):
-        q = middle + share * reach * rng.uniform(-1.0, 1.0, (POSES, len(middle)))
-        rest = np.concatenate([q[None], np.zeros((3, *q.shape))])
-        kept = (interior.gaps(q) > 0).all(axis=1) & (interior.torque_room(rest) > 0).all(axis=(0, 2))
-        found = np.concatenate([found, q[kept]])
-        if len(found) >= count:
-            return found[:count]
-    raise InputError(
-        f"of {ROUNDS * POSES} random poses, {len(found)} keep to the limits at rest: there is hardly room to move. Look "
-        "at the obstacles, the clearance, and the limits of position and torque."
-    )
 
 
 def random_motion(interior: Interior, rng: np.random.Generator) -> Array:
     """Return coefficients (n, K) of a random motion that keeps to all limits, about as large as they allow.
 
     It is about a random pose; each joint uses a random share of what its own limits allow, and all are made smaller
-    together until torques and distances are kept. Raises InputError as ``random_poses`` does.
+    together until torques and distances are kept. Raises ConfigError where the arm can stand in no pose, InputError
+    where it can move about none.
     """
     n, K = len(interior.limits.joints), interior.family.size
-    for pose in random_poses(interior, rng, 20):
+    for pose in interior.feasible.poses(POSES, rng):
         shape = rng.normal(size=(n, K))
         shape[:, 0] = -interior.functions[0, :, 1:].mean(axis=0) @ shape[:, 1:].T
         about = np.zeros((n, K))

@@ -175,7 +175,7 @@ def _direction(metric: Array, history: Sequence[tuple[Array, Array, float]], gra
     r = np.linalg.solve(metric, q[..., None])[..., 0]
     for (change, bend, inverse), share in zip(history, reversed(shares), strict=True):
         r += change * (share - inverse * float((bend * r).sum()))
-    return -r
+    return np.asarray(-r)
 
 
 def _along(

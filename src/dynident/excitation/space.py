@@ -22,11 +22,13 @@ class Floor:
 
 @dataclass(frozen=True)
 class Box:
-    """A box with its middle at ``centre`` (m), of ``size`` (m) along the axes x, y and z of the root link."""
+    """A box with its middle at ``centre`` (m), of ``size`` (m) along the axes x, y and z of the root link, or along
+    ``axes``, three unit vectors in its frame."""
 
     name: str
     centre: tuple[float, float, float]
     size: tuple[float, float, float]
+    axes: tuple[tuple[float, ...], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)

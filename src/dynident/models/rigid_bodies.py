@@ -22,13 +22,16 @@ from dynident.models.robot_file import (
     Arm,
     ArmBody,
     Limits,
+    LinkShapes,
     RobotFile,
     RobotJoint,
     assemble,
     displaced,
+    mjcf_shapes,
     parse,
     read_mjcf,
     read_urdf,
+    urdf_shapes,
 )
 from dynident.models.term import INERTIAL, Joint, Parameter, Partials
 from dynident.models.tree import Layout, Tree
@@ -132,6 +135,14 @@ class RigidBodies:
     def limits(self) -> dict[str, Limits]:
         """Limits of each moving joint, where the file gives them."""
         return {joint.name: joint.limits for joint in self._driven}
+
+    @property
+    def shapes(self) -> dict[str, LinkShapes]:
+        """The shapes of the links that have any in the file; ModelError for one with a wrong size."""
+        root = parse(self.xml, self.source)
+        if self.format == "urdf":
+            return urdf_shapes(root, self.source)
+        return mjcf_shapes(root, self.source, self._file.origins)
 
     @property
     def damping(self) -> dict[str, float]:

@@ -10,26 +10,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import ConfigError, InputError, Note, Severity, brief, choices
+from dynident.errors import InputError, Note, Severity, brief
 from dynident.estimators.maximum_likelihood import with_smooth_signs
 from dynident.excitation.bspline import Clamped
-from dynident.excitation.criterion import InformationCriterion
+from dynident.excitation.criterion import InformationCriterion, base_information
 from dynident.excitation.expected import Expected, expected, information_of, unexcited
 from dynident.excitation.family import Family
 from dynident.excitation.feasibility import Feasibility
 from dynident.excitation.fourier import Fourier
 from dynident.excitation.interior import Interior, Spare
 from dynident.excitation.limits import MotionLimits
-from dynident.excitation.pairing import refuse_contact
 from dynident.excitation.ramp import from_rest
 from dynident.excitation.request import Criterion, Request
+from dynident.excitation.request_checks import check_request, named_rows, without_memory
 from dynident.excitation.search import STAGES, Found, Stage, search
-from dynident.excitation.space import Space
+from dynident.excitation.space import Distances, Space
 from dynident.excitation.trajectory import Purpose, Trajectory
-from dynident.models import HasMemory, Model
+from dynident.excitation.verify import Verified, verify
+from dynident.models import Model
 from dynident.regression import BaseParameters, structural_base_parameters
 
-__all__ = ["Design", "Interrupted", "LeftOut", "design", "interior_of"]
+__all__ = ["Design", "Interrupted", "design", "interior_of"]
 
 Array = NDArray[np.float64]
 SMOOTH = 0.02  # of the velocity limit: the width of the sign of Coulomb friction in the search
@@ -56,18 +57,12 @@ class Interrupted(Note):
     severity = Severity.INFO
 
 
-@dataclass(frozen=True)
-class LeftOut(Note):
-    """Terms that remember the motion, by their kind, were left out of the design: their information is not counted."""
-
-    terms: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Design:
     """A motion, another one for validation, and what the first is expected to tell.
 
-    ``request`` and ``limits`` as used; ``model`` and ``theta`` (p) give the torque.
+    ``model``, ``theta`` (p), ``request`` and ``limits`` as used; ``checked`` is what the independent check of both
+    motions has found.
     """
 
     model: Model
@@ -78,6 +73,7 @@ class Design:
     trajectory: Trajectory
     validation: Trajectory
     expected: Expected
+    checked: tuple[Verified, Verified]
     notes: tuple[Note, ...] = ()
 
     __repr__ = brief
@@ -91,32 +87,36 @@ def design(
     request: Request,
     rng: np.random.Generator,
     *,
+    shapes: Distances | None = None,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Design:
     """Return the most informative motion that keeps to the limits; ``theta`` (p) gives the torque.
 
-    The same generator gives the same motion on any executor. Ctrl-C ends the search with the best motion so far.
-    Raises ConfigError for a request that contradicts itself, the model or the limits, InputError where no motion is
-    found.
+    ``shapes`` are the real shapes, for the last check, where ``space`` has simpler ones. The same generator gives the
+    same motion on any executor. Ctrl-C ends the search with the best motion so far. Raises ConfigError for a request
+    that contradicts itself, the model or the limits, InputError for a start in collision, where no motion is found, and
+    where one does not stand the last check.
     """
     say = progress or (lambda _: None)
-    notes = list[Note]()
-    model, theta, request, left = _without_memory(model, np.asarray(theta, dtype=float), request)
-    notes += left
-    _check(model, limits, space, request)
+    model, theta, request, left = without_memory(model, np.asarray(theta, dtype=float), request)
+    check_request(model, theta, limits, space, request)
     say("finding base parameters")
     basis = structural_base_parameters(model)
     interior = interior_of(model, theta, limits, space, request, basis)
     found, interior = _searched(interior, model, Plan(request.starts), rng, executor, say)
-    notes += [Interrupted()] if found.interrupted else []
     say("finding the ways to it and back")
     trajectory = _trajectory(model, interior, found.x, request, rng)
     say("a second motion, for validation")
     validation = _validation(model, theta, limits, space, request, basis, rng)
-    told = expected(model, theta, _information(model, trajectory, request), basis)
-    notes += unexcited(model, _information(model, trajectory, request), told)
-    return Design(model, theta, request, limits, space, trajectory, validation, told, tuple(notes))
+    say("checking both")
+    pair = trajectory, validation
+    first, second = (verify(one, model, theta, limits, space, request.clearance, shapes=shapes) for one in pair)
+    information = _information(model, trajectory, request)
+    told = expected(model, theta, information, basis)
+    stopped = (Interrupted(),) if found.interrupted else ()
+    notes = (*left, *stopped, *unexcited(model, information, told))
+    return Design(model, theta, request, limits, space, *pair, told, (first, second), notes)
 
 
 def interior_of(
@@ -128,11 +128,13 @@ def interior_of(
     points = _points(family)
     grid = (np.arange(points) + 0.5) * family.duration / points
     samples = request.rate * family.duration * _periods(request, family) / points
-    kept = list(basis.independent)
-    prior = None if request.prior is None else request.prior[np.ix_(kept, kept)]
-    information = InformationCriterion(soft, np.array(kept), samples / request.sigma**2, prior)
+    prior = None if request.prior is None else base_information(basis, request.prior)
+    weights = samples / np.square(request.sigma)
+    information = InformationCriterion(soft, basis.independent, weights, request.criterion, prior)
+    information = replace(information, named=named_rows(basis, theta, request, information.scale))
+    unit = 1.0 if request.criterion is Criterion.D_OPTIMAL else 1.0 / basis.rank
     feasible = Feasibility(soft, theta, limits, space, request.clearance)
-    return Interior(feasible, space, family, grid, information, Spare.least(feasible, space))
+    return Interior(feasible, space, family, grid, information, Spare.least(feasible, space), unit)
 
 
 def _family(request: Request) -> Family:
@@ -168,6 +170,9 @@ def _searched(
             return found, interior
         interior = interior.wider(beyond)
         x = interior.smaller(found.x)
+        if found.interrupted and x is not None:
+            found = replace(found, x=x)
+            continue
         first, stages = ((), plan.stages) if x is None else ((x,), plan.stages[-2:])
         again = search(interior, plan.starts, rng, first=first, stages=stages, executor=executor, progress=say)
         found = replace(again, interrupted=found.interrupted or again.interrupted)
@@ -221,46 +226,3 @@ def _information(model: Model, trajectory: Trajectory, request: Request) -> Arra
     states = trajectory.states(trajectory.times(request.rate))
     found = information_of(model, states, 1 / np.square(request.sigma))
     return found if request.prior is None else found + request.prior
-
-
-def _without_memory(model: Model, theta: Array, request: Request) -> tuple[Model, Array, Request, list[Note]]:
-    """Return the model without terms that remember the motion, with what belongs to it."""
-    keeps = [not isinstance(term, HasMemory) for term in model.terms]
-    if all(keeps):
-        return model, theta, request, []
-    kept = np.concatenate([np.full(len(t.parameters), k) for t, k in zip(model.terms, keeps, strict=True)])
-    bare = replace(model, terms=tuple(t for t, k in zip(model.terms, keeps, strict=True) if k), load=None)
-    prior = None if request.prior is None else request.prior[np.ix_(kept, kept)]
-    left = tuple(type(t).__name__ for t, k in zip(model.terms, keeps, strict=True) if not k)
-    return bare, theta[kept], replace(request, prior=prior), [LeftOut(left)]
-
-
-def _check(model: Model, limits: MotionLimits, space: Space, request: Request) -> None:
-    """Raise ConfigError or InputError for a request that contradicts itself, the model or the limits."""
-    n, p = len(model.joints), len(model.parameters)
-    if request.sigma.shape != (n,) or not (np.isfinite(request.sigma) & (request.sigma > 0)).all():
-        raise ConfigError(f"the torque noise is {request.sigma}; give a positive number for each of {n} joints.")
-    for name in ("duration", "period", "rate"):
-        if not (np.isfinite(value := getattr(request, name)) and value > 0):
-            raise ConfigError(f"{name} is {value}; give a positive number.")
-    if request.family not in ("fourier", "bspline"):
-        raise ConfigError(f"family is {request.family!r}; {choices(request.family, ('fourier', 'bspline'))}")
-    if request.family == "fourier" and request.period > request.duration:
-        raise ConfigError(f"the period of {request.period:g} s is longer than the duration of {request.duration:g} s.")
-    if request.prior is not None and request.prior.shape != (p, p):
-        raise ConfigError(f"the prior information has shape {request.prior.shape}, expected ({p}, {p}).")
-    if request.criterion is Criterion.A_OPTIMAL and not request.named:
-        raise ConfigError("the A-optimal criterion needs the names of parameters.")
-    if request.start is not None:
-        _check_start(limits, space, request.start, request.clearance)
-
-
-def _check_start(limits: MotionLimits, space: Space, start: Array, clearance: float) -> None:
-    if start.shape != limits.lower.shape:
-        raise ConfigError(f"the start pose has shape {start.shape}, expected ({len(limits.lower)},).")
-    for name, value, low, high in zip(limits.joints, start, limits.lower, limits.upper, strict=True):
-        if not low <= value <= high:
-            raise ConfigError(
-                f"start: {name} is at {value:g}, outside of {low:.4g} to {high:.4g}, which are its limits less the margin."
-            )
-    refuse_contact(space, start, clearance, "the start pose")

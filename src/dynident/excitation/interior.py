@@ -73,7 +73,8 @@ class Point:
 class Interior:
     """Motions of a ``family`` on a ``grid`` (N), as coefficients x (n, K), that are ``feasible``.
 
-    ``information`` gives the criterion that is to be small, and its slopes (3, N, n) by q, dq and ddq (N, n).
+    ``information`` gives the criterion that is to be small, and its slopes (3, N, n) by q, dq and ddq (N, n);
+    ``unit`` is how much of it weighs as much as the barrier with a weight of one. ``spare`` is kept free on the grid.
     """
 
     feasible: Feasibility
@@ -82,6 +83,7 @@ class Interior:
     grid: Array
     information: Information
     spare: Spare
+    unit: float = 1.0
 
     __repr__ = brief
 
@@ -152,7 +154,7 @@ class Interior:
         criterion, slopes = self.information.value_and_slopes(*states[:3])
         if not np.isfinite(criterion):
             return None
-        share = weight / len(self.grid)
+        share = weight * self.unit / len(self.grid)
         barrier = share * float(np.log1p(NEAR / gap).sum() - np.log(room).sum() - np.log(push).sum())
         all_slopes = np.zeros_like(states)
         all_slopes[:3] = slopes
@@ -167,7 +169,7 @@ class Interior:
         """Return the curvature (n, K, K) of the barrier of q, dq, ddq and jerk, joint by joint; at its middle with a
         weight ``least`` more."""
         room = np.maximum(self.room(x), 0.1 * weight)
-        bent = (weight * np.square(1.0 / room).sum(axis=0) + 2 * least) / np.square(self._sizes)
+        bent = self.unit * (weight * np.square(1.0 / room).sum(axis=0) + 2 * least) / np.square(self._sizes)
         B = self._rows
         return np.asarray(np.einsum("rk,rn,rl->nkl", B, bent, B, optimize=True) / len(self.grid))
 

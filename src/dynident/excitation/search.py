@@ -37,7 +37,7 @@ class Stage:
     kept: float = 1.0
 
 
-STAGES = (Stage(1.0, 60), Stage(0.2, 80, 0.5), Stage(0.03, 120, 0.5), Stage(0.005, 200, 0.5))
+STAGES = (Stage(1.0, 60), Stage(0.2, 80, 0.5), Stage(0.03, 120), Stage(0.005, 200))
 MEMORY = 20  # pairs of L-BFGS
 LEAST = 5.0  # weight of the curvature at the middle of the limits
 ENOUGH = 1e-4  # of the criterion: less than this gained in PATIENCE steps ends a stage
@@ -161,7 +161,7 @@ def improved(interior: Interior, x: Array, stage: Stage) -> tuple[Array, float]:
         if here.criterion < best[1]:
             best = x, here.criterion
         values.append(here.value)
-        if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < ENOUGH * abs(stage.weight + 1):
+        if len(values) > PATIENCE and values[-PATIENCE - 1] - values[-1] < ENOUGH * interior.unit:
             break
     return best
 

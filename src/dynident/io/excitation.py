@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +20,23 @@ from dynident.excitation import (
     Cylinder,
     Design,
     Floor,
+    Geometry,
     JointLimits,
     MotionLimits,
+    Nothing,
     Obstacle,
     Programme,
     Request,
     Space,
     design,
     limits_of,
+    space_of,
 )
 from dynident.identification import Identification, SourceFile
 from dynident.io.config import config_text, load_model
 from dynident.io.excitation_known import Known, NoiseOrigin, noise, nominal, of_result
 from dynident.io.excitation_settings import ExcitationSettings, excitation_settings, settings_in
+from dynident.io.meshes import read_geometry
 from dynident.io.opener import text as text_of
 from dynident.io.project import parse_project
 from dynident.io.result_read import named_terms
@@ -41,6 +46,7 @@ from dynident.io.saved import load
 from dynident.io.settings import RobotSettings, robot_settings
 from dynident.io.wording import worded
 from dynident.io.yaml_text import load_yaml
+from dynident.models import RigidBodies
 
 __all__ = ["ExcitationProject", "read_excitation"]
 
@@ -54,8 +60,8 @@ CONFIGS = (".yaml", ".yml")
 class ExcitationProject:
     """A robot, what is known of it, and what motion is to be designed within which ``limits``.
 
-    ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone.
-    ``origin`` says where the noise of the request is from.
+    ``path`` is the robot file, configuration or result; ``config`` its configuration, which may hold a model alone;
+    ``file`` that of the model, beside which its meshes are. ``origin`` says where the noise of the request is from.
     """
 
     path: Path
@@ -65,6 +71,7 @@ class ExcitationProject:
     origin: NoiseOrigin
     request: Request
     config: SourceFile | None = None
+    file: Path | None = None
 
     __repr__ = brief
 
@@ -82,18 +89,34 @@ class ExcitationProject:
         )
         return (*floor, *boxes, *cylinders)
 
+    @cached_property
+    def geometry(self) -> Geometry | None:
+        """The shapes of the links, None where the model is not made of a robot file."""
+        bodies = next((one for one in self.known.model.terms if isinstance(one, RigidBodies)), None)
+        return None if bodies is None else read_geometry(bodies, self.file or Path(bodies.source))
+
+    @cached_property
     def space(self) -> Space:
-        """Return what the arm must keep clear of: itself and the obstacles."""
-        raise NotImplementedError
+        """What the arm must keep clear of: itself and the obstacles; ConfigError where it has no known bodies."""
+        if self.geometry is not None:
+            return space_of(self.geometry, self.obstacles, self.limits.lower, self.limits.upper)
+        if self.obstacles:
+            raise ConfigError(
+                f"excitation: {self.known.model.name} is not made of a robot file, so that nothing can keep it clear "
+                "of obstacles; leave out `floor`, `boxes` and `cylinders`."
+            )
+        return Nothing(len(self.limits.joints))
 
     def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""
+        say = progress or (lambda _: None)
+        say("reading the shapes of the links")
         known, rng = self.known, np.random.default_rng(self.settings.seed)
         return design(
             known.model,
             known.theta,
             self.limits,
-            self.space(),
+            self.space,
             self.request,
             rng,
             executor=executor,
@@ -149,7 +172,18 @@ def read_excitation(
         given.starts,
         given.clearance,
     )
-    return ExcitationProject(path, known, given, limits, origin, request, config)
+    return ExcitationProject(path, known, given, limits, origin, request, config, _file(path, kind, found, config))
+
+
+def _file(path: Path, kind: str, found: Identification | None, config: SourceFile | None) -> Path | None:
+    """Return the file of the model, None where there is none."""
+    if found is not None:
+        return None if found.provenance.model is None else Path(found.provenance.model.path)
+    if config is None:
+        return path if kind in SUFFIXES else None
+    model = load_yaml(config.text, config.path)["model"]
+    named = model.get("file") if isinstance(model, Mapping) else model
+    return path.parent / named if isinstance(named, str) and ":" not in named else None
 
 
 def _config(path: Path, kind: str) -> SourceFile | None:

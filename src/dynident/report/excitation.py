@@ -12,7 +12,7 @@ from dynident.excitation import Programme, Trajectory
 from dynident.identification import versions
 from dynident.report import figures
 from dynident.report.excitation_expected import expected_section, told, valued_of
-from dynident.report.excitation_scene import clearance_of, scene_section
+from dynident.report.excitation_scene import scene_section
 from dynident.report.excitation_words import limit_words, noise_words
 from dynident.report.page import (
     Column,
@@ -76,7 +76,7 @@ def excitation_page(project: ExcitationProject, found: Design, files: Sequence[t
     sections = [
         PageSection("What it will tell", (_facts(found), tuple(excitation_findings(project, found)))),
         *([PageSection("What to do with it", steps)] if files else []),
-        scene_section(found),
+        scene_section(project, found),
         PageSection("Motion and torque", (_used_table(found), _gallery(found))),
         expected_section(found),
         PageSection("Limits", tuple(_limits(found))),
@@ -89,13 +89,14 @@ def excitation_page(project: ExcitationProject, found: Design, files: Sequence[t
 def _facts(found: Design) -> Facts:
     relative = found.expected.relative[valued_of(found.expected)]
     known = relative[np.isfinite(relative)]
-    facts = [
+    facts: list[tuple[str, ...]] = [
         (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
         (f"{int((relative <= 10).sum())} of {len(relative)}", "base parameters of known size expected within 10 %"),
         (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
     ]
-    least = clearance_of(found, found.trajectory)
-    return Facts((*facts, *(((f"{number(1e3 * least, 3)} mm", "smallest distance"),) if least is not None else ())))
+    if near := found.checked[0].nearest:
+        facts.append((f"{number(1e3 * near.distance, 3)} mm", "smallest distance", " and ".join(near.pair)))
+    return Facts(tuple(facts))
 
 
 def _motions(found: Design) -> Mapping[str, Trajectory]:
@@ -108,29 +109,15 @@ def times(trajectory: Trajectory) -> Array:
 
 
 def _used_table(found: Design) -> PageTable:
-    """Return how much of each limit a motion uses."""
-    limits = found.limits
-    heads = ("range", "velocity", "acceleration", "jerk", "torque")
+    """Return how much of each limit the motions use, as their last check has found."""
+    heads = ("position", "velocity", "acceleration", "jerk", "torque")
     columns = [Column("joint", numeric=False)]
     columns += [Column(head, f"{name}, % of the limit") for name in MOTIONS for head in heads]
-    cells: list[list[str]] = [[name] for name in limits.joints]
-    for trajectory in _motions(found).values():
-        for joint, row in enumerate(_shares(found, trajectory)):
-            cells[joint] += [number(100 * share, 3) if np.isfinite(share) else "-" for share in row]
-    title = "How much of what is allowed is used; the margin is taken off before"
-    return PageTable(tuple(columns), tuple(map(tuple, cells)), title)
-
-
-def _shares(found: Design, trajectory: Trajectory) -> Array:
-    """Return the largest share (n, 5) of each limit, nan where there is none."""
-    limits = found.limits
-    states = trajectory.states(times(trajectory))
-    torque = _torque(found, states)
-    spans = np.ptp(states[0], axis=0) / (limits.upper - limits.lower)
-    sizes = [np.abs(one).max(axis=0) for one in (*states[1:], torque)]
-    most = (limits.velocity, limits.acceleration, limits.jerk, limits.torque)
-    shares = [np.where(np.isfinite(limit), size / limit, np.nan) for size, limit in zip(sizes, most, strict=True)]
-    return np.column_stack([spans, *shares])
+    shares = np.concatenate([one.reached for one in found.checked])  # (10, n)
+    cells = [[number(100 * share, 3) for share in row] for row in shares.T.tolist()]
+    rows = tuple((joint, *row) for joint, row in zip(found.limits.joints, cells, strict=True))
+    title = "How much of the limits is used, the margin taken off; of the range, from its middle"
+    return PageTable(tuple(columns), rows, title)
 
 
 def _torque(found: Design, states: Array) -> Array:
@@ -175,9 +162,10 @@ def _limits(found: Design) -> Iterator[PageBlock]:
         rows.append((joint, found.model.joints[k].unit, *marked))
     columns = (Column("joint", numeric=False), Column("unit", numeric=False), *map(Column, names))
     yield PageTable(columns, tuple(rows), "Limits that the motion keeps to, the margin taken off (* by rule)")
+    samples = max(one.samples for one in found.checked)
     yield (
-        "Between the points of a grid they hold by bounds; the finished motion was then checked at 1 kHz and finer by "
-        "other code."
+        "Between the points of a grid they hold by bounds. Both finished motions were then checked by other code, at "
+        f"{samples} times, 1 kHz and finer; the torque by {' and '.join(found.checked[0].routes)}."
     )
 
 

@@ -17,7 +17,7 @@ from dynident.report.figures.identification import (
 )
 from dynident.report.figures.parameters import interval_figure, only_nominal, relative_std, singular_figure
 from dynident.report.figures.pieces import pieces_figure
-from dynident.report.figures.scene import Mesh, box, capsule, cylinder, joined, plate, scene_figure
+from dynident.report.figures.scene import Mesh, box, cylinder, plate, scene_figure
 from dynident.report.figures.study import method_name, scientific, spread_figure, trace_figure
 from dynident.report.figures.terms import trial_figure
 
@@ -31,7 +31,6 @@ __all__ = [
     "Quantity",
     "bound_figure",
     "box",
-    "capsule",
     "course_figure",
     "cylinder",
     "designed_figure",
@@ -40,7 +39,6 @@ __all__ = [
     "error_figure",
     "expected_figure",
     "interval_figure",
-    "joined",
     "method_name",
     "motion_figure",
     "only_nominal",

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.report.figures.canvas import AMBER, GRID, TEMPLATE, Array, Drawing, Trace, plain, trace
 
-__all__ = ["Mesh", "box", "capsule", "cylinder", "joined", "plate", "scene_figure"]
+__all__ = ["Mesh", "box", "cylinder", "plate", "scene_figure"]
 
-SIDES = 12  # of what is round
-RINGS = 3  # of half a sphere
+SIDES = 24  # of a cylinder
 METAL = ("#8fa7c4", "#5f7da3")  # of bodies, in turn
 STILL = "#9a9a9a"
 HEIGHT = 620
@@ -34,49 +33,25 @@ class Mesh:
     __repr__ = brief
 
 
-def joined(name: str, meshes: Sequence[Mesh]) -> Mesh:
-    """Return several meshes as one."""
-    starts = np.cumsum([0, *(len(one.vertices) for one in meshes)])
-    faces = [one.faces + start for one, start in zip(meshes, starts, strict=False)]
-    return Mesh(name, np.concatenate([one.vertices for one in meshes]), np.concatenate(faces))
-
-
-def capsule(name: str, start: Array, end: Array, radius: float) -> Mesh:
-    """Return all points within ``radius`` of the segment from ``start`` to ``end`` (3), roughly."""
-    along = np.asarray(end, dtype=float) - start
-    length = float(np.linalg.norm(along))
-    axis = along / length if length > 0 else np.array([0.0, 0.0, 1.0])
-    latitude = np.linspace(-np.pi / 2, np.pi / 2, 2 * RINGS + 2)
-    middles = np.where((latitude < 0)[:, None], start, end)
-    return _turned(name, middles, radius * np.cos(latitude), radius * np.sin(latitude), axis)
-
-
-def cylinder(name: str, start: Array, end: Array, radius: float) -> Mesh:
-    """Return a cylinder with closed ends."""
-    axis = (np.asarray(end, dtype=float) - start) / np.linalg.norm(np.asarray(end, dtype=float) - start)
-    ends = np.stack([start, start, end, end])
-    return _turned(name, ends, np.array([0.0, radius, radius, 0.0]), np.zeros(4), axis)
-
-
-def _turned(name: str, middles: Array, radii: Array, heights: Array, axis: Array) -> Mesh:
-    """Return rings about an axis (3), each with its middle (R, 3), radius (R) and height (R) above that."""
-    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    side /= np.linalg.norm(side)
+def cylinder(name: str, centre: Array, radius: float, bottom: float, top: float) -> Mesh:
+    """Return an upright cylinder about ``centre`` (2)."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
-    circle = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side)
-    rings = (middles + heights[:, None] * axis)[:, None] + radii[:, None, None] * circle
-    k, j = np.meshgrid(np.arange(len(radii) - 1), np.arange(SIDES), indexing="ij")
-    a, b = (k * SIDES + j).ravel(), (k * SIDES + (j + 1) % SIDES).ravel()
-    faces = np.concatenate([np.stack([a, b + SIDES, b], axis=1), np.stack([a, a + SIDES, b + SIDES], axis=1)])
-    return Mesh(name, rings.reshape(-1, 3), faces)
+    circle = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    rings = [np.column_stack([xy, np.full(SIDES, z)]) for xy, z in ((circle, bottom), (circle, top))]
+    middles = [[*centre, bottom], [*centre, top]]
+    a, b = np.arange(SIDES), (np.arange(SIDES) + 1) % SIDES
+    low, high = np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    sides = [(a, b, b + SIDES), (a, b + SIDES, a + SIDES), (b, a, low), (a + SIDES, b + SIDES, high)]
+    return Mesh(name, np.concatenate([*rings, middles]), np.concatenate([np.stack(one, axis=1) for one in sides]))
 
 
-def box(name: str, centre: Array, size: Array) -> Mesh:
-    """Return a box along the axes."""
+def box(name: str, centre: Array, size: Array, axes: Array | None = None) -> Mesh:
+    """Return a box along the rows of ``axes`` (3, 3), by default x, y and z."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
-    return Mesh(name, np.asarray(centre) + corners * size, np.array(faces))
+    turned = np.eye(3) if axes is None else axes
+    return Mesh(name, np.asarray(centre) + (corners * size) @ turned, np.array(faces))
 
 
 def plate(name: str, height: float, reach: float) -> Mesh:

@@ -86,9 +86,10 @@ class CylinderSettings(Section):
 class ExcitationSettings(Section):
     """What motion to design, within which limits, and what to keep clear of.
 
-    ``margin`` is the share of each limit that is kept free. ``noise`` (N m, N) is that of the torques, one number or by
-    joint; null: as the logs or the result show it, else by rule. ``start`` is the pose at rest where the motion begins
-    and ends, by joint (rad, m); joints left out are at zero. ``floor`` (m) is a height along z of the root link.
+    ``rate`` (Hz) is that of the recording, ``file_rate`` that of the files of the motion (null: the same). ``margin``
+    is the share of each limit that is kept free. ``noise`` (N m, N) is that of the torques, one number or by joint;
+    null: as the logs or the result show it, else by rule. ``start`` is the pose at rest where the motion begins and
+    ends, by joint (rad, m); joints left out are at zero. ``floor`` (m) is a height along z of the root link.
     """
 
     program: Literal["motion", "friction", "gravity", "all"] = "motion"
@@ -99,6 +100,7 @@ class ExcitationSettings(Section):
     period: Positive = 10.0
     harmonics: Count = 5
     rate: Positive = 250.0
+    file_rate: Positive | None = None
     noise: PositiveOrEach = None
     start: Mapping[Name, Number] | None = None
     starts: Count = 4

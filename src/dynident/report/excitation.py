@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dynident.excitation import Design
     from dynident.io.excitation import ExcitationProject
 
-__all__ = ["excitation_findings", "excitation_page", "excitation_tables"]
+__all__ = ["MOTIONS", "excitation_findings", "excitation_heading", "excitation_page", "excitation_tables"]
 
 Array = NDArray[np.float64]
 RATE, MOST = 250.0, 20_000  # Hz and samples of what is drawn
@@ -53,10 +53,10 @@ _STEPS = (
     "For what is still open then: `dynident excite result/result.json -o next`.",
 )
 PROGRAMMES = {
-    Programme.MOTION: "an optimised motion",
-    Programme.FRICTION: "each joint at constant speeds",
-    Programme.GRAVITY: "poses at rest",
-    Programme.ALL: "an optimised motion, constant speeds and poses at rest",
+    Programme.MOTION: "An optimised motion",
+    Programme.FRICTION: "Each joint at constant speeds",
+    Programme.GRAVITY: "Poses at rest",
+    Programme.ALL: "An optimised motion, constant speeds and poses at rest",
 }
 
 
@@ -82,8 +82,13 @@ def excitation_page(project: ExcitationProject, found: Design, files: Sequence[t
         PageSection("Limits", tuple(_limits(found))),
         PageSection("Settings and versions", tuple(_settings(project))),
     ]
-    lead = f"{PROGRAMMES[found.request.programme]}, {number(found.trajectory.duration, 3)} s."
-    return render(f"A motion for {found.model.name}", f"{lead[0].upper()}{lead[1:]}", sections)
+    return render(f"A motion for {found.model.name}", excitation_heading(found), sections)
+
+
+def excitation_heading(found: Design) -> str:
+    """Return what the motion is, in a sentence."""
+    first, second = (number(one.duration, 3) for one in (found.trajectory, found.validation))
+    return f"{PROGRAMMES[found.request.programme]}, {first} s, and another of {second} s for validation."
 
 
 def _facts(found: Design) -> Facts:

@@ -96,13 +96,24 @@ class Own(Viscous):
 
     gives: float = 0.0
 
-    def regressor(self, q, dq, ddq):
-        return super().regressor(q, dq, ddq)
-
     def weighted_gradient(self, q, dq, ddq, weights):
         out = np.zeros((3, *q.shape))
         out[1, 2, 1] = self.gives
         return out[: 2 if self.gives == 2.0 else 3]
+
+
+@dataclass(frozen=True)
+class Doubled(Own):
+    """A subclass with other derivatives."""
+
+    def partials(self, q, dq, ddq, theta):
+        return super().partials(q, dq, ddq, 2 * theta)
+
+
+def test_other_derivatives_come_with_another_gradient():
+    state, weights = states(2), np.ones((6, 2, 2))
+    found = Model((Doubled((Joint("a"), Joint("b"))),)).weighted_gradient(*state, weights)
+    np.testing.assert_array_equal(found, [np.zeros((6, 2)), np.full((6, 2), 2.0), np.zeros((6, 2))])
 
 
 def test_a_term_may_have_its_own():

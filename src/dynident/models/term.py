@@ -156,7 +156,7 @@ class HasMassMatrix(Protocol):
 class HasWeightedGradient(Protocol):
     """A term that computes the derivatives of a weighted sum of its regressor faster than by ``partials``."""
 
-    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array, /, *memory: Array) -> Array:
         """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, p)."""
 
 
@@ -309,12 +309,13 @@ class HasNumpySource(Protocol):
         """
 
 
-def declares(term: Term, name: str) -> bool:
-    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has.
+def declares(term: Term, name: str, of: str = "regressor") -> bool:
+    """Return whether a term says something (``torque``, ``support``, ``entries``) of the regressor that it has, or of
+    another method.
 
     A subclass with a regressor of its own does not inherit it.
     """
     order = type(term).__mro__
-    first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, "regressor")}
-    own, regressor = first[name], first["regressor"]
-    return own is not None and regressor is not None and own <= regressor
+    first = {key: next((k for k, cls in enumerate(order) if key in vars(cls)), None) for key in (name, of)}
+    own, base = first[name], first[of]
+    return own is not None and base is not None and own <= base

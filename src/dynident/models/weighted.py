@@ -35,7 +35,7 @@ def weighted_gradient(model: Model, states: tuple[Array, ...], weights: Array) -
     for k, term in enumerate(model.terms):
         part = slice(first, first := first + len(term.parameters))
         own = (states[3][:, model.remembered[k]],) if k in model.remembered else ()
-        if isinstance(term, HasWeightedGradient) and declares(term, "weighted_gradient"):
+        if isinstance(term, HasWeightedGradient) and declares(term, "weighted_gradient", "partials"):
             found = called(model, term, "weighted_gradient", *states[:3], weights[..., part], *own)
             total += checked(model, term, "weighted gradient", found, total.shape, states)
         else:

@@ -57,7 +57,7 @@ def excite(
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
-    from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
+    from dynident.report.excitation import MOTIONS, excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
     from dynident.report.excite_run import refuse_changed, write_design
 
@@ -78,9 +78,9 @@ def excite(
     for line in excitation_findings(project, found):
         screen.say(f"* {line}")
     for path in written:
-        tell(screen, _KINDS.get(path.suffix, "File"), path)
+        tell(screen, "Motion" if path.name.startswith(MOTIONS) else _KINDS[path.suffix], path)
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", whole=True)
 
 
-_KINDS = {".csv": "Motion", ".npz": "Motion", ".yaml": "Configuration", ".json": "Numbers", ".html": "Report"}
+_KINDS = {".yaml": "Configuration", ".json": "Numbers", ".html": "Report"}

@@ -90,7 +90,7 @@ def _prove(name: str, wanted: Sampled, read: Callable[[], Sampled]) -> None:
 
 
 def _csv(one: Sampled) -> str:
-    """Return lines of numbers below the names of the columns; six digits after those that a motion needs."""
+    """Return lines of numbers below the names of the columns; in twelve digits."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerow(["t", *(f"{key}_{joint}" for key in NAMES for joint in one.joints)])
     np.savetxt(text, np.column_stack([one.t, one.q, one.dq, one.ddq]), fmt="%.12g", delimiter=",")
@@ -145,7 +145,8 @@ def _points(one: Sampled) -> Iterator[str]:
 
 def _row(values: Array) -> str:
     """Return numbers that YAML reads as such, also in ROS: always with a point."""
-    return f"[{', '.join(f'{value:.12f}'.rstrip('0') + '0' for value in values.tolist())}]"
+    texts = (f"{value:.12f}".rstrip("0") for value in values.tolist())
+    return f"[{', '.join(text + '0' if text.endswith('.') else text for text in texts)}]"
 
 
 def _from_ros(text: str) -> Sampled:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynident.excitation import Programme, Trajectory
 from dynident.identification import versions
 from dynident.report import figures
-from dynident.report.excitation_expected import expected_section, told, valued_of
+from dynident.report.excitation_expected import WELL, expected_section, told, valued_of
 from dynident.report.excitation_scene import scene_section
 from dynident.report.excitation_words import limit_words, noise_words
 from dynident.report.page import (
@@ -24,6 +24,7 @@ from dynident.report.page import (
     PageTable,
     number,
     pairs,
+    relative,
     render,
 )
 from dynident.report.wording import words
@@ -72,7 +73,7 @@ def excitation_tables(found: Design) -> list[PageTable]:
 
 def excitation_page(project: ExcitationProject, found: Design, files: Sequence[tuple[str, str]] = ()) -> str:
     """Return the design as one HTML page; ``files`` are the names of what was written, each with its use."""
-    steps = pairs("file", list(files)), _STEPS
+    steps = _files(files), _STEPS
     sections = [
         PageSection("What it will tell", (_facts(found), tuple(excitation_findings(project, found)))),
         *([PageSection("What to do with it", steps)] if files else []),
@@ -91,12 +92,18 @@ def excitation_heading(found: Design) -> str:
     return f"{PROGRAMMES[found.request.programme]}, {first} s, and another of {second} s for validation."
 
 
+def _files(files: Sequence[tuple[str, str]]) -> PageTable:
+    """Return the table of the files, with links to them."""
+    columns = (Column("file", numeric=False), Column("what it holds", numeric=False))
+    return PageTable(columns, tuple(files), links=tuple(relative(name) for name, _ in files))
+
+
 def _facts(found: Design) -> Facts:
-    relative = found.expected.relative[valued_of(found.expected)]
-    known = relative[np.isfinite(relative)]
+    shares = found.expected.relative[valued_of(found.expected)]
+    known = shares[np.isfinite(shares)]
     facts: list[tuple[str, ...]] = [
         (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
-        (f"{int((relative <= 10).sum())} of {len(relative)}", "base parameters of known size expected within 10 %"),
+        (f"{int((shares <= WELL).sum())} of {len(shares)}", f"base parameters of known size expected within {WELL:g} %"),
         (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
     ]
     if near := found.checked[0].nearest:

@@ -17,7 +17,7 @@ from dynident.report.words import count, percent
 if TYPE_CHECKING:
     from dynident.excitation import Design
 
-__all__ = ["before", "expected_section", "label", "told"]
+__all__ = ["WELL", "expected_section", "told", "valued_of"]
 
 Array = NDArray[np.float64]
 WELL, LOST = 10.0, 100.0  # %, of the value: well known, and not even the sign is sure
@@ -44,7 +44,7 @@ def told(found: Design) -> Iterator[str]:
         yield (
             f"{well} of {count(len(relative), 'base parameter')} of known size are expected within {WELL:g} % (one "
             f"standard error), the median within {percent(float(np.median(known)), 2)}; the least known, "
-            f"{label(one, worst)}, to {number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
+            f"{_label(one, worst)}, to {number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
         )
     if lost := int((known > LOST).sum()):
         yield f"{count(lost, 'base parameter')} cannot be told from zero: they hardly act on the torque of this motion."
@@ -53,7 +53,7 @@ def told(found: Design) -> Iterator[str]:
             f"{count(unsized, 'base parameter')} are zero in the robot file, or not in it, such as friction: of "
             "them there are standard errors in their units alone."
         )
-    if (old := before(found)) is not None:
+    if (old := _before(found)) is not None:
         yield from _added(one, old)
     if one.open:
         yield f"{count(len(one.open), 'base parameter')} stay open: {listed(one.open, SHOWN)}."
@@ -77,13 +77,13 @@ def _added(one: Expected, old: Expected) -> Iterator[str]:
         yield (
             "Together with what was recorded before, standard errors are smaller than now by a factor of "
             f"{number(float(np.median(ratio)), 2)} in the median, at most {number(float(ratio.max()), 3)} "
-            f"({label(one, best)})."
+            f"({_label(one, best)})."
         )
     if new := int((~np.isfinite(old.std) & np.isfinite(one.std)).sum()):
         yield f"{count(new, 'base parameter')} that are open now will be known."
 
 
-def before(found: Design) -> Expected | None:
+def _before(found: Design) -> Expected | None:
     """Return what was known before the motion, None where that is nothing."""
     known = found.request.prior
     return None if known is None else expected(found.model, found.theta, known, found.expected.basis)
@@ -91,9 +91,9 @@ def before(found: Design) -> Expected | None:
 
 def expected_section(found: Design) -> PageSection:
     """Return the section of the expected standard errors: table, figure, what no motion can show."""
-    one, old = found.expected, before(found)
+    one, old = found.expected, _before(found)
     rows = np.flatnonzero(valued_of(one))
-    labels = [label(one, k) for k in rows.tolist()]
+    labels = [_label(one, k) for k in rows.tolist()]
     caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
     known = None if old is None else old.relative[rows]
     blocks: list[PageBlock] = [_WHAT]
@@ -109,7 +109,7 @@ def _table(one: Expected, old: Expected | None) -> PageTable:
     valued = valued_of(one)
     rows = []
     for k in range(len(one.std)):
-        cells = [label(one, k), number(float(one.value[k])) if valued[k] else "-"]
+        cells = [_label(one, k), number(float(one.value[k])) if valued[k] else "-"]
         cells.append(number(float(one.std[k]), 2) if np.isfinite(one.std[k]) else "open")
         shares = (one.relative[k], *(() if old is None else (old.relative[k],)))
         rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
@@ -119,7 +119,7 @@ def _table(one: Expected, old: Expected | None) -> PageTable:
 
 def _formulas(one: Expected) -> Iterator[PageBlock]:
     """Yield what the shortened names stand for, where there are any."""
-    rows = tuple((label(one, k), name) for k, name in enumerate(one.basis.groupings) if label(one, k) != name)
+    rows = tuple((_label(one, k), name) for k, name in enumerate(one.basis.groupings) if _label(one, k) != name)
     if rows:
         columns = (Column("base parameter", numeric=False), Column("formula", numeric=False))
         yield Fold("What the base parameters stand for", (PageTable(columns, rows),))
@@ -133,7 +133,7 @@ def _never(one: Expected) -> Iterator[PageBlock]:
         yield f"{count(tied, 'more parameter')} can be known, by whatever motion, only within the combinations above."
 
 
-def label(one: Expected, k: int) -> str:
+def _label(one: Expected, k: int) -> str:
     """Return a base parameter's formula, or, where it is long, its first parameter and how many follow."""
     name = one.basis.groupings[k]
     if len(name) <= SHORT:

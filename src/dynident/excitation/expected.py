@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -32,8 +31,8 @@ BLOCK = 2000  # samples at once
 @dataclass(frozen=True, eq=False)
 class Expected:
     """What a recording of a motion is expected to tell: of the base parameters ``basis`` (r) their ``value`` (r), the
-    standard errors ``std`` (r), infinite for those that stay open, and of the information of all that are shown, in SI
-    units, log det; the condition number of the weighted regressor with columns of length one (inf: some are open)."""
+    standard errors ``std`` (r), infinite for those that stay open; log det of the information, in SI units, and the
+    condition number of the weighted regressor with columns of length one, both infinite where some stay open."""
 
     basis: BaseParameters
     value: Array
@@ -75,12 +74,11 @@ def expected(model: Model, theta: Array, information: Array, basis: BaseParamete
     kept = list(basis.independent)
     own = information[np.ix_(kept, kept)]
     rank = rank_of_information(own)
-    size = np.maximum(rank.values[: rank.rank], np.finfo(float).tiny)
-    shown = 2 * float(np.log(size).sum()) + 2 * float(np.log(rank.scale).sum() if rank.rank == len(kept) else 0.0)
-    whole = rank.rank == len(kept)
-    return Expected(
-        basis, basis.to_base(theta), informed_std(basis, information), shown, rank.condition if whole else np.inf
-    )
+    std = informed_std(basis, information)
+    if rank.rank < len(kept):
+        return Expected(basis, basis.to_base(theta), std, -np.inf, np.inf)
+    log_det = 2 * float(np.log(rank.values).sum() + np.log(rank.scale).sum())
+    return Expected(basis, basis.to_base(theta), std, log_det, rank.condition)
 
 
 def unexcited(model: Model, information: Array, found: Expected) -> tuple[UnexcitedParameters, ...]:
@@ -89,11 +87,3 @@ def unexcited(model: Model, information: Array, found: Expected) -> tuple[Unexci
         return ()
     rank = rank_of_information(information, model.parameters)
     return compare(found.basis, base_parameters(rank, model.parameters), model)
-
-
-def total(parts: Iterable[Array], prior: Array | None, parameters: int) -> Array:
-    """Return the sum of informations (p, p), with what is known before."""
-    out = np.zeros((parameters, parameters)) if prior is None else np.array(prior, dtype=float)
-    for part in parts:
-        out += part
-    return out

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
+from dynident.excitation.criterion import InformationCriterion
 from dynident.excitation.family import Family, Guard
 from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
 from dynident.excitation.limits import MotionLimits
@@ -22,20 +23,13 @@ from dynident.excitation.space import Space
 if TYPE_CHECKING:
     from dynident.models import Model
 
-__all__ = ["Information", "Interior", "Point", "Spare"]
+__all__ = ["Interior", "Point", "Spare"]
 
 Array = NDArray[np.float64]
 FINER = 8  # points between two of the grid
 MORE = 1.5  # times what the limits were exceeded by is kept free
 SHRUNK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5)
 NEAR = 0.1  # m: beyond such a distance the barrier fades
-
-
-class Information(Protocol):
-    """What a motion is to show: a number that is to be small."""
-
-    def value_and_slopes(self, q: Array, dq: Array, ddq: Array) -> tuple[float, Array]:
-        """Return the number, infinite where nothing is shown, and its slopes (3, N, n) by q, dq and ddq (N, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +75,7 @@ class Interior:
     space: Space
     family: Family
     grid: Array
-    information: Information
+    information: InformationCriterion
     spare: Spare
     unit: float = 1.0
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, Step, brief
+from dynident.errors import InputError, brief
 from dynident.excitation.interior import Interior, Point
 from dynident.excitation.random_motion import random_motion
 from dynident.jobs import Status, run_jobs
@@ -84,11 +84,12 @@ def search(
     first: Sequence[Array] = (),
     stages: Sequence[Stage] = STAGES,
     executor: Executor | None = None,
-    progress: Callable[[Step], None] = lambda _: None,
+    progress: Callable[[float, int, int], None] | None = None,
 ) -> Found:
     """Return the best motion from ``starts`` random ones, or from the ``first`` where there are any.
 
-    The result depends on the generator alone, not on the executor. Ctrl-C ends the search with the best motion so far,
+    ``progress`` is called with the best criterion so far, and how many of all stages of motions are done. The result
+    depends on the generator alone, not on the executor. Ctrl-C ends the search with the best motion so far,
     where there is one. Raises InputError where no start keeps to the limits.
     """
     seeds = rng.integers(2**32, size=starts).tolist()
@@ -108,8 +109,8 @@ def search(
                     best = [min([*best, one.value], key=lambda got: (got.criterion, got.number))]
                 else:
                     reason = one.reason
-                if best:
-                    progress(Step(f"searching: best criterion {best[0].criterion:.2f}", done, total))
+                if best and progress is not None:
+                    progress(best[0].criterion, done, total)
             if not reached:
                 raise InputError(f"no motion was found that keeps to the limits: {reason}")
             reached.sort(key=lambda got: (got.criterion, got.number))

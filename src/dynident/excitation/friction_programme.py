@@ -21,7 +21,7 @@ POSES, PLACES = 24, 33  # poses that are tried, and positions of each joint ther
 SLOWEST = 0.05  # of the greatest speed
 STEADY = 0.4  # of its way that a joint is at its constant speed at least
 FLEETING = 0.1  # s at a constant speed: less shows nothing
-SLOWER = 0.5  # of the acceleration, where the torque does not suffice
+GENTLER, SLOWER = 0.5, 0.9  # of acceleration and jerk, and of the speed, where the torque does not suffice
 TRIES = 6
 SEARCH = 40  # steps of a search
 
@@ -105,13 +105,13 @@ def _run(feasible: Feasibility, pose: Array, joint: int, ends: tuple[float, floa
     limits, (low, high) = feasible.limits, ends
     begin, room = pose.copy(), high - low
     begin[joint] = low
-    acceleration, jerk = float(limits.acceleration[joint]), float(limits.jerk[joint])
+    limit, acceleration, jerk = (float(size[joint]) for size in limits.sizes[1:])
     for _ in range(TRIES):
-        fastest = _fastest(room, float(limits.velocity[joint]), acceleration, jerk)
+        fastest = _fastest(room, limit, acceleration, jerk)
         run = _Run(begin, joint, room, np.geomspace(SLOWEST * fastest, fastest, speeds), acceleration, jerk)
         if room > 0 and all(map(feasible.allows, list(run.sweeps(np.inf))[-2:])):
             return run
-        acceleration, jerk = SLOWER * acceleration, SLOWER * jerk
+        acceleration, jerk, limit = GENTLER * acceleration, GENTLER * jerk, SLOWER * limit
     raise ConfigError(
         f"joint {limits.joints[joint]!r} cannot sweep alone between {low:.4g} and {high:.4g}, where it is free in the "
         "best of the poses that were tried: its torque or the clearance does not allow it."

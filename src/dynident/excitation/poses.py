@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,9 +68,9 @@ def static_poses(
     kept = list(range(1, len(stops)))
     while kept:
         pieces, kept, time = _tour(feasible, stops, kept, hold, known, rng)
-        if pieces and time <= duration:
+        if kept and time <= duration:
             return pieces
-        kept = kept[:-1] if len(kept) < 10 else kept[: -max(1, int(len(kept) * (1 - duration / time) / 2))]
+        kept = kept[: -max(1, int(len(kept) * (1 - duration / time) / 2))] if kept else []
     raise ConfigError(
         f"the gravity program has {duration:.1f} s, too little to reach a pose, hold it for {hold:g} s and return; "
         "give it more time."
@@ -91,19 +93,18 @@ def _tour(
             known[one, other] = way(feasible, stops[one], stops[other], rng)
         return known[one, other]
 
-    pieces: list[Piece] = []
-    reached: set[int] = set()
-    here, left = 0, set(kept)
+    tour, left = [0], set(kept)
     while left:
-        apart = {k: float(np.abs((stops[k] - stops[here]) / feasible.limits.velocity).max()) for k in left}
-        there = min(left, key=apart.__getitem__)
-        left.remove(there)
-        ways, back = between(here, there), between(there, 0)
-        if ways is None or back is None:
-            continue
-        pieces += [*(Piece(one, Purpose.WAY) for one in ways)]
-        pieces.append(Piece(Hold(hold, stops[there]), Purpose.POSE, str(len(reached) + 1)))
-        reached.add(there)
-        here = there
-    pieces += [Piece(one, Purpose.WAY) for one in between(here, 0) or ()]
-    return tuple(pieces), [k for k in kept if k in reached], sum(piece.course.duration for piece in pieces)
+        apart = {k: float(np.abs((stops[k] - stops[tour[-1]]) / feasible.limits.velocity).max()) for k in left}
+        nearest = min(left, key=apart.__getitem__)
+        left.remove(nearest)
+        if between(tour[-1], nearest) is not None:
+            tour.append(nearest)
+    while len(tour) > 1 and between(tour[-1], 0) is None:
+        tour.pop()
+    pieces: list[Piece] = []
+    for one, other in pairwise([*tour, 0]):
+        pieces += [Piece(course, Purpose.WAY) for course in between(one, other) or ()]
+        if other:
+            pieces.append(Piece(Hold(hold, stops[other]), Purpose.POSE, str(tour.index(other))))
+    return tuple(pieces), [k for k in kept if k in tour], sum(piece.course.duration for piece in pieces)

@@ -89,8 +89,8 @@ def verify(
     for start, piece in zip(trajectory.edges, trajectory.pieces, strict=False):
         t = np.linspace(0.0, piece.course.duration, max(3, int(np.ceil(piece.course.duration * RATE)) + 1))
         states = piece.course.states(t)
-        _check_joined(states[:, 0] if last is None else last, states[:, 0], float(start), limits)
         _check_derivatives(states, t, float(start), limits)
+        _check_joined(states[:, 0] if last is None else last, states[:, 0], float(start), limits)
         tau = _torque(model, theta, states)
         fine = _finer(t, states, tau, limits)
         finer = piece.course.states(fine)
@@ -163,6 +163,12 @@ def _check_derivatives(states: Array, t: Array, start: float, limits: MotionLimi
     Over a step h the trapezoidal rule is wrong by at most h^3 / 12 times the largest second derivative of what it adds
     up, and h^2 / 4 times its largest slope; ddq changes by at most h times the largest jerk.
     """
+    wrong = np.argwhere(~np.isfinite(states))
+    if len(wrong):
+        which, row, joint = wrong[0]
+        name, time, value = limits.joints[joint], start + float(t[row]), float(states[which, row, joint])
+        what = f"joint {name!r} at {time:.4f} s: {QUANTITIES[which]} is {value}; the trajectory is refused."
+        raise LimitError(QUANTITIES[which], name, time, value, float("nan"), what)
     h = float(t[1] - t[0])
     for d, error in enumerate((h**3 / 12, h**2 / 4, h)):
         added = h * (states[d + 1, :-1] + states[d + 1, 1:]) / 2 if d < 2 else np.zeros_like(states[0, 1:])

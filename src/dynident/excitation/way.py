@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.excitation.feasibility import RESERVE, Feasibility
+from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
 from dynident.excitation.quintic import Quintic, at_rest, durations
 
 __all__ = ["direct", "way"]
@@ -17,24 +17,30 @@ LONGER, TRIES = 1.2, 16  # what is too much for the torque is tried slower
 POSES, CHECKS = 120, 400  # of a detour: random poses, ways that are tried
 STOP = 0.5  # s that a pose in between costs
 SAME = 1e-9  # rad or m
+SPACING = 0.02  # rad or m along a path
 
 
 def direct(feasible: Feasibility, start: Array, end: Array) -> Quintic | None:
     """Return the shortest allowed quintic from a state to another (3, n), or None."""
-    path_is_one = not (start[1:].any() or end[1:].any())  # whatever its duration
+    straight = not (start[1:].any() or end[1:].any())  # its path does not depend on its duration
+    if straight and not _path_is_clear(feasible, start[0], end[0]):
+        return None
     last, tries = 0.0, 0
     for duration in durations(feasible.limits, start, end):
         if duration < LONGER * last:
             continue
         course, last, tries = Quintic(duration, start, end), duration, tries + 1
-        if feasible.clear(course):
-            if feasible.effort(course) <= 1 - RESERVE:
-                return course
-        elif path_is_one:
-            return None
+        if feasible.effort(course) <= 1 - RESERVE and (straight or feasible.clear(course)):
+            return course
         if tries == TRIES:
             break
     return None
+
+
+def _path_is_clear(feasible: Feasibility, start: Array, end: Array) -> bool:
+    """Return whether the straight path between poses (n) keeps its distance."""
+    steps = np.linspace(0.0, 1.0, 2 + int(np.abs(end - start).max() / SPACING))
+    return bool(feasible.gaps(start + steps[:, None] * (end - start)).min() >= SPARE)
 
 
 def way(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Quintic, ...] | None:

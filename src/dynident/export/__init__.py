@@ -15,6 +15,7 @@ from dynident.export.mjcf import identified_mjcf
 from dynident.export.numpy_module import identified_module
 from dynident.export.parameters import identified_yaml
 from dynident.export.proof import prove, random_states, spread
+from dynident.export.readers import declared
 from dynident.export.urdf import identified_urdf, relocated
 from dynident.export.written import Export, FileError, Proof, Written
 from dynident.identification import Identification
@@ -33,6 +34,7 @@ __all__ = [
     "Urdf",
     "Written",
     "Yaml",
+    "declared",
     "export",
     "export_files",
     "exports",

@@ -12,7 +12,7 @@ from dynident.excitation.fourier import Fourier
 from dynident.excitation.request import Criterion
 from dynident.models import Coulomb, CoupledMotor, Dahl, Model, Offset, RigidBodies, RotorInertia, Viscous
 from dynident.regression import structural_base_parameters
-from tests.robots import ARM, GRIPPER
+from tests.robots import ARM, GRIPPER, joint, link, urdf
 
 POINTS = 40
 FAMILIES = {"fourier": Fourier(4.0, 3), "bspline": Clamped(4.0, 12)}
@@ -136,7 +136,7 @@ def test_a_prior_on_the_base_parameters_is_the_inverse_of_their_covariance():
     model = arm()
     basis = structural_base_parameters(model)
     p = len(basis.names)
-    half = np.random.default_rng(2).normal(size=(p, 2 * p))
+    half = 10.0 ** np.linspace(0, 3, p)[:, None] * np.random.default_rng(2).normal(size=(p, 2 * p))
     B, whole = basis.combination, half @ half.T
     np.testing.assert_allclose(base_information(basis, whole), np.linalg.inv(B @ np.linalg.inv(whole) @ B.T), rtol=1e-7)
     functions, x = motion(model)
@@ -144,6 +144,25 @@ def test_a_prior_on_the_base_parameters_is_the_inverse_of_their_covariance():
     kept = list(basis.independent)
     np.testing.assert_allclose(base_information(basis, Y.T @ Y), (Y.T @ Y)[np.ix_(kept, kept)], rtol=1e-6, atol=1e-4)
     assert not base_information(basis, np.zeros((p, p))).any()
+    alone = structural_base_parameters(Model((Viscous(model.joints),)))
+    np.testing.assert_array_equal(base_information(alone, np.diag([1.0, 4.0, 9.0])), np.diag([1.0, 4.0, 9.0]))
+
+
+def test_rounded_angles_hold_no_information():
+    """What a recording says of directions that are free but for the rounding of the file is not used."""
+    text = urdf(
+        *(link(name, 1.0, (0.1, 0.05, 0.2)) for name in ("base", "one", "two", "three")),
+        joint("a", "revolute", "base", "one", rpy=(3.141596, 0, 0)),
+        joint("b", "revolute", "one", "two", (0, 0, 0.3), (1.5708, 0, 0)),
+        joint("c", "revolute", "two", "three", (0, 0.3, 0), (-1.5708, 0, 0)),
+    )
+    model = Model((RigidBodies(text),))
+    basis, (functions, x) = structural_base_parameters(model), motion(model)
+    rows = model.regressor(*(functions @ x.T)).reshape(-1, 30)
+    assert np.abs(rows @ basis.null).max() > 1e-7
+    kept = list(basis.independent)
+    own = (rows.T @ rows)[np.ix_(kept, kept)]
+    np.testing.assert_allclose(base_information(basis, rows.T @ rows), own, rtol=1e-12, atol=1e-9)
 
 
 def test_wrong_shapes_and_terms_that_remember_are_errors():

@@ -137,10 +137,11 @@ def base_information(basis: BaseParameters, information: Array) -> Array:
     scaled = information / np.outer(*[np.where(size > 0, size, 1.0)] * 2)
     if np.abs(scaled - scaled.T).max(initial=0.0) > DOUBT or np.linalg.eigvalsh(scaled).min(initial=0.0) < -DOUBT * p:
         raise ModelError("prior information is not symmetric, or has negative eigenvalues; give a covariance inverse.")
-    null = basis.null
-    cross = (information @ null)[kept]
-    free = null.T @ information @ null
-    out = information[np.ix_(kept, kept)] - cross @ np.linalg.pinv(free, rcond=DOUBT, hermitian=True) @ cross.T
+    free = basis.null / np.linalg.norm(basis.scale[:, None] * basis.null, axis=0)
+    known, vectors = np.linalg.eigh(free.T @ information @ free)
+    held = known > DOUBT * (np.diag(information) / np.square(basis.scale)).max(initial=0.0)  # less is rounding
+    cross = (information @ free @ vectors[:, held])[kept]
+    out = information[np.ix_(kept, kept)] - (cross / known[held]) @ cross.T
     return np.asarray((out + out.T) / 2)
 
 

@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
 from dynident.identification import Identification
-from dynident.log import Motion
-from dynident.regression import BaseParameters, Regression, structural_base_parameters
+from dynident.regression import BaseParameters, EntryBlock, structural_base_parameters
 
-__all__ = ["Scorer", "Scores"]
+__all__ = ["Gram", "Scorer", "Scores"]
 
 Array = NDArray[np.float64]
-SLOWEST = 0.01  # rad/s, m/s: below, Coulomb friction has no known sign
 RIDGE = 1e-9  # of the largest information: what a block does not show
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
-    """Sums over the samples from ``start`` to ``stop`` (s), with the residual e of the model as it was identified.
+class Gram:
+    """Sums over samples for each joint, of the rows Y of the scaled base parameters (``Scorer``) and the residual e of
+    the model as it was identified: Y' Y (n, r, r), Y' e (n, r), e' e (n), and the number of rows (n)."""
 
-    With the rows Y of the scaled base parameters (``Scorer``), weighted by the joints' noise: ``information`` sum Y' Y (r, r), ``score``
-    sum Y' e (r). ``left`` (n) is the logarithm of each joint's mean square that no base parameters explain, nan where
-    no row of the joint is in use; ``residual`` (n) the mean square itself, with what they would explain (N m, N).
+    information: Array
+    score: Array
+    squares: Array
+    rows: Array
+
+    __repr__ = brief
+
+    def __add__(self, other: Gram) -> Gram:
+        """Return the sums over both."""
+        return Gram(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What a block of motion from ``start`` to ``stop`` (s), of ``samples``, says of the base parameters.
+
+    With rows weighted by the joints' noise: ``information`` sum Y' Y (r, r), ``score`` sum Y' e (r). ``left`` (n) is
+    the logarithm of each joint's mean square that no base parameters explain, nan where no row of the joint is in use;
+    ``residual`` (n) the mean square itself, with what they would explain (N m, N).
     """
 
     start: float
@@ -41,62 +58,68 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Scorer:
-    """Reduces motions to scores for the parameters ``theta`` (p) of a result, in its base parameters.
+    """Reduces torque equations to scores of the base parameters of a result.
 
-    Each base parameter is multiplied by its ``scale`` (r), so that all have effects of about the same size. ``sigma``
-    (n) is the noise of the joints' torques that weights them, ``min_speed`` (n) that
-    below which a joint's rows are left out.
+    Each base parameter is multiplied by its ``scale`` (r), so that all have effects of about the same size; ``sigma``
+    (n) is the noise of the joints' torques (N m, N) that weights them.
     """
 
     found: Identification
     basis: BaseParameters
     sigma: Array
-    min_speed: tuple[float, ...]
 
     __repr__ = brief
 
     @classmethod
     def of(cls, found: Identification) -> Scorer:
-        """Return the scorer of a result."""
-        model = found.model
-        basis = found.base.structural or structural_base_parameters(model)
+        """Return the scorer of a result, with what its fit left of the torque as noise."""
         sigma = np.asarray(found.estimate.residual.sigma, dtype=float)
         usual = float(np.median(sigma[sigma > 0])) if (sigma > 0).any() else 1.0
-        speeds = found.recipe.min_speeds([joint.name for joint in model.joints])
-        slowest = tuple(max(one, SLOWEST) for one in speeds or (0.0,) * len(model.joints))
-        return cls(found, basis, np.where(sigma > 0, sigma, usual), slowest)
+        basis = found.base.structural or structural_base_parameters(found.model)
+        return cls(found, basis, np.where(sigma > 0, sigma, usual))
 
     @property
     def scale(self) -> Array:
         """What the base parameters (r) are multiplied by."""
         return self.basis.scale[list(self.basis.independent)]
 
-    def __call__(self, motion: Motion, rows: slice) -> Scores:
-        """Reduce the ``rows`` of a motion; those around them count in the filter of the recipe alone."""
-        model, theta = self.found.model, self.found.estimate.value
-        regression = Regression(model, (model.remembering(motion),), self.found.recipe.filter, self.min_speed)
-        maps = [one[:, list(self.basis.independent)] / self.scale for one in model.structure.maps]
-        sums = [np.zeros((len(one) + 1, len(one) + 1)) for one in maps]
-        count = np.zeros(len(maps))
-        for block in regression.entries(theta=theta, within=(0, rows)):
-            for j, total in enumerate(sums):
+    @property
+    def nothing(self) -> Gram:
+        """The sums over no samples."""
+        n, r = len(self.sigma), len(self.basis.independent)
+        return Gram(np.zeros((n, r, r)), np.zeros((n, r)), np.zeros(n), np.zeros(n))
+
+    def gram(self, blocks: Iterable[EntryBlock]) -> Gram:
+        """Return the sums over blocks of equations."""
+        total = self.nothing
+        for block in blocks:
+            for j, (base, theta) in enumerate(self._maps):
                 used = block.used(j)
-                total += used @ used.T
-                count[j] += used.shape[1] if block.keep is None else int(block.keep[j].sum())
-        A = np.stack([one.T @ total[:-1, :-1] @ one for one, total in zip(maps, sums, strict=True)])
-        s = np.stack([one.T @ total[:-1, -1] for one, total in zip(maps, sums, strict=True)])
-        squares = np.array([total[-1, -1] for total in sums])
-        w2 = self.sigma**-2
-        information, score = np.einsum("j,jkl->kl", w2, A), w2 @ s
+                used[-1] -= theta @ used[:-1]
+                product = used @ used.T
+                total.information[j] += base.T @ product[:-1, :-1] @ base
+                total.score[j] += base.T @ product[:-1, -1]
+                total.squares[j] += product[-1, -1]
+                total.rows[j] += used.shape[1] if block.keep is None else np.count_nonzero(block.keep[j])
+        return total
+
+    def scores(self, gram: Gram, start: float, stop: float, samples: int) -> Scores:
+        """Return what the sums over a block say."""
+        weights = self.sigma**-2
+        information, score = np.einsum("j,jkl->kl", weights, gram.information), weights @ gram.score
         step = _solved(information, score)
-        left = squares - 2 * s @ step + np.einsum("k,jkl,l->j", step, A, step)
-        known = count > 0
-        mean = np.where(known, squares / np.maximum(count, 1.0), np.nan)
-        rest = np.maximum(left, 1e-12 * np.maximum(squares, 1e-300)) / np.maximum(count, 1.0)
-        return Scores(
-            float(motion.t[rows][0]), float(motion.t[rows][-1]), int(motion.mask[rows].sum()), information, score,
-            np.where(known, np.log(rest), np.nan), mean,
-        )  # fmt: skip
+        left = gram.squares - 2 * gram.score @ step + np.einsum("k,jkl,l->j", step, gram.information, step)
+        known, rows = gram.rows > 0, np.maximum(gram.rows, 1.0)
+        least = np.maximum(1e-12 * gram.squares, np.finfo(float).tiny)
+        logarithm = np.where(known, np.log(np.maximum(left, least) / rows), np.nan)
+        residual = np.where(known, gram.squares / rows, np.nan)
+        return Scores(start, stop, samples, information, score, logarithm, residual)
+
+    @cached_property
+    def _maps(self) -> tuple[tuple[Array, Array], ...]:
+        """By joint what makes of its entries the rows of the scaled base parameters, and the torque of the result."""
+        kept, theta = list(self.basis.independent), self.found.estimate.value
+        return tuple((one[:, kept] / self.scale, one @ theta) for one in self.found.model.structure.maps)
 
 
 def _solved(information: Array, score: Array) -> Array:
@@ -104,6 +127,6 @@ def _solved(information: Array, score: Array) -> Array:
     scale = np.sqrt(np.diag(information))
     scale = np.where(scale > 0, scale, 1.0)
     size, axes = np.linalg.eigh(information / np.outer(scale, scale))
-    shown = size > RIDGE * max(float(size[-1]), 1e-300)
+    shown = size > RIDGE * max(float(size[-1]), np.finfo(float).tiny)
     inverse = np.where(shown, 1 / np.where(shown, size, 1.0), 0.0)
     return np.asarray(axes @ (inverse * (axes.T @ (score / scale))) / scale)

@@ -8,7 +8,7 @@ from dynident.regression import GroupKind
 
 __all__ = [
     "Alarm", "Back", "BadLines", "BaselineKnown", "Changed", "ClockReset", "Event", "Fault", "FaultKind", "Gap",
-    "NewMotion", "Passed", "Resumed", "Signal", "Smoothless", "Unsteady",
+    "NewMotion", "Passed", "Resumed", "Signal", "Unreadable", "Unsteady",
 ]  # fmt: skip
 
 from enum import StrEnum
@@ -154,7 +154,7 @@ class BadLines(Event):
 
 
 @dataclass(frozen=True)
-class Smoothless(Event):
+class Unreadable(Event):
     """``samples`` from a time on could not be smoothed, for a ``reason``."""
 
     samples: int

@@ -54,16 +54,19 @@ class Sensors:
     def __init__(self, joints: Sequence[str], velocity: Sequence[float | None]) -> None:
         self.joints = tuple(joints)
         self.fastest = np.array([np.inf if v is None else FASTEST * v for v in velocity])
+        self.least = np.where(np.isfinite(self.fastest), self.fastest, 0.0)
         n = 2 * len(self.joints)
         self.seen, self.t, self.path = 0, np.nan, 0.0  # samples, the last stamp, what all positions have moved
         self.value, self.step = np.full(n, np.nan), np.zeros(n)
-        self.bend, self.pace = np.zeros(n), np.zeros(n)  # mean square difference of steps, usual largest step
+        self.bend = np.zeros(n)  # mean square difference of steps
         self.run, self.since, self.path_then = np.zeros(n), np.zeros(n), np.zeros(n)  # samples without a change
         self.abrupt, self.longest = np.zeros(n), np.zeros(n)  # how it stopped; s without a change that are usual
         self.missed, self.lost = np.zeros(n), np.zeros(n)  # samples in a row without a number, since when
         self.fault, self.began, self.well = np.zeros(n), np.zeros(n), np.zeros(n)  # 1 + number of the kind
-        self.jumped, self.leap = np.zeros(n), np.zeros(n)  # samples since what may be a jump, its size
-        self.left, self.left_at = np.zeros(n), np.zeros(n)  # the value before it, and when
+        m = len(self.joints)
+        self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
+        self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
     @property
     def state(self) -> dict[str, Array]:
@@ -77,44 +80,65 @@ class Sensors:
             setattr(self, name, saved if isinstance(value, np.ndarray) else type(value)(saved))
 
     def _known(self) -> dict[str, Array | float | int]:
-        return {name: value for name, value in vars(self).items() if name not in ("joints", "fastest")}
+        return {name: value for name, value in vars(self).items() if name not in ("joints", "fastest", "least")}
 
     def check(self, t: Array, q: Array, tau: Array) -> Checked:
         """Look at samples: t (N) s, increasing; q and tau (N, n), nan where there is no number."""
         rows, cuts, events = np.zeros(len(t), dtype=bool), list[int](), list[Event]()
         values = np.concatenate([q, tau], axis=1)
+        there = np.isfinite(values).all(axis=1)
         for k, (at, x) in enumerate(zip(t.tolist(), values, strict=True)):
-            found = tuple(self._sample(at, x))
-            events += found
-            rows[k] = not np.isin(self.fault, LOST).any() and not self.missed.any()
-            if any(isinstance(one, Fault) and one.kind is not FaultKind.STILL for one in found):
-                cuts.append(k)
+            found = self._sample(at, x, all_there=bool(there[k]))
+            rows[k] = there[k] and not self.dead
+            if found:
+                events += found
+                if any(isinstance(one, Fault) and one.kind is not FaultKind.STILL for one in found):
+                    cuts.append(k)
         return Checked(rows, tuple(cuts), tuple(events))
 
     def forget(self) -> None:
         """Take the next sample as the first after a gap: what came before says nothing of its steps."""
         self.run[:], self.jumped[:], self.t = 0.0, 0.0, np.nan
+        self.held = self.leaps = False
 
-    def _sample(self, t: float, x: Array) -> Iterator[Event]:
-        there = np.isfinite(x)
-        yield from self._missing(t, there)
-        if np.isnan(self.t):
-            self.value, self.step[:] = np.where(there, x, self.value), 0.0
+    def _sample(self, t: float, x: Array, *, all_there: bool) -> list[Event]:
+        events = list[Event]()
+        if not all_there or self.gone:
+            there = np.isfinite(x)
+            events += self._missing(t, there)
+            x = np.where(there, x, np.nan_to_num(self.value))
+        if self.t != self.t:  # the first after a gap
+            self.value, self.step[:] = x, 0.0
         else:
-            yield from self._changes(t, np.where(there, x, self.value), there)
-        yield from self._recovered(t, there)
+            events += self._changes(t, x)
+        if self.faulty:
+            events += self._recovered(t)
         self.t, self.seen = t, self.seen + 1
+        return events
 
     def _missing(self, t: float, there: NDArray[np.bool_]) -> Iterator[Event]:
-        if there.all() and not self.missed.any():
-            return
         self.lost = np.where((self.missed == 0) & ~there, t, self.lost)
         self.missed = np.where(there, 0.0, self.missed + 1)
+        self.gone = not there.all()
         yield from self._failed(t, (self.missed >= MISSED) & (self.fault != 1), 1, self.lost)
 
-    def _changes(self, t: float, x: Array, there: NDArray[np.bool_]) -> Iterator[Event]:
+    def _changes(self, t: float, x: Array) -> Iterator[Event]:
         n, d = len(self.joints), x - self.value
-        same = (d == 0) & there
+        same = d == 0
+        if same.any() or self.held:
+            self._runs(t, same)
+        self._usual(d, same)
+        size = np.abs(d[:n])
+        if self.leaps or (size > self.least * (t - self.t)).any():
+            yield from self._jumps(t, x, d)
+        self.run = np.where(same, self.run + 1, 0.0) if self.held else self.run
+        self.path += float(size.sum())
+        if self.held and self.seen > SETTLED and self.run.max() >= HELD:
+            yield from self._frozen(t)
+        self.value, self.step = x, np.where(same, self.step, d) if self.held else d
+
+    def _runs(self, t: float, same: NDArray[np.bool_]) -> None:
+        """Note which values begin and end not to change."""
         begins = same & (self.run == 0)
         if begins.any():
             usual = np.sqrt(self.bend)
@@ -122,45 +146,37 @@ class Sensors:
             self.abrupt = np.where(begins, abrupt, self.abrupt)
             self.since = np.where(begins, self.t, self.since)
             self.path_then = np.where(begins, self.path, self.path_then)
-        ends = ~same & (self.run > 0) & (self.fault == 0)
-        self.longest = np.where(ends, np.maximum(self.longest, t - self.since), self.longest)
-        self._usual(d, same)
-        yield from self._jumps(t, x, d)
-        self.run = np.where(same, self.run + 1, 0.0)
-        self.path += float(np.abs(d[:n]).sum())
-        if (self.run >= HELD).any() and self.seen > SETTLED:
-            yield from self._frozen(t)
-        self.value, self.step = x, np.where(same, self.step, d)
+        ends = ~same & (self.run > 0)
+        if ends.any():
+            well = ends & (self.fault == 0)
+            self.longest = np.where(well, np.maximum(self.longest, t - self.since), self.longest)
+            self.run = np.where(ends, 0.0, self.run)
+        self.held = bool(same.any())
 
     def _usual(self, d: Array, same: NDArray[np.bool_]) -> None:
         """Add a step to what is usual; of what stands out only as much as would be usual."""
         square = (d - self.step) ** 2
         if self.seen > SETTLED:
             square = np.minimum(square, 9 * self.bend)
-        share = 1 / min(self.seen + 1.0, MEMORY)
-        self.bend = np.where(same & (self.run > 0), self.bend, self.bend + share * (square - self.bend))
+        step = (square - self.bend) / min(self.seen + 1.0, MEMORY)
+        self.bend = self.bend + (np.where(same & (self.run > 0), 0.0, step) if self.held else step)
 
     def _jumps(self, t: float, x: Array, d: Array) -> Iterator[Event]:
-        n, late = len(self.joints), self.jumped
-        own, size = slice(0, n), np.abs(d)
-        last = np.where(self.run[own] > 0, self.since[own], self.t)
-        limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), LARGEST * self.pace[own])
-        limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[own]))
-        new = (size[own] > limit) & (self.seen > SETTLED) & (late[own] == 0) & (self.fault[own] == 0)
-        usual = np.where(late > 0, 0.0, np.minimum(size, np.append(limit, size[n:])))
-        self.pace = np.maximum(usual, self.pace * (1 - 1 / MEMORY))
-        if new.any():
-            which = np.append(new, np.zeros(n, dtype=bool))
-            self.left, self.left_at = np.where(which, self.value, self.left), np.where(which, t, self.left_at)
-            self.leap = np.where(which, d, self.leap)
-            self.jumped = np.where(which, 1.0, late)
-        elif late.any():
-            self.jumped = np.where(late > 0, late + 1, 0.0)
-            for k in np.flatnonzero(self.jumped == CONFIRMED):
-                if abs(x[k] - self.left[k]) > limit[k] / 2:
-                    at, size = float(self.left_at[k]), float(self.leap[k])
-                    yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, size)
-            self.jumped = np.where(self.jumped >= CONFIRMED, 0.0, self.jumped)
+        n, size = len(self.joints), np.abs(d[: len(self.joints)])
+        last = np.where(self.run[:n] > 0, self.since[:n], self.t)
+        limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), LARGEST * self.pace)
+        limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[:n]))
+        late, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
+        for k in np.flatnonzero(self.jumped == CONFIRMED):
+            if abs(x[k] - self.left[k]) > limit[k] / 2:
+                at, leap = float(self.left_at[k]), float(self.leap[k])
+                yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, leap)
+        self.jumped[self.jumped >= CONFIRMED] = 0.0
+        new = (size > limit) & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
+        self.jumped[new] = 1.0
+        self.left, self.left_at = np.where(new, self.value[:n], self.left), np.where(new, t, self.left_at)
+        self.leap, self.leaps = np.where(new, d[:n], self.leap), bool(self.jumped.any())
+        self.pace = np.maximum(np.where(late > 0, 0.0, np.minimum(size, limit)), self.pace * (1 - 1 / MEMORY))
 
     def _frozen(self, t: float) -> Iterator[Event]:
         n, held = len(self.joints), t - self.since
@@ -177,15 +193,18 @@ class Sensors:
         for k in np.flatnonzero(which):
             self.fault[k], self.began[k], self.well[k] = kind, since[k], 0.0
             yield Fault(t, KINDS[kind - 1], *self._channel(k), float(since[k]))
+        self._note()
 
-    def _recovered(self, t: float, there: NDArray[np.bool_]) -> Iterator[Event]:
-        if not self.fault.any():
-            return
-        works = there & ((self.run == 0) | (self.fault == 1))
+    def _recovered(self, t: float) -> Iterator[Event]:
+        works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
         self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
         for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))):
             yield Back(t, *self._channel(k), float(self.began[k]))
             self.fault[k] = self.well[k] = self.run[k] = 0.0
+        self._note()
+
+    def _note(self) -> None:
+        self.faulty, self.dead = bool(self.fault.any()), bool(np.isin(self.fault, LOST).any())
 
     def _channel(self, k: int) -> tuple[Signal, str]:
         n = len(self.joints)

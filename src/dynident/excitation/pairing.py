@@ -79,11 +79,15 @@ def space_of(
 
 
 def mostly_touching(
-    space: Distances, bodies: RigidBodies, lower: Array | None = None, upper: Array | None = None
+    space: Distances,
+    bodies: RigidBodies,
+    lower: Array | None = None,
+    upper: Array | None = None,
+    count: int = POSES,
 ) -> NDArray[np.bool_]:
-    """Return which pairs (P) touch in at least 95 % of 600 poses spread evenly between ``lower`` and ``upper`` (n), of
-    the file where None."""
-    q = poses(*_ranges(bodies, lower, upper), POSES)
+    """Return which pairs (P) touch in at least 95 % of ``count`` poses spread evenly between ``lower`` and ``upper``
+    (n), of the file where None."""
+    q = poses(*_ranges(bodies, lower, upper), count)
     return np.asarray((space.distances(q) < 0).mean(axis=0) >= USUAL)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +36,16 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     data, was = _data(project)
     if not data:
         return ""
-    counts = project.known.found is not None
+    known = project.known.found is not None
     data = relocated({**data, "model": data["model"]}, was, real(folder))
     comments: dict[str, tuple[str, ...]] = {"": _HEAD}
     if "time" not in data:
         data = {"model": data["model"], **_channels(project.known.model.joints)}
         comments |= {"time": (_COLUMNS,)}
-    old = list(data.get("train") or ()) if counts else []
+    old = list(data.get("train") or ()) if known else []
     like = old[0] if old else next(iter(data.get("train") or ()), {})
-    logs = {role: _log(like, name) for role, name in RECORDED.items()}
+    taken = {_label(one) for one in (*old, *(data.get("validation") or ()))}
+    logs = {role: _log(like, _free(name, taken)) for role, name in RECORDED.items()}
     data |= {"train": [*old, logs["train"]], "validation": [logs["validation"]]}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
     return settings_text({**data, **({"excitation": given} if given else {})}, comments)
@@ -69,6 +71,17 @@ def _channels(joints: tuple[Joint, ...]) -> dict[str, Any]:
         "torque": {one.name: {"column": f"{tau}_{one.name}", "unit": one.effort} for one in joints},
         "estimator": {"kind": "consistent"},
     }
+
+
+def _label(log: Mapping[str, Any]) -> str:
+    """Return the name of a log, as far as a new one may clash with it."""
+    file = log["file"]
+    return str(log.get("name") or Path(str(next(iter(file.values())) if isinstance(file, Mapping) else file)).stem)
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """Return a name, with a number where it is taken."""
+    return next(one for k in count(1) if (one := name if k == 1 else f"{name}_{k}") not in taken)
 
 
 def _log(like: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -103,7 +103,10 @@ def _facts(found: Design) -> Facts:
     known = shares[np.isfinite(shares)]
     facts: list[tuple[str, ...]] = [
         (f"{number(found.trajectory.duration, 3)} s", "the motion, with its ways"),
-        (f"{int((shares <= WELL).sum())} of {len(shares)}", f"base parameters of known size expected within {WELL:g} %"),
+        (
+            f"{int((shares <= WELL).sum())} of {len(shares)}",
+            f"base parameters of known size expected within {WELL:g} %",
+        ),
         (f"{number(float(np.median(known)), 2)} %" if len(known) else "-", "median of the expected standard errors"),
     ]
     if near := found.checked[0].nearest:

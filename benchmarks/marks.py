@@ -121,6 +121,10 @@ TABLES = {
         AT_ONCE,
         Row("regressor to triangular factors, 7 joints with friction", FACTORS, "Pinocchio, NumPy", count=20_000),
     )),
+    "design": Table("A motion of 7 joints that is designed", "ms of CPU", 1e3, (
+        Row("log det of the information of 69 base parameters on 200 points, with its gradient by 77 coefficients",
+            Work("design", "gradient", (7, 200), ("differences",)), "differences", (Mark(10, 10), Mark(30, 4))),
+    )),
     "factors": Table("From a log to triangular factors", "s of CPU", 1, (TX40, DECIMATED)),
     "memory": Table("Memory above that of the log", "GiB", 1, tuple(
         replace(row, marks=(None, None)) for row in (TX40, DECIMATED)), "rise"),

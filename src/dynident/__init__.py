@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from dynident.models.gallery import two_link_arm
     from dynident.regression import ParallelFilter
+    from dynident.report.excite_run import excite
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, Spline
     from dynident.splines import smooth
@@ -71,6 +72,7 @@ __all__ = [
     "check",
     "cramer_rao_bound",
     "errors",
+    "excite",
     "export_model",
     "fleet",
     "identify",
@@ -112,6 +114,7 @@ _MODULES = {
     "check": "dynident.io.shortcuts",
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
+    "excite": "dynident.report.excite_run",
     "export_model": "dynident.io.model_files",
     "fleet": "dynident.report.fleet_run",
     "identify": "dynident.io.shortcuts",

@@ -7,6 +7,7 @@ import click
 from dynident.cli.bound import bound
 from dynident.cli.check import check
 from dynident.cli.demo import demo
+from dynident.cli.excite import excite
 from dynident.cli.export import export
 from dynident.cli.failures import Commands
 from dynident.cli.fleet import fleet
@@ -51,6 +52,6 @@ def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (demo, reproduce, init, check, bound, identify, fleet, predict, export, smooth, schema):
+for _command in (demo, reproduce, init, excite, check, bound, identify, fleet, predict, export, smooth, schema):
     common(_command)
     main.add_command(_command)

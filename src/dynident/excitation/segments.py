@@ -19,7 +19,7 @@ Signed = Callable[[Array], tuple[Array, Array]]
 SQUARED = 1e-4  # m^2: preference between segments; where they are 0.1 m apart, it costs at most 0.25 mm
 LINEAR = 2e-3  # m: preference beside a body; it costs at most a quarter
 TINY = 1e-300
-HALVINGS = 26  # of a segment: to 2e-8 of its length
+HALVINGS = 20  # of a segment
 
 
 def between(p: Array, u: Array, r: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -47,19 +47,28 @@ def to_body(p: Array, u: Array, signed: Signed) -> tuple[Array, Array, Array]:
     and the derivative (..., 3) by it.
 
     ``signed`` gives the distance of points, negative inside, and its derivative. As it is convex along a segment, the
-    nearest part s is where the slope of distance + LINEAR (s - 1/2)^2 changes its sign; where it does so by a jump, as
-    inside a box, the derivative is the mean of those on both sides at which the slope is zero.
+    nearest part s is where the slope of distance + LINEAR (s - 1/2)^2 changes its sign: between two parts close to each
+    other, of which the tangents then give the rest. Where the slope jumps, as inside a box, the derivative is the mean
+    of those on both sides at which it is zero.
     """
     low, high = np.zeros(p.shape[:-1]), np.ones(p.shape[:-1])
     for _ in range(HALVINGS):
         s = (low + high) / 2
         rising = _dot(signed(p + s[..., None] * u)[1], u) + 2 * LINEAR * (s - 0.5) > 0
         low, high = np.where(rising, low, s), np.where(rising, s, high)
-    point, before = p + low[..., None] * u, signed(p + low[..., None] * u)[1]
-    distance, after = signed(p + high[..., None] * u)
-    falling, rise = (_dot(one, u) + 2 * LINEAR * (s - 0.5) for one, s in ((before, low), (after, high)))
-    share = np.clip(-falling / np.maximum(rise - falling, TINY), 0.0, 1.0)[..., None]
-    return distance + LINEAR * ((high - 0.5) ** 2 - 0.25), point, before + share * (after - before)
+    first, before, falling = _valued(p, u, low, signed)
+    last, after, rise = _valued(p, u, high, signed)
+    share = np.clip(-falling / np.maximum(rise - falling, TINY), 0.0, 1.0)
+    width = high - low
+    first, last = first + falling * share * width, last - rise * (1 - share) * width
+    point = p + (low + share * width)[..., None] * u
+    return first + share * (last - first), point, before + share[..., None] * (after - before)
+
+
+def _valued(p: Array, u: Array, s: Array, signed: Signed) -> tuple[Array, Array, Array]:
+    """Return distance and preference at the parts s, the derivative of the distance, and the slope of both by s."""
+    distance, normal = signed(p + s[..., None] * u)
+    return distance + LINEAR * ((s - 0.5) ** 2 - 0.25), normal, _dot(normal, u) + 2 * LINEAR * (s - 0.5)
 
 
 def _dot(a: Array, b: Array) -> Array:

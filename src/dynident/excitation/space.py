@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Box", "Cylinder", "Distances", "Floor", "Obstacle", "Space"]
+__all__ = ["Box", "Cylinder", "Distances", "Floor", "Nothing", "Obstacle", "Space"]
 
 Array = NDArray[np.float64]
 
@@ -61,3 +61,19 @@ class Space(Distances, Protocol):
 
     def gradients(self, q: Array, /) -> tuple[Array, Array]:
         """Return ``distances`` and their derivatives (N, P, n) by q."""
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """The space of an arm of ``joints`` whose bodies are not known: nothing can meet."""
+
+    joints: int
+    pairs: tuple[tuple[str, str], ...] = ()
+
+    def distances(self, q: Array, /) -> Array:
+        """Return no distances, shape (N, 0)."""
+        return np.empty((len(q), 0))
+
+    def gradients(self, q: Array, /) -> tuple[Array, Array]:
+        """Return no distances, and none of their derivatives, shape (N, 0, n)."""
+        return self.distances(q), np.empty((len(q), 0, self.joints))

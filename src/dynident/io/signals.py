@@ -15,7 +15,7 @@ from dynident.io.tables import DataTable
 from dynident.models import Joint
 from dynident.validation import CascadePD
 
-__all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_torques", "signals"]
+__all__ = ["RecordedSignals", "bad_values", "column_names", "controller", "has_torques", "joint_values", "signals"]
 
 Array = NDArray[np.float64]
 
@@ -64,14 +64,21 @@ def signals(table: DataTable, config: Config, joints: Sequence[Joint], *, measur
     table = _spaced(table, config)
     used = _used(table, config, joints, measured=measured)
     rows = len(next(iter(used.values())))
+    q, tau = joint_values(table, config, joints, measured=measured)
+    return RecordedSignals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+
+
+def joint_values(
+    table: DataTable, config: Config, joints: Sequence[Joint], *, measured: bool = True
+) -> tuple[Array, Array]:
+    """Return positions and torques (N, n) of the joints, in SI; raises as ``signals``."""
     q: Array = _matrix(table, config.position, joints, "position", POSITIONS)
     tau = _matrix(table, config.torque, joints, "torque", TORQUES) if measured else np.zeros(q.shape)
     if config.transmission:
         gears = _transmission(config, joints)
         with np.errstate(over="ignore", invalid="ignore"):
             q, tau = np.asarray(np.linalg.solve(gears, q.T).T, dtype=float), tau @ gears
-    q = q + np.array([config.zero.get(joint.name, 0.0) for joint in joints])
-    return RecordedSignals(table=table, used=used, t=_times(table, config, rows), q=q, tau=tau, measured=measured)
+    return q + np.array([config.zero.get(joint.name, 0.0) for joint in joints]), tau
 
 
 def controller(signals: RecordedSignals, settings: object, spec: LogSpec, joints: Sequence[Joint]) -> CascadePD | None:

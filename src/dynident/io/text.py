@@ -19,7 +19,7 @@ from dynident.io.stamps import is_stamp, parse_stamps
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["parse_text", "unpanicked", "weight"]
+__all__ = ["first_row", "parse_text", "row_cells", "unpanicked", "weight"]
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -79,6 +79,17 @@ def _header(line: str, comments: list[str], separator: str | None) -> tuple[list
     if comments and len(said := _fields(comments[-1].strip().lstrip("#% "), separator)) == len(first):
         return said, False
     return [str(k) for k in range(len(first))], False
+
+
+def first_row(line: str, comments: list[str]) -> tuple[list[str], bool, str | None]:
+    """Return of the first line that is no comment the names of the columns, whether it has them, and the separator."""
+    separator = _separator(line)
+    return *_header(line, comments, separator), separator
+
+
+def row_cells(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line."""
+    return _fields(line, separator)
 
 
 def _decoded(data: bytes, source: str) -> str:

@@ -211,6 +211,13 @@ class RigidBodies:
         states = _floats(q), _floats(dq), _floats(ddq)
         return Partials(*dynamics.partials(*states, dynamics.layout.filled(theta)))
 
+    def weighted_gradient(self, q: Array, dq: Array, ddq: Array, weights: Array) -> Array:
+        """Return the derivatives (3, N, n) by q, dq and ddq of the sums <G_i, Y_i> for weights G (N, n, 10 n)."""
+        states, weights = (_floats(q), _floats(dq), _floats(ddq)), _floats(weights)
+        if weights.shape != (shape := (len(states[0]), *self.support.shape)):
+            raise ModelError(f"{self.source}: the weights have the shape {weights.shape}, expected {shape}.")
+        return self._recursion.weighted_gradient(*states, weights)
+
     def torque(self, q: Array, dq: Array, ddq: Array, theta: Array) -> Array:
         """Return Y theta, shape (N, n), for any theta (10 n), physical or not."""
         dynamics = self._recursion

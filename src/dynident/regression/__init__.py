@@ -9,7 +9,7 @@ from dynident.regression.base_parameters import (
     informed_std,
     structural_base_parameters,
 )
-from dynident.regression.groups import Group, GroupKind, groups_of
+from dynident.regression.groups import Group, GroupKind, groups_of, independent_columns, kinds_of
 from dynident.regression.linear_problem import (
     BLOCK,
     HIGHEST_ORDER,
@@ -48,7 +48,9 @@ __all__ = [
     "fast_enough",
     "fitted_rows",
     "groups_of",
+    "independent_columns",
     "informed_std",
+    "kinds_of",
     "merged",
     "one_thread",
     "packed",

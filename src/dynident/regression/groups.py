@@ -26,7 +26,7 @@ from dynident.models import (
 )
 from dynident.regression.base_parameters import BaseParameters
 
-__all__ = ["Group", "GroupKind", "groups_of"]
+__all__ = ["Group", "GroupKind", "groups_of", "independent_columns", "kinds_of"]
 
 Array = NDArray[np.float64]
 LASTING = (RotorInertia, Spring, Counterbalance, Drift)  # terms of joints that are no friction
@@ -80,6 +80,15 @@ def groups_of(model: Model, basis: BaseParameters) -> tuple[Group, ...]:
     return tuple(group for group in groups if group.names)
 
 
+def kinds_of(model: Model) -> tuple[GroupKind | None, ...]:
+    """Return what each of the p parameters belongs to: as ``groups_of``, None for bodies before the last and rotors."""
+    kinds = [kind for kind, _ in _places(model)]
+    for _, columns in _payloads(model):
+        for k in columns:
+            kinds[k] = GroupKind.PAYLOAD
+    return tuple(kinds)
+
+
 def _places(model: Model) -> Iterator[tuple[GroupKind | None, str]]:
     """Yield for each parameter what it belongs to, and the name of its joint or motor; bodies to nothing."""
     for term in model.terms:
@@ -122,13 +131,13 @@ def _payloads(model: Model) -> Iterator[tuple[str, list[int]]]:
 
 def _group(model: Model, basis: BaseParameters, kind: GroupKind, joint: str, columns: Sequence[int]) -> Group:
     sizes = basis.scale[list(basis.independent), None] * basis.combination[:, columns]  # free of units
-    kept = [columns[k] for k in _independent(sizes)]
+    kept = [columns[k] for k in independent_columns(sizes)]
     parameters = [model.parameters[k] for k in kept]
     names, units = tuple(one.name for one in parameters), tuple(one.unit for one in parameters)
     return Group(kind, joint, basis.combination[:, kept], names, units)
 
 
-def _independent(columns: Array) -> list[int]:
+def independent_columns(columns: Array) -> list[int]:
     """Return the columns that are independent of those before."""
     kept, basis = list[int](), np.zeros((len(columns), 0))
     for k, column in enumerate(columns.T):

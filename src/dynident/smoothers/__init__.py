@@ -3,7 +3,7 @@
 from dynident.smoothers.butterworth import Butterworth, cutoff_complaint
 from dynident.smoothers.difference import Difference
 from dynident.smoothers.outliers import motion_of, repaired
-from dynident.smoothers.overlap import overlap
+from dynident.smoothers.overlap import decay, overlap
 from dynident.smoothers.smoother import BY_JOINT, Smoother, as_used, ends_mask, position_noise
 from dynident.smoothers.spline import Spline
 from dynident.smoothers.time_offset import LONGEST_OFFSET, TimeShifted, unshifted
@@ -18,6 +18,7 @@ __all__ = [
     "TimeShifted",
     "as_used",
     "cutoff_complaint",
+    "decay",
     "ends_mask",
     "motion_of",
     "overlap",

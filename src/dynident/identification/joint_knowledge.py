@@ -1,0 +1,72 @@
+"""What a fit knows of all base parameters together: their covariance, and what the torque of each joint contributes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import ModelError
+from dynident.estimators import Estimate
+from dynident.regression import Regression, rank_of_information
+from dynident.validation import correlated_std
+
+__all__ = ["joint_knowledge"]
+
+Array = NDArray[np.float64]
+
+
+def joint_knowledge(
+    regression: Regression,
+    estimate: Estimate,
+    kept: list[int],
+    more: Array,
+    std: Array,
+    robust: Callable[..., Array] = correlated_std,
+) -> tuple[Array | None, Array | None]:
+    """Return the covariance (r, r) of the base parameters that the columns ``kept`` lead, and (r, n) the parts that
+    the torque of each joint has in them; None where the columns are dependent to working precision.
+
+    With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
+    residuals are white. Their variances v are those of correlated residuals (``robust``), so that the covariance is
+    V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
+    directions that seem to be known without error. Where there is no such figure, all variances are larger by the
+    median of those of ``std`` (r) over those for white residuals. A joint contributes
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j.
+    """
+    triangular, n = regression.triangular_factors, len(regression.model.joints)
+    w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
+    factor = np.linalg.qr(triangular.stacked(w)[:, kept], mode="r")
+    scale = np.linalg.norm(factor, axis=0)
+    _, size, axes = np.linalg.svd(factor / np.where(scale > 0, scale, 1.0))
+    if not (scale > 0).all() or not size[-1] > np.finfo(float).eps * len(kept) * size[0]:
+        return None, None
+    to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
+    pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
+    return _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more, back @ (back.T @ pulls)
+
+
+def _covariance(
+    regression: Regression,
+    estimate: Estimate,
+    kept: list[int],
+    turns: tuple[Array, Array],
+    std: Array,
+    robust: Callable[..., Array],
+) -> Array:
+    to_axes, back = turns
+    if estimate.information is None and robust is correlated_std:
+        weights, slopes = estimate.residual.weights, estimate.residual.slopes
+        try:
+            half = back * robust(regression, estimate.value, weights, kept, slopes, to_axes)
+            return np.asarray(half @ half.T)
+        except ModelError:  # nearly dependent columns
+            pass
+    if estimate.information is not None:
+        white = rank_of_information(estimate.information[np.ix_(kept, kept)]).inverse
+    else:
+        white = back @ back.T
+    with np.errstate(divide="ignore"):
+        ratio = std**2 / np.diag(white)
+    return np.asarray(white * np.median(ratio[np.isfinite(ratio)]))

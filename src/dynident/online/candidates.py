@@ -1,0 +1,127 @@
+"""The changes that are tried: scores of all groups in windows, their covariance, their evidence, and sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import brief
+from dynident.online.scores import Scores
+from dynident.online.evidence import evidence, gains
+from dynident.online.reference import Reference
+from dynident.online.windows import Sums
+from dynident.regression import Group, GroupKind
+
+__all__ = ["Candidates"]
+
+Array = NDArray[np.float64]
+CLIP = 5.0  # standard deviations of a block's score that count at most: what is there in one block alone is no change
+SHOWN = 1e-6  # of the largest information of a group's directions: less is none
+LOUDNESS = 0.1  # by which the logarithm of what is left of the torque may wander without being a change
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The ``groups`` that may change, of base parameters with ``scale`` (r); groups of residuals are of n joints.
+
+    ``tolerance`` is the torque, in units of the noise, by which each direction may wander without being a change.
+    """
+
+    groups: tuple[Group, ...]
+    scale: Array
+    tolerance: float
+
+    __repr__ = brief
+
+    @cached_property
+    def directions(self) -> Array:
+        """The directions (r, M) of all groups of base parameters, scaled as these."""
+        none = np.zeros((len(self.scale), 0))
+        return np.hstack([none, *(self.scale[:, None] * one.directions for one in self.groups if is_base(one))])
+
+    @cached_property
+    def parts(self) -> tuple[slice, ...]:
+        """Where each group is among the directions; nowhere that of a residual."""
+        ends = np.cumsum([0, *(one.directions.shape[1] if is_base(one) else 0 for one in self.groups)])
+        return tuple(slice(*ends[k : k + 2]) for k in range(len(self.groups)))
+
+    @property
+    def ranks(self) -> tuple[int, ...]:
+        """The number of directions of each group."""
+        return tuple(one.directions.shape[1] for one in self.groups)
+
+    def sums(self, reference: Reference, block: Scores) -> Sums:
+        """Return a block as sums; its clipped scores are those beside the reference."""
+        D = self.directions
+        u = D.T @ (block.score - block.information @ reference.value)
+        most = CLIP * np.sqrt(np.einsum("rm,rs,sm->m", D, block.information, D, optimize=True) * reference.spread)
+        z = (block.left - reference.left) / reference.left_std
+        known = np.isfinite(z)
+        return Sums(
+            block.start, block.stop, 1, block.samples, block.information, block.score, np.clip(u, -most, most),
+            np.where(known, z, 0.0), np.where(known, np.clip(z, -CLIP, CLIP), 0.0), known.astype(float),
+        )  # fmt: skip
+
+    def evidence(self, reference: Reference, sums: Mapping[str, Array], *, clipped: bool) -> Array:
+        """Return the evidence (G, S) of a change of each group alone in S windows; ``clipped``: no block counts much.
+
+        Large changes fill every block to that limit in all groups: which it is, the other evidence says.
+        """
+        own, covariance = self.covariances(reference, sums)
+        whole = (sums["score"] - sums["information"] @ reference.value) @ self.directions
+        scores, left = (sums["clipped"], sums["left_clipped"]) if clipped else (whole, sums["left"])
+        found = []
+        for group, part in zip(self.groups, self.parts, strict=True):
+            if is_base(group):
+                gain, rank = gains(scores[:, part], own[:, part, part], covariance[:, part, part])
+            else:
+                gain, rank = self._louder(reference, left, sums["left_count"], joint_of(group))
+            found.append(evidence(gain, rank, reference.dof))
+        return np.stack(found)
+
+    def covariances(self, reference: Reference, sums: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return information and covariance (S, M, M) of the scores in all directions in S windows: by the scatter of
+        blocks, the error of the reference, and the tolerance."""
+        root, AD = np.sqrt(reference.spread), sums["information"] @ self.directions
+        own = self.directions.T @ AD
+        square = np.einsum("smm->sm", own) / sums["samples"][:, None]
+        wander = self.tolerance**2 / np.maximum(square, SHOWN * square.max(axis=1, keepdims=True, initial=TINY))
+        error = AD.swapaxes(1, 2) @ reference.covariance @ AD + own @ (wander[:, :, None] * own)
+        return own, own * root[:, None] * root + error
+
+    def sizes(
+        self, reference: Reference, sums: Mapping[str, Array], taken: Sequence[int]
+    ) -> tuple[Array, Array, Array]:
+        """Return by how much the groups ``taken`` differ together from the reference in a window, in all of their
+        directions (k), with the covariance (k, k), and which of the directions the window shows (k)."""
+        at = np.concatenate([np.arange(*self.parts[g].indices(self.directions.shape[1])) for g in taken])
+        own, covariance = (one[0][np.ix_(at, at)] for one in self.covariances(reference, sums))
+        score = sums["score"][0] - sums["information"][0] @ reference.value
+        scale = np.sqrt(np.maximum(np.diag(own), TINY))
+        size, axes = np.linalg.eigh(own / np.outer(scale, scale))
+        kept = size > SHOWN * max(float(size[-1]), TINY)
+        inverse = (axes[:, kept] / size[kept]) @ axes[:, kept].T / np.outer(scale, scale)
+        seen = (axes[:, ~kept] ** 2).sum(axis=1) < SHOWN
+        return inverse @ (self.directions[:, at].T @ score), inverse @ covariance @ inverse, seen
+
+    def _louder(self, reference: Reference, left: Array, counts: Array, j: int) -> tuple[Array, Array]:
+        """Return the gains and ranks (S) of a change of what is left of a joint's torque."""
+        count, std = counts[:, j], float(reference.left_std[j])
+        known = (count > 0) & np.isfinite(std)
+        variance = count + (count * (reference.left_error[j] + LOUDNESS / std)) ** 2 if np.isfinite(std) else count
+        return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(float)
+
+
+def is_base(group: Group) -> bool:
+    """Return whether a group is of base parameters."""
+    return group.kind is not GroupKind.RESIDUAL
+
+
+def joint_of(group: Group) -> int:
+    """Return the number of the joint of a residual."""
+    return int(np.argmax(group.directions[:, 0]))

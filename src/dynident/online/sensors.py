@@ -1,0 +1,211 @@
+"""Sensors that fail, seen at once: no numbers, values that freeze, jumps.
+
+A position that froze stops within one sample, which no joint can do: its last step is many times as large as steps
+usually differ from one to the next. What comes to rest does not. A joint may rest while others move, so that a position
+that just does not change is only said, and the watch goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.online.events import Back, Event, Fault, FaultKind, Signal
+
+__all__ = ["Checked", "Sensors"]
+
+Array = NDArray[np.float64]
+MISSED = 3  # samples in a row without a number
+HELD, HELD_FOR = 10, 0.05  # samples, and s, of a position that froze
+ABRUPT = 8.0  # times the usual difference of two steps: what a joint cannot do
+SILENT = 1.0  # s of a torque that does not change while the robot moves
+STILL = 5.0  # s of a position that does not change while others do
+LONGER = 10.0  # times the longest that was usual before
+RECOVERED = 10  # samples that a sensor must work again
+FASTEST = 2.0  # times the velocity limit
+LARGEST = 20.0  # times the largest usual step, where there is no limit
+CONFIRMED = 4  # samples after which a jump is no spike
+FAR = 0.01  # rad, m: what others move at least while one does not
+MEMORY = 500.0  # samples over which what is usual is averaged
+SETTLED = 50  # samples until something is usual
+KINDS = (FaultKind.MISSING, FaultKind.FROZEN, FaultKind.STILL)
+LOST = (1, 2)  # of them, by number from one: those without which nothing can be computed
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What of N samples can be used, ``rows`` (N), and what there is to say.
+
+    ``cuts`` are the rows at which a motion ends: what was not yet used of it is to go.
+    """
+
+    rows: NDArray[np.bool_]
+    cuts: tuple[int, ...]
+    events: tuple[Event, ...]
+
+
+class Sensors:
+    """Looks at 2 n channels, the positions and torques of ``joints``, of which ``velocity`` has the limits (rad/s, m/s;
+    None where they are not known)."""
+
+    def __init__(self, joints: Sequence[str], velocity: Sequence[float | None]) -> None:
+        self.joints = tuple(joints)
+        self.fastest = np.array([np.inf if v is None else FASTEST * v for v in velocity])
+        self.least = np.where(np.isfinite(self.fastest), self.fastest, 0.0)
+        n = 2 * len(self.joints)
+        self.seen, self.t, self.path = 0, np.nan, 0.0  # samples, the last stamp, what all positions have moved
+        self.value, self.step = np.full(n, np.nan), np.zeros(n)
+        self.bend = np.zeros(n)  # mean square difference of steps
+        self.run, self.since, self.path_then = np.zeros(n), np.zeros(n), np.zeros(n)  # samples without a change
+        self.abrupt, self.longest = np.zeros(n), np.zeros(n)  # how it stopped; s without a change that are usual
+        self.missed, self.lost = np.zeros(n), np.zeros(n)  # samples in a row without a number, since when
+        self.fault, self.began, self.well = np.zeros(n), np.zeros(n), np.zeros(n)  # 1 + number of the kind
+        m = len(self.joints)
+        self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
+        self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
+
+    @property
+    def state(self) -> dict[str, Array]:
+        """All that it knows, as arrays."""
+        return {name: np.array(value, dtype=float) for name, value in self._known().items()}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Continue from a saved state."""
+        for name, value in self._known().items():
+            saved = np.array(state[name], dtype=float)
+            setattr(self, name, saved if isinstance(value, np.ndarray) else type(value)(saved))
+
+    def _known(self) -> dict[str, Array | float | int]:
+        return {name: value for name, value in vars(self).items() if name not in ("joints", "fastest", "least")}
+
+    def check(self, t: Array, q: Array, tau: Array) -> Checked:
+        """Look at samples: t (N) s, increasing; q and tau (N, n), nan where there is no number."""
+        rows, cuts, events = np.zeros(len(t), dtype=bool), list[int](), list[Event]()
+        values = np.concatenate([q, tau], axis=1)
+        there = np.isfinite(values).all(axis=1)
+        for k, (at, x) in enumerate(zip(t.tolist(), values, strict=True)):
+            found = self._sample(at, x, all_there=bool(there[k]))
+            rows[k] = there[k] and not self.dead
+            if found:
+                events += found
+                if any(isinstance(one, Fault) and one.kind is not FaultKind.STILL for one in found):
+                    cuts.append(k)
+        return Checked(rows, tuple(cuts), tuple(events))
+
+    def forget(self) -> None:
+        """Take the next sample as the first after a gap: what came before says nothing of its steps."""
+        self.run[:], self.jumped[:], self.t = 0.0, 0.0, np.nan
+        self.held = self.leaps = False
+
+    def _sample(self, t: float, x: Array, *, all_there: bool) -> list[Event]:
+        events = list[Event]()
+        if not all_there or self.gone:
+            there = np.isfinite(x)
+            events += self._missing(t, there)
+            x = np.where(there, x, np.nan_to_num(self.value))
+        if self.t != self.t:  # the first after a gap
+            self.value, self.step[:] = x, 0.0
+        else:
+            events += self._changes(t, x)
+        if self.faulty:
+            events += self._recovered(t)
+        self.t, self.seen = t, self.seen + 1
+        return events
+
+    def _missing(self, t: float, there: NDArray[np.bool_]) -> Iterator[Event]:
+        self.lost = np.where((self.missed == 0) & ~there, t, self.lost)
+        self.missed = np.where(there, 0.0, self.missed + 1)
+        self.gone = not there.all()
+        yield from self._failed(t, (self.missed >= MISSED) & (self.fault != 1), 1, self.lost)
+
+    def _changes(self, t: float, x: Array) -> Iterator[Event]:
+        n, d = len(self.joints), x - self.value
+        same = d == 0
+        if same.any() or self.held:
+            self._runs(t, same)
+        self._usual(d, same)
+        size = np.abs(d[:n])
+        if self.leaps or (size > self.least * (t - self.t)).any():
+            yield from self._jumps(t, x, d)
+        self.run = np.where(same, self.run + 1, 0.0) if self.held else self.run
+        self.path += float(size.sum())
+        if self.held and self.seen > SETTLED and self.run.max() >= HELD:
+            yield from self._frozen(t)
+        self.value, self.step = x, np.where(same, self.step, d) if self.held else d
+
+    def _runs(self, t: float, same: NDArray[np.bool_]) -> None:
+        """Note which values begin and end not to change."""
+        begins = same & (self.run == 0)
+        if begins.any():
+            usual = np.sqrt(self.bend)
+            abrupt = np.divide(np.abs(self.step), usual, out=np.zeros_like(usual), where=usual > 0)
+            self.abrupt = np.where(begins, abrupt, self.abrupt)
+            self.since = np.where(begins, self.t, self.since)
+            self.path_then = np.where(begins, self.path, self.path_then)
+        ends = ~same & (self.run > 0)
+        if ends.any():
+            well = ends & (self.fault == 0)
+            self.longest = np.where(well, np.maximum(self.longest, t - self.since), self.longest)
+            self.run = np.where(ends, 0.0, self.run)
+        self.held = bool(same.any())
+
+    def _usual(self, d: Array, same: NDArray[np.bool_]) -> None:
+        """Add a step to what is usual; of what stands out only as much as would be usual."""
+        square = (d - self.step) ** 2
+        if self.seen > SETTLED:
+            square = np.minimum(square, 9 * self.bend)
+        step = (square - self.bend) / min(self.seen + 1.0, MEMORY)
+        self.bend = self.bend + (np.where(same & (self.run > 0), 0.0, step) if self.held else step)
+
+    def _jumps(self, t: float, x: Array, d: Array) -> Iterator[Event]:
+        n, size = len(self.joints), np.abs(d[: len(self.joints)])
+        last = np.where(self.run[:n] > 0, self.since[:n], self.t)
+        limit = np.where(np.isfinite(self.fastest), self.fastest * (t - last), LARGEST * self.pace)
+        limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[:n]))
+        late, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
+        for k in np.flatnonzero(self.jumped == CONFIRMED):
+            if abs(x[k] - self.left[k]) > limit[k] / 2:
+                at, leap = float(self.left_at[k]), float(self.leap[k])
+                yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, leap)
+        self.jumped[self.jumped >= CONFIRMED] = 0.0
+        new = (size > limit) & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
+        self.jumped[new] = 1.0
+        self.left, self.left_at = np.where(new, self.value[:n], self.left), np.where(new, t, self.left_at)
+        self.leap, self.leaps = np.where(new, d[:n], self.leap), bool(self.jumped.any())
+        self.pace = np.maximum(np.where(late > 0, 0.0, np.minimum(size, limit)), self.pace * (1 - 1 / MEMORY))
+
+    def _frozen(self, t: float) -> Iterator[Event]:
+        n, held = len(self.joints), t - self.since
+        position = np.arange(2 * n) < n
+        long = self.run >= HELD
+        moved = self.path - self.path_then > FAR
+        stopped = position & long & (held >= HELD_FOR) & (self.abrupt > ABRUPT)
+        silent = ~position & long & moved & (held >= np.maximum(SILENT, LONGER * self.longest))
+        still = position & long & moved & (held >= np.maximum(STILL, LONGER * self.longest))
+        yield from self._failed(t, (stopped | silent) & ~np.isin(self.fault, LOST), 2, self.since)
+        yield from self._failed(t, still & (self.fault == 0), 3, self.since)
+
+    def _failed(self, t: float, which: NDArray[np.bool_], kind: int, since: Array) -> Iterator[Event]:
+        for k in np.flatnonzero(which):
+            self.fault[k], self.began[k], self.well[k] = kind, since[k], 0.0
+            yield Fault(t, KINDS[kind - 1], *self._channel(k), float(since[k]))
+        self._note()
+
+    def _recovered(self, t: float) -> Iterator[Event]:
+        works = (self.missed == 0) & ((self.run == 0) | (self.fault == 1))
+        self.well = np.where(self.fault > 0, np.where(works, self.well + 1, 0.0), 0.0)
+        for k in np.flatnonzero((self.well >= RECOVERED) | (works & (self.fault == 3))):
+            yield Back(t, *self._channel(k), float(self.began[k]))
+            self.fault[k] = self.well[k] = self.run[k] = 0.0
+        self._note()
+
+    def _note(self) -> None:
+        self.faulty, self.dead = bool(self.fault.any()), bool(np.isin(self.fault, LOST).any())
+
+    def _channel(self, k: int) -> tuple[Signal, str]:
+        n = len(self.joints)
+        return (Signal.POSITION if k < n else Signal.TORQUE), self.joints[k % n]

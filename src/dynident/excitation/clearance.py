@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynident.errors import brief
 from dynident.excitation.capsules import Capsule
 from dynident.excitation.obstacles import obstacle_name, signed
+from dynident.excitation.reach import reaches, steepest
 from dynident.excitation.segments import between, to_body
 from dynident.excitation.space import Obstacle
 from dynident.models import Placements, RigidBodies
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 Found = tuple[Array, Array, Array]  # distances (N, K), the points and the directions (N, K, 3) they grow with
 NONE = np.empty((0, 2), dtype=np.intp)
+STRETCH = 1.03  # of the smooth distances against the true ones, where axes are 30 mm apart or more
 BLOCK = 2000  # samples at once
 
 
@@ -47,6 +49,15 @@ class CapsuleSpace:
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """The names of the P pairs: links, or a link and an obstacle."""
         return self._named(self.meetings, self.encounters)
+
+    @cached_property
+    def steepest(self) -> Array:
+        """The most that a distance changes with a joint, shape (P, n)."""
+        far = [one.radius + max(float(np.linalg.norm(end)) for end in (one.start, one.end)) for one in self.capsules]
+        bodies, count = [*self._body, -1], len(self.capsules)
+        moved = np.array([reaches(self.bodies, body, r) for body, r in zip(bodies, [*far, 0.0], strict=True)])
+        pairs = [*self.meetings.tolist(), *((one, count) for one in self.encounters[:, 0].tolist())]
+        return STRETCH * steepest(self.bodies, moved, pairs)
 
     @property
     def left_out(self) -> tuple[tuple[str, str], ...]:

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import dynident as dy
-from dynident.excitation.exact_space import exact_space
-from dynident.excitation.geometry import geometry_of
-from dynident.excitation.pairing import capsule_space, space_of
+from dynident.excitation.pairing import capsule_space
 from dynident.excitation.reach import reaches, steepest
 from dynident.excitation.space import Steep
 from tests.excitation.test_clearance import AROUND, BRANCHED, arm
@@ -26,17 +24,6 @@ def test_no_distance_changes_faster(xml) -> None:
     assert (shallow.max(axis=0) > 0.3 * space.steepest).mean() > 0.5
     still = space.steepest == 0
     assert (slopes[:, still] == 0).all()
-
-
-def test_the_real_shapes_do_not_change_faster() -> None:
-    pytest.importorskip("pinocchio", reason="Pinocchio is not installed: there are no real shapes")
-    geometry = geometry_of(dy.RigidBodies(ARM))
-    exact = exact_space(geometry, space_of(geometry, AROUND))
-    assert isinstance(exact, Steep)
-    q = np.random.default_rng(1).uniform(-1, 1, (50, 3))
-    for k, unit in enumerate(np.eye(3)):
-        slopes = np.abs(exact.distances(q + 1e-4 * unit) - exact.distances(q)) / 1e-4
-        assert (slopes.max(axis=0) <= exact.steepest[:, k] + 1e-3).all()
 
 
 def test_the_reach_is_the_way_over_the_links() -> None:

@@ -18,10 +18,8 @@ from dynident.errors import brief
 from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
-from dynident.excitation.hulls import farthest
 from dynident.excitation.obstacles import obstacle_name
 from dynident.excitation.pairing import USUAL, candidates, touching
-from dynident.excitation.reach import reaches, steepest
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -65,13 +63,6 @@ class ExactSpace:
         """Return distances (N, P) in m, negative where a pair overlaps, at positions q (N, n)."""
         positions = self.bodies.arm.moved(q, 0 * q, 0 * q)[0]
         return np.array([self._scene.at(one) for one in positions]).reshape(len(q), len(self.watched))
-
-    @cached_property
-    def steepest(self) -> Array:
-        """The most that a distance changes with a joint, shape (P, n)."""
-        parts = [(one.body, farthest(one)) for one in self.solids] + [(-1, 0.0)] * len(self.obstacles)
-        moved = np.array([reaches(self.bodies, body, radius) for body, radius in parts])
-        return steepest(self.bodies, moved, self.watched)
 
     @cached_property
     def _scene(self) -> _Scene:

@@ -11,7 +11,7 @@ from dynident.excitation.fitting import Balls
 from dynident.excitation.geometry import Solid
 from dynident.models.robot_file import ShapeKind
 
-__all__ = ["balls_of", "cuts", "farthest"]
+__all__ = ["balls_of", "cuts"]
 
 Array = NDArray[np.float64]
 AROUND = 16  # points around a circle that stands for a round shape
@@ -37,12 +37,6 @@ def balls_of(solid: Solid) -> Balls:
     up = np.pi * (np.arange(AROUND // 2 + 1) / (AROUND // 2) - 0.5)
     ball = ring * np.cos(up)[:, None, None] + np.array([0.0, 0.0, 1.0]) * np.sin(up)[:, None, None]
     return _points(_placed(size / np.cos(np.pi / AROUND) * ball.reshape(-1, 3), solid.frame))
-
-
-def farthest(solid: Solid) -> float:
-    """Return how far (m) from the origin of its body a solid reaches at most."""
-    balls = balls_of(solid)
-    return float((np.linalg.norm(balls.centres, axis=1) + balls.radii).max())
 
 
 def cuts(solid: Solid) -> Iterator[tuple[Balls, Balls]]:

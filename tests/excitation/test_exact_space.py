@@ -68,7 +68,7 @@ def bent_arm():
         joint("two", "prismatic", "arm", "empty"),
         joint("three", "revolute", "empty", "hand", (0.0, 0.0, 0.05)),
     )  # fmt: skip
-    return geometry_of(dy.RigidBodies(xml), {"bent.stl": BENT})
+    return geometry_of(dy.RigidBodies(xml), {"bent.stl": BENT}.get)
 
 
 def test_a_mesh_near_by_is_its_triangles_and_not_its_hull(monkeypatch) -> None:

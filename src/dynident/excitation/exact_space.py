@@ -20,7 +20,7 @@ from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.obstacles import obstacle_name
-from dynident.excitation.pairing import mostly_touching, neighbours
+from dynident.excitation.pairing import USUAL, neighbours, touching
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -29,8 +29,9 @@ __all__ = ["ExactSpace", "exact_space"]
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
-NEAR = 0.05  # m: nearer than this by their convex hulls, the triangles of meshes are compared
+NEAR = 0.02  # m: nearer than this by their convex hulls, the triangles of meshes are compared
 CONVEX = 0.999  # of the volume of its hull: a mesh is convex
+FEW = 200  # poses in which the pairs are tried
 HUGE = 100.0  # m: the length of a cylinder without an end
 
 
@@ -38,7 +39,7 @@ HUGE = 100.0  # m: the length of a cylinder without an end
 class ExactSpace:
     """The ``solids`` of an arm, and ``obstacles``, of which ``watched`` are pairs of places in (*solids, *obstacles).
 
-    A mesh counts as its convex hull where that is 50 mm away, else as its triangles. ``left_out`` are pairs of links
+    A mesh counts as its convex hull where that is 20 mm away, else as its triangles. ``left_out`` are pairs of links
     that touch in nearly every pose.
     """
 
@@ -75,7 +76,8 @@ def exact_space(
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
     A body of which only the joints are known has the capsules of ``space``. All pairs of links are watched but a body
-    and the next one, and those that touch in at least 95 % of the poses between ``lower`` and ``upper``.
+    and the next one, and those that touch in nearly all of 200 poses (``capsule_space``) between ``lower`` and
+    ``upper`` (n).
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
@@ -93,9 +95,10 @@ def exact_space(
     moving = [place for place, one in enumerate(solids) if one.body >= 0]
     near = [(one, len(solids) + other) for other in range(len(obstacles)) for one in moving]
     every = ExactSpace(geometry.bodies, solids, obstacles, (*met, *near))
-    out = mostly_touching(every, geometry.bodies, lower, upper)
-    watched = tuple(pair for pair, gone in zip(every.watched, out, strict=True) if not gone)
-    names = dict.fromkeys(pair for pair, gone in zip(every.pairs, out, strict=True) if gone)
+    most = np.where(np.arange(len(every.watched)) < len(met), USUAL, 1.0)
+    kept = touching(every, geometry.bodies, lower, upper, FEW) < most
+    watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
+    names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))
 
 
@@ -132,18 +135,20 @@ class _Scene:
         found = [one.min_distance for one in self._found.distanceResults]
         for k, distance in enumerate(found):
             if distance < NEAR and not self._meshes.keys().isdisjoint(self._watched[k]):
-                found[k] = self._between(*self._watched[k])
+                found[k] = self._between(*self._watched[k], distance)
         return found
 
-    def _between(self, one: int, other: int) -> float:
-        """Return the distance of two shapes, meshes by their triangles."""
+    def _between(self, one: int, other: int, hulls: float) -> float:
+        """Return the distance of two shapes, meshes by their triangles; where they overlap, by their ``hulls``."""
         shapes, places = [], []
         for k in (one, other):
             placed = self._found.oMg[k]
             shapes.append(self._meshes.get(k) or self._shapes.geometryObjects[k].geometry)
             places.append(self._coal.Transform3s(placed.rotation, placed.translation))
-        request, result = self._coal.DistanceRequest(), self._coal.DistanceResult()
-        return float(self._coal.distance(shapes[0], places[0], shapes[1], places[1], request, result))
+        sides, coal = (shapes[0], places[0], shapes[1], places[1]), self._coal
+        if hulls < 0 and coal.collide(*sides, coal.CollisionRequest(), coal.CollisionResult()):
+            return hulls
+        return float(coal.distance(*sides, coal.DistanceRequest(), coal.DistanceResult()))
 
     def _add(self, shape: Any, joint: int, frame: Array) -> None:
         place = self._pin.SE3(np.ascontiguousarray(frame[:3, :3]), frame[:3, 3].copy())
@@ -184,14 +189,10 @@ def _shape(solid: Solid) -> Any:
 def _triangles(mesh: Mesh) -> Any:
     import coal
 
-    points, corners = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for point in mesh.vertices:
-        points.append(point)
-    for triangle in mesh.triangles.tolist():
-        corners.append(coal.Triangle(*triangle))
     out = coal.BVHModelOBBRSS()
-    out.beginModel(len(corners), len(points))
-    out.addSubModel(points, corners)
+    out.beginModel(len(mesh.triangles), len(mesh.vertices))
+    out.addVertices(mesh.vertices)
+    out.addTriangles(mesh.triangles.astype(np.int64))
     out.endModel()
     return out
 

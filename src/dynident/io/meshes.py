@@ -6,6 +6,8 @@ import importlib
 import importlib.util
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import InputError, install_command
-from dynident.excitation.geometry import Geometry, Mesh, geometry_of, mesh_files
+from dynident.excitation.geometry import Geometry, Mesh, geometry_of
 from dynident.io.opener import content, find, opened
 from dynident.models import RigidBodies
 
@@ -29,20 +31,25 @@ WEIGHT = 12  # memory of a mesh, per byte of its file
 
 def read_geometry(bodies: RigidBodies, robot: Path, packages: Sequence[Path] = ()) -> Geometry:
     """Return the shapes of an arm, with the meshes that its file names, as far as they are found and can be read.
+    Those that are only seen are read where those for collision are not all there.
 
     ``package://NAME/...`` is sought in the folders ``packages`` (of a package or around it), those of ROS_PACKAGE_PATH
     and AMENT_PREFIX_PATH, and in and around that of the file ``robot``; other names are relative to the last.
     """
-    meshes, missing = {}, {}
-    for name in mesh_files(bodies):
+    missing: dict[str, str] = {}
+
+    @cache
+    def mesh(name: str) -> Mesh | None:
         found = _found(name, robot, packages)
         try:
             if found is None:
                 raise InputError("there is no such file.")
-            meshes[name] = read_mesh(found)
+            return read_mesh(found)
         except InputError as error:
             missing[name] = str(error)
-    return geometry_of(bodies, meshes, missing)
+            return None
+
+    return replace(geometry_of(bodies, mesh), missing=missing)
 
 
 def read_mesh(path: Path) -> Mesh:

@@ -196,6 +196,7 @@ def _errors(file: ResultFile, source: str) -> StandardErrors:
             None if known[name] is None else _matrix(known[name], shape, f"base_parameters.{name}", source)
             for name, shape in shapes.items()
         ),
+        None if joint.shares is None else np.array(joint.shares),
     )
 
 

@@ -69,16 +69,17 @@ class Day:
     model: Model
     theta: Array
     gains: Array
+    path: int | None = None  # seed of the motion of all logs; None: each has its own
 
     def log(self, rng: Rng, name: str, payload: Array | None = None, drift: Rng | None = None) -> Log:
         """Return a recording, with a payload (10) in the frame of the last link, with friction that has drifted."""
         theta = self.theta if drift is None else self._drifted(drift)
-        bodies = self.model.terms[0]
+        bodies: Any = self.model.terms[0]
         load = np.array([one.value for one in bodies.parameters])
         if payload is not None:
             load[-10:] += payload
         theta = np.concatenate([load, theta[len(load) :]])
-        t, q, dq, ddq = moved(rng, len(self.gains))
+        t, q, dq, ddq = moved(rng if self.path is None else np.random.default_rng(self.path), len(self.gains))
         felt = bodies.torque(q, dq, ddq, load)
         tau = self.model.torque(q, dq, ddq, theta) + LOAD * np.abs(felt) * np.tanh(dq / SMOOTH)
         size = np.sqrt(np.mean(tau**2, axis=0))
@@ -112,17 +113,19 @@ def of_robot(robot: Robot) -> tuple[Model, Array]:
     bodies = RigidBodies(urdf(robot.links), gravity=robot.gravity)
     kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
     terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
-    values = [getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[: len(robot.links)]]
+    values = [
+        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[: len(robot.links)]
+    ]
     return Model((bodies, *terms)), np.array([*(one.value for one in bodies.parameters), *values])
 
 
-def one_run(robot: str, seed: int, estimator: Estimator, say: Callable[[str], None]) -> dict[str, Any]:
+def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return what is found of the payload, and its errors: without and with a weighed payload, and a log of the day."""
     rng = np.random.default_rng([seed, len(robot)])
     model, theta = of_robot(ROBOTS[robot])
     n = len(model.joints)
     gains = (1 + GAIN * rng.standard_normal()) * (1 + GAIN * rng.standard_normal(n))
-    day = Day(model, theta, gains)
+    day = Day(model, theta, gains, int(rng.integers(1 << 30)) if repeat else None)
     recipe = Recipe(estimator=estimator)
     found = identify(model, {"arm": day.log(rng, "arm")}, recipe=recipe)
     later = rng.integers(1 << 30)  # the day after: one drift
@@ -158,7 +161,9 @@ def row(found: Payload) -> dict[str, Any]:
 def summary(rows: list[dict[str, Any]]) -> None:
     """Print errors and coverage by robot and case."""
     truth = np.array([3.0, 0.02, -0.03, 0.08, 0.012, 0.0, 0.015, 0.0, 0.0, 0.006])
-    print(f"{'robot':9} {'case':18} runs  mass %: rms, 95 %, within 1 %  centre mm: rms, 95 %  within 3 mm; coverage: m c I; factor")
+    print(
+        f"{'robot':9} {'case':18} runs  mass %: rms, 95 %, within 1 %  centre mm: rms, 95 %  within 3 mm; coverage: m c I; factor"
+    )
     for robot in dict.fromkeys(one["robot"] for one in rows):
         for case in ("blind", "weighed", "weighed, unloaded"):
             several = [one[case] for one in rows if one["robot"] == robot]
@@ -181,15 +186,18 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--out", type=Path, default=Path("payload.jsonl"))
     parser.add_argument("--estimator", choices=["least_squares", "consistent"], default="consistent")
+    parser.add_argument("--repeat", action="store_true", help="all logs are of one motion")
     asked = parser.parse_args()
-    estimator: Estimator = LeastSquares(weights="per_joint") if asked.estimator == "least_squares" else PhysicallyConsistent()
+    estimator: Estimator = (
+        LeastSquares(weights="per_joint") if asked.estimator == "least_squares" else PhysicallyConsistent()
+    )
     rows = [json.loads(line) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
     done = {(one["robot"], one["seed"]) for one in rows}
     with asked.out.open("a") as file:
         for seed in range(asked.runs):
             for robot in ROBOTS:
                 if (robot, seed) not in done:
-                    rows.append(one_run(robot, seed, estimator, lambda text: print(text, flush=True)))
+                    rows.append(one_run(robot, seed, estimator, asked.repeat, lambda text: print(text, flush=True)))
                     file.write(json.dumps(rows[-1]) + "\n")
                     file.flush()
     summary(rows)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         simulate,
     )
     from dynident.models.gallery import two_link_arm
+    from dynident.payload import find_payload
     from dynident.regression import ParallelFilter
     from dynident.report.fleet_run import fleet
     from dynident.smoothers import Butterworth, Difference, Spline
@@ -72,6 +73,7 @@ __all__ = [
     "cramer_rao_bound",
     "errors",
     "export_model",
+    "find_payload",
     "fleet",
     "identify",
     "load",
@@ -113,6 +115,7 @@ _MODULES = {
     "cramer_rao_bound": "dynident.bounds",
     "errors": "dynident",
     "export_model": "dynident.io.model_files",
+    "find_payload": "dynident.payload",
     "fleet": "dynident.report.fleet_run",
     "identify": "dynident.io.shortcuts",
     "load": "dynident.io.saved",

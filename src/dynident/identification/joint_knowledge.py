@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from dynident.errors import ModelError
 from dynident.estimators import Estimate
 from dynident.regression import Regression, rank_of_information
-from dynident.validation import correlated_std
+from dynident.validation import coloured_covariance, correlated_std, robust_covariance
 
 __all__ = ["joint_knowledge"]
 
 Array = NDArray[np.float64]
+SHARE = 0.025  # of the data: residuals are allowed to be correlated as long, where white noise hides how long they are
 
 
 def joint_knowledge(
@@ -62,9 +63,13 @@ def _covariance(
     if estimate.information is None and robust is correlated_std:
         weights, slopes = estimate.residual.weights, estimate.residual.slopes
         try:
-            half = back * robust(regression, estimate.value, weights, kept, slopes, to_axes)
-            return np.asarray(half @ half.T)
-        except ModelError:  # nearly dependent columns
+            std = robust(regression, estimate.value, weights, kept, slopes, to_axes)
+            slow = robust_covariance(regression, estimate.value, weights, kept, slopes, SHARE)
+            std = np.maximum(std, np.sqrt(np.maximum(np.diag(to_axes @ slow @ to_axes.T), 0.0)))
+            along = to_axes @ coloured_covariance(regression, estimate.value, weights, kept) @ to_axes.T
+            half = back * (std / np.sqrt(np.diag(along)))
+            return np.asarray(half @ along @ half.T)
+        except (ModelError, np.linalg.LinAlgError):  # nearly dependent columns
             pass
     if estimate.information is not None:
         white = rank_of_information(estimate.information[np.ix_(kept, kept)]).inverse

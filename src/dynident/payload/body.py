@@ -41,7 +41,7 @@ class PhysicalBody:
     @property
     def centre(self) -> Array:
         """The centre of mass (3) in m."""
-        return self.values[1:4]
+        return np.asarray(self.values[1:4])
 
     @property
     def tensor(self) -> Array:
@@ -76,4 +76,4 @@ def slopes(phi: Array, of: Callable[[Array], Array] = physical) -> Array:
     """Return the derivatives (10, 10) of ``physical`` by the parameters."""
     step = STEP * abs(phi[0])
     ends = [[of(phi + sign * step * one) for one in np.eye(10)] for sign in (1.0, -1.0)]
-    return (np.array(ends[0]) - np.array(ends[1])).T / (2 * step)
+    return np.asarray((np.array(ends[0]) - np.array(ends[1])).T / (2 * step))

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,8 @@ class Solved:
     """The unknowns: base parameters ``beta`` (r), ``drift`` (p) and ``friction`` (p) as changes of the model's
     parameters, ``gain_errors`` (n) with their covariance, the payload ``phi`` (10).
 
-    ``information`` (10, 10) is on phi, ``by_source`` the parts (10, 10) of its covariance; ``misfit`` the sum of squares
-    of what is left, over its ``freedom``.
+    ``information`` (10, 10) is on phi, ``by_source`` the parts (10, 10) of its covariance; ``misfit`` the sum of
+    squares of what is left, over its ``freedom``.
     """
 
     basis: BaseParameters
@@ -82,7 +83,7 @@ class _Unknowns:
     @classmethod
     def of(cls, *sizes: int) -> _Unknowns:
         ends = np.cumsum([0, *sizes]).tolist()
-        return cls(*(slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)))
+        return cls(*(slice(a, b) for a, b in pairwise(ends)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +127,9 @@ def solved(
     size = sum(part.stop - part.start for part in vars(place).values())
     rows += _changes_prior(place, size)
     rows.append(_gains_prior(request, place, size, n))
-    beta = theta[list(basis.independent)]
-    known = FREE * np.maximum(np.abs(beta), np.abs(beta).max() * basis.scale.min() / basis.scale[list(basis.independent)])
-    rows.append(_Rows(Source.PRIOR, _unit(size, place.beta, 1.0 / known), beta / known, weak=True))
+    torque = float(np.abs(basis.scale * theta).max())
+    known = np.full(r, FREE * (torque or 1.0)) / basis.scale[list(basis.independent)]
+    rows.append(_Rows(Source.PRIOR, _unit(size, place.beta, 1.0 / known), np.zeros(r), weak=True))
     mass = LARGEST if request.known_mass is None else request.known_mass
     weighed = None if request.known_mass is None else (place, size, request.known_mass)
     for _ in range(ROUNDS):

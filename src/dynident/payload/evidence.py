@@ -54,5 +54,5 @@ class Evidence:
         except np.linalg.LinAlgError:
             raise InputError("the covariance of the base parameters is singular; identify again.") from None
         stacked = np.column_stack([self.value, self.combination, self.by_joint]) / scale[:, None]
-        rows = np.linalg.solve(half, stacked)
+        rows: Array = np.asarray(np.linalg.solve(half, stacked), dtype=np.float64)
         return rows[:, 0], rows[:, 1 : 1 + self.combination.shape[1]], rows[:, 1 + self.combination.shape[1] :]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.errors import InputError, ModelError, Note, brief
+from dynident.errors import InputError, Note, brief
 from dynident.estimators import LeastSquares
 from dynident.identification import Identification, identify
 from dynident.log import Log, together
@@ -19,8 +19,9 @@ from dynident.payload.evidence import Evidence
 from dynident.payload.mount import Mount, mount_of
 from dynident.payload.notes import GainsUnknown, NoPayload, NotShown, OtherArm, PayloadOrDrift
 from dynident.payload.request import DriveGains, Request
-from dynident.payload.wrist import best_of, turnings
+from dynident.payload.wrist import Turning, best_of, turnings
 from dynident.regression import BaseParameters, structural_base_parameters
+from dynident.validation import LogValidation
 
 __all__ = ["LoadedLog", "Payload", "find_payload"]
 
@@ -103,7 +104,7 @@ def find_payload(
     say("solving for the payload")
     basis = found.base.structural or structural_base_parameters(found.model)
     solution = solved(found.model, basis, found.estimate.value, mount, evidence, request)
-    logs = tuple(_loaded_logs(found.model, mount, solution, other, request))
+    logs = tuple(_loaded_logs(mount, solution, other, request))
     return _payload(found, other, mount, solution, request, logs, unloaded=bool(unloaded))
 
 
@@ -129,11 +130,11 @@ def _matched(gains: DriveGains, model: Model) -> DriveGains:
     names = [joint.name for joint in model.joints]
     missing = [name for name in names if name not in gains.joints]
     if missing:
-        raise InputError(f"the gains are of the joints {', '.join(gains.joints)}, without {missing[0]!r} of the result.")
+        raise InputError(
+            f"the gains are of the joints {', '.join(gains.joints)}, without {missing[0]!r} of the result."
+        )
     order = [gains.joints.index(name) for name in names]
-    return DriveGains(
-        tuple(names), gains.factor[order], gains.covariance[np.ix_(order, order)], gains.known_mass
-    )
+    return DriveGains(tuple(names), gains.factor[order], gains.covariance[np.ix_(order, order)], gains.known_mass)
 
 
 def _payload(
@@ -147,7 +148,7 @@ def _payload(
     unloaded: bool,
 ) -> Payload:
     factor = float(np.sqrt(max(solution.misfit / solution.freedom, 1.0))) if solution.freedom >= 1 else 1.0
-    covariance = factor**2 * np.linalg.inv(solution.information)
+    covariance: Array = np.asarray(factor**2 * np.linalg.inv(solution.information), dtype=np.float64)
     std = float(np.sqrt(covariance[0, 0]))
     if solution.phi[0] < -max(CLEAR * std, 0.01):
         raise InputError(_negative(solution.phi[0], std, request))
@@ -173,13 +174,13 @@ def _payload(
 def _negative(mass: float, std: float, request: Request) -> str:
     said = f"the payload has a mass of {mass:.3g} +- {std:.2g} kg: the arm carries "
     if request.removed:
-        return f"{said}more than when it was identified; drop --removed, or check which recordings are with the payload."
+        return (
+            f"{said}more than when it was identified; drop --removed, or check which recordings are with the payload."
+        )
     return f"{said}less than when it was identified; if a tool was removed since, ask for the removed one (--removed)."
 
 
-def _loaded_logs(
-    model: Model, mount: Mount, solution: Solved, other: Identification, request: Request
-) -> Iterator[LoadedLog]:
+def _loaded_logs(mount: Mount, solution: Solved, other: Identification, request: Request) -> Iterator[LoadedLog]:
     """Yield what is left of the torque of each recording; InputError where that shows another arm."""
     basis: BaseParameters = solution.basis
     arm = basis.to_standard(solution.beta + basis.to_base(solution.drift))
@@ -231,22 +232,13 @@ def _not_shown(
     payload: Payload, found: Identification, other: Identification, information: Array
 ) -> Iterator[NotShown]:
     body, sizes = payload.body, _sizes(payload.body.mass)
-    open_ones = [k for k in range(10) if body.std[k] > SHOWN[KIND[k]] * sizes[k]]
-    signals = [one for one in other.validations if one.signals is not None]
-    ways = ()
-    if open_ones and signals:
-        poses = together([one.motion for one in signals])["q"]
-        sigma = other.estimate.residual.sigma
-        spans = np.max([[one.residuals[joint.name].decorrelation if joint.name in one.residuals else 0.0
-                         for joint in found.model.joints] for one in signals], axis=0)  # fmt: skip
-        least = float(np.median(np.diff(signals[0].motion.t)))
-        floor = max(float(sigma.max()) * 1e-6, 1e-12)
-        variance = np.maximum(sigma, floor) ** 2 * np.maximum(spans, least)
-        try:
-            ways = turnings(found.model, payload.mount, payload.value, information, variance, poses)
-        except ModelError:
-            ways = ()
-    for k in open_ones:
+    hidden = [k for k in range(10) if body.std[k] > SHOWN[KIND[k]] * sizes[k]]
+    logs = [one for one in other.validations if one.signals is not None]
+    ways: tuple[Turning, ...] = ()
+    if hidden and logs:
+        poses, variance = together([one.motion for one in logs])["q"], _per_second(found.model, other, logs)
+        ways = turnings(found.model, payload.mount, payload.value, information, variance, poses)
+    for k in hidden:
         best = best_of(ways, k) if ways else None
         std = float(body.std[k])
         if best is None or best.std[k] > 0.7 * std:
@@ -255,6 +247,15 @@ def _not_shown(
             yield NotShown(NAMES[k], std, UNITS[k], best.joint, best.speed, float(best.std[k]))
 
 
+def _per_second(model: Model, other: Identification, logs: Sequence[LogValidation]) -> Array:
+    """Return the variance (n) of each joint's torque over a second: that of the residual, as long as it correlates."""
+    sigma, least = other.estimate.residual.sigma, float(np.median(np.diff(logs[0].motion.t)))
+    spans = [[one.residuals[joint.name].decorrelation if joint.name in one.residuals else 0.0 for joint in model.joints]
+             for one in logs]  # fmt: skip
+    floor = max(1e-6 * float(sigma.max()), 1e-12)
+    return np.asarray(np.maximum(sigma, floor) ** 2 * np.maximum(np.max(spans, axis=0), least))
+
+
 def _sizes(mass: float) -> Array:
     """Return the size (10) of what a payload of a mass has: the mass, one metre, and its mass 0.1 m from the centre."""
-    return np.array([mass, 1.0, mass * 0.01])[KIND]
+    return np.asarray(np.array([mass, 1.0, mass * 0.01])[KIND])

@@ -90,4 +90,4 @@ def _shown(model: Model, mount: Mount, pose: Array, motion: tuple[int, float, fl
     alone = model.bodies
     place = {name: k for k, name in enumerate(alone.names)}
     Y = alone.regressor(q, dq, ddq)[:, :, [place[model.names[k]] for k in columns]] @ mount.turn[columns]
-    return np.einsum("tji,tjk,j->ik", Y, Y, 1.0 / variance) / SAMPLES
+    return np.asarray(np.einsum("tji,tjk,j->ik", Y, Y, 1.0 / variance)) / SAMPLES

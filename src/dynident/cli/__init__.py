@@ -17,6 +17,7 @@ from dynident.cli.predict import predict
 from dynident.cli.reproduce import reproduce
 from dynident.cli.schema import schema
 from dynident.cli.smooth import smooth
+from dynident.cli.watch import watch
 
 __all__ = ["main"]
 
@@ -51,6 +52,6 @@ def main(debug: bool) -> None:
     """Identify the dynamic parameters of robot arms from measured joint positions and torques."""
 
 
-for _command in (demo, reproduce, init, check, bound, identify, fleet, predict, export, smooth, schema):
+for _command in (demo, reproduce, init, check, bound, identify, fleet, predict, watch, export, smooth, schema):
     common(_command)
     main.add_command(_command)

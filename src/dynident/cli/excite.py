@@ -39,6 +39,7 @@ POSITIVE = click.FloatRange(0, min_open=True)
 @click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
 @click.option("--file-rate", type=POSITIVE, metavar="HZ", help="Rate of the files.  [default: that of the recording]")
+@click.option("--floor", type=float, metavar="M", help="Height of a floor, along z of the root link.")
 @click.option("--noise", multiple=True, help="Torque noise (N m, N): a number, or joint=number; repeat it.")
 @click.option("--starts", type=click.IntRange(1), help="How often the search begins anew.")
 @click.option("--seed", type=click.IntRange(0), help="Of what is drawn: another one gives another motion.")
@@ -57,7 +58,7 @@ def excite(
     from dynident.cli.bound import noise_given
     from dynident.io.excitation import read_excitation
     from dynident.io.folder import result_folder
-    from dynident.report.excitation import MOTIONS, excitation_findings, excitation_heading, excitation_tables
+    from dynident.report.excitation import excitation_findings, excitation_heading, excitation_tables
     from dynident.report.excite_run import CONFIG as DRAFT
     from dynident.report.excite_run import refuse_changed, write_design
 
@@ -78,9 +79,12 @@ def excite(
     for line in excitation_findings(project, found):
         screen.say(f"* {line}")
     for path in written:
-        tell(screen, "Motion" if path.name.startswith(MOTIONS) else _KINDS[path.suffix], path)
+        what = "Configuration" if path.name == DRAFT else _KINDS.get(path.suffix)
+        if what:
+            tell(screen, what, path)
+    screen.remark("Beside each motion (.csv) is the same as .npz, and as .trajectory.yaml for ROS 2.")
     if any(path.name == DRAFT for path in written):
         screen.remark(f"Next, when both are recorded: {command('check', out / DRAFT)}", whole=True)
 
 
-_KINDS = {".yaml": "Configuration", ".json": "Numbers", ".html": "Report"}
+_KINDS = {".csv": "Motion", ".json": "Numbers", ".html": "Report"}

@@ -16,9 +16,11 @@ from pydantic import ValidationError
 from dynident.errors import ConfigError, InputError, brief, choices
 from dynident.excitation import (
     Box,
+    CapsuleSpace,
     Criterion,
     Cylinder,
     Design,
+    Distances,
     Floor,
     Geometry,
     JointLimits,
@@ -29,6 +31,7 @@ from dynident.excitation import (
     Request,
     Space,
     design,
+    exact_space,
     limits_of,
     space_of,
 )
@@ -107,6 +110,12 @@ class ExcitationProject:
             )
         return Nothing(len(self.limits.joints))
 
+    @cached_property
+    def shapes(self) -> Distances | None:
+        """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
+        space = self.space
+        return exact_space(self.geometry, space) if self.geometry and isinstance(space, CapsuleSpace) else None
+
     def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""
         say = progress or (lambda _: None)
@@ -119,6 +128,7 @@ class ExcitationProject:
             self.space,
             self.request,
             rng,
+            shapes=self.shapes,
             executor=executor,
             progress=progress,
         )

@@ -23,6 +23,7 @@ _HEAD = (
     "For `dynident check` and `dynident identify`, once the motions of this folder are recorded: save the recordings",
     "under the names below, or correct these.",
 )
+_FLOOR = "for the next design; without `floor` (m, along z of the root link) the arm may reach below its base: floor: 0"
 _COLUMNS = "? columns and units as your recorder has them; or draft this anew from the recordings, by `dynident init`"
 
 
@@ -48,7 +49,8 @@ def recording_config(project: ExcitationProject, folder: Path) -> str:
     logs = {role: _log(like, _free(name, taken)) for role, name in RECORDED.items()}
     data |= {"train": [*old, logs["train"]], "validation": [logs["validation"]]}
     given = project.settings.model_dump(mode="json", exclude_unset=True)
-    return settings_text({**data, **({"excitation": given} if given else {})}, comments)
+    comments |= {"excitation": () if "floor" in given else (_FLOOR,)}
+    return settings_text({**data, "excitation": {"program": project.settings.program, **given}}, comments)
 
 
 def _data(project: ExcitationProject) -> tuple[Mapping[str, Any], Path]:

@@ -12,7 +12,7 @@ from dynident.errors import listed
 from dynident.excitation import Expected, expected
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
-from dynident.report.words import count, percent
+from dynident.report.words import count
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["WELL", "expected_section", "told", "valued_of"]
 
 Array = NDArray[np.float64]
-WELL, LOST = 10.0, 100.0  # %, of the value: well known, and not even the sign is sure
+WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known well, and fairly
+LONGER = 4.0  # times the duration
 SHORT = 30  # signs of a formula
 SHOWN = 6  # parameters in a sentence
 _WHAT = (
@@ -37,26 +38,39 @@ def told(found: Design) -> Iterator[str]:
     if not np.isfinite(one.std).any():
         yield "The motion tells nothing: it shows no base parameter."
         return
-    valued = valued_of(one)
-    relative, known = one.relative[valued], one.relative[valued & np.isfinite(one.std)]
-    if len(known):
-        well, worst = int((relative <= WELL).sum()), _worst(one)
+    shares = one.relative[valued_of(one)]
+    if len(shares):
         yield (
-            f"{well} of {count(len(relative), 'base parameter')} of known size are expected within {WELL:g} % (one "
-            f"standard error), the median within {percent(float(np.median(known)), 2)}; the least known, "
-            f"{_label(one, worst)}, to {number(float(one.std[worst]), 2)} of {number(float(one.value[worst]), 3)}."
+            f"The torque depends on {count(len(one.std), 'combination')} of masses, inertias and friction (base "
+            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard error."
         )
-    if lost := int((known > LOST).sum()):
-        yield f"{count(lost, 'base parameter')} cannot be told from zero: they hardly act on the torque of this motion."
-    if unsized := int((~valued).sum()):
+        longer = shares / np.sqrt(LONGER)
         yield (
-            f"{count(unsized, 'base parameter')} are zero in the robot file, or not in it, such as friction: of "
-            "them there are standard errors in their units alone."
+            f"Errors fall with the root of the time: moving {LONGER:g} times as long would halve them, and "
+            f"{_grades(longer)}."
+        )
+        worst = _worst(one)
+        if np.isfinite(one.std[worst]):
+            yield (
+                f"The least known is {_label(one, worst)}: {number(float(one.value[worst]), 3)} +- "
+                f"{number(float(one.std[worst]), 2)}; what is poorly known hardly acts on the torque of this motion."
+            )
+    if unsized := len(one.std) - len(shares):
+        yield (
+            f"Of the other {unsized}, such as friction that the robot file does not say, there are standard errors in "
+            "their units alone."
         )
     if (old := _before(found)) is not None:
         yield from _added(one, old)
     if one.open:
         yield f"{count(len(one.open), 'base parameter')} stay open: {listed(one.open, SHOWN)}."
+
+
+def _grades(shares: Array) -> str:
+    """Return how many are known well, fairly and poorly, by their standard errors in %."""
+    good, poor = int((shares <= WELL).sum()), int((~(shares <= FAIR)).sum())
+    fair = len(shares) - good - poor
+    return f"{good} will be known well (to {WELL:g} %), {fair} fairly (to {FAIR:g} %) and {poor} poorly"
 
 
 def valued_of(one: Expected) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynident.errors import ConfigError, InputError
+from dynident.excitation import Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
 from dynident.io.folder import ResultFolder, result_folder
@@ -21,7 +22,7 @@ from dynident.io.project import parse_project
 from dynident.io.recording_draft import recording_config
 from dynident.io.results import json_text
 from dynident.io.trajectory_files import trajectory_files
-from dynident.report.excitation import MOTIONS, excitation_findings, excitation_page
+from dynident.report.excitation import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 
 if TYPE_CHECKING:
     from dynident.excitation import Design
@@ -30,10 +31,15 @@ __all__ = ["CONFIG", "NUMBERS", "REPORT", "excite", "refuse_changed", "write_des
 
 CONFIG, NUMBERS, REPORT = "identify.yaml", "excite.json", "report.html"
 FORMAT, VERSION = "dynident-excite", 1
+_STEMS = {
+    TRIAL: f"the motion {SLOWER:g} times slower, for the first run",
+    MOTIONS[0]: "the motion",
+    MOTIONS[1]: "another one, to judge the fit",
+}
 _USES = {
-    "csv": "t (s) and for each joint q, dq, ddq (rad or m, per s and s²)",
-    "npz": "the same as arrays of NumPy, with the names of the joints",
-    "trajectory.yaml": "a trajectory_msgs/JointTrajectory for ROS 2",
+    "csv": "t, and of each joint q, dq, ddq, in s, rad or m",
+    "npz": "the same as NumPy arrays",
+    "trajectory.yaml": "trajectory_msgs/JointTrajectory of ROS 2",
 }
 
 
@@ -110,7 +116,14 @@ def _written(folder: Path) -> Mapping[str, Any]:
 
 
 def _names() -> tuple[str, ...]:
-    return tuple(f"{stem}.{ending}" for stem in MOTIONS for ending in _USES)
+    return tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
+
+
+def _trial(project: ExcitationProject, found: Design) -> Trajectory:
+    """Return the motion for a first run, checked as the others are: slow, gravity may need more torque."""
+    trial = slowed(found.trajectory, SLOWER)
+    verify(trial, found.model, found.theta, found.limits, found.space, found.request.clearance, shapes=project.shapes)
+    return trial
 
 
 def write_design(folder: ResultFolder, project: ExcitationProject, found: Design) -> tuple[Path, ...]:
@@ -119,11 +132,10 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     Raises InputError where one cannot be written, ConfigError where one was read.
     """
     rate = project.settings.file_rate or found.request.rate
-    pairs = zip(MOTIONS, (found.trajectory, found.validation), strict=True)
     files: dict[str, str | bytes] = {}
-    for stem, trajectory in pairs:
+    for stem, trajectory in {TRIAL: _trial(project, found), **motions_of(found)}.items():
         files |= trajectory_files(trajectory, stem, rate)
-    uses = [(name, _USES[name.partition(".")[2]]) for name in files]
+    uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
         files[CONFIG] = text
@@ -144,7 +156,7 @@ def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, st
         "version": VERSION,
         "robot": str(project.path),
         "settings": project.settings.model_dump(mode="json"),
-        "duration": {name: _duration(found, k) for k, name in enumerate(MOTIONS)},
+        "duration": {name: one.duration for name, one in motions_of(found).items()},
         "noise": {"from": project.origin.value, "sigma": _by_joint(found, found.request.sigma)},
         "limits": {name: _by_joint(found, getattr(limits, name)) for name in names},
         "limits_by_rule": {joint: list(made) for joint, made in limits.by_rule.items()},
@@ -161,10 +173,6 @@ def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, st
         "files": dict(digests),
         "versions": versions(),
     }
-
-
-def _duration(found: Design, k: int) -> float:
-    return (found.trajectory, found.validation)[k].duration
 
 
 def _by_joint(found: Design, values: np.ndarray[Any, Any]) -> dict[str, float]:

@@ -8,10 +8,9 @@ import pytest
 
 import dynident as dy
 from dynident.demo.shipped import demo_files
-from dynident.excitation import exact_space as module
 from dynident.excitation import pairing
 from dynident.excitation.exact_space import exact_space
-from dynident.excitation.geometry import geometry_of
+from dynident.excitation.geometry import Mesh, geometry_of
 from dynident.excitation.pairing import space_of
 from dynident.excitation.space import Box, Cylinder, Floor
 from dynident.io.meshes import read_geometry
@@ -102,6 +101,22 @@ def test_what_capsules_do_not_keep_apart_is_not_asked_of_the_shapes(monkeypatch)
     assert kept.pairs == (("arm", "hand"),)
 
 
+def test_a_flat_mesh_is_its_triangles() -> None:
+    flat = Mesh(np.array([[0.0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.2, 0.2, 0]]), np.array([[0, 1, 2], [1, 3, 2]]))
+    mesh, ball = at("0 0 1", '<mesh filename="flat.stl"/>'), at("0.1 0.1 0.4", '<sphere radius="0.1"/>')
+    joints = (
+        joint("one", "revolute", "base", "arm"),
+        joint("two", "revolute", "arm", "next", axis=(1.0, 0.0, 0.0)),
+        joint("three", "revolute", "next", "hand"),
+    )
+    xml = urdf(shaped("base"), shaped("arm", mesh), shaped("next", ball), shaped("hand", ball), *joints)
+    geometry = geometry_of(dy.RigidBodies(xml), {"flat.stl": flat}.get)
+    exact = exact_space(geometry, space_of(geometry))
+    assert exact is not None
+    assert exact.pairs == (("arm", "hand"),)
+    assert exact.distances(np.zeros((1, 3)))[0, 0] == pytest.approx(0.5, abs=1e-6)
+
+
 def test_it_goes_to_another_process(tmp_path) -> None:
     bodies = dy.RigidBodies(ARM)
     geometry = geometry_of(bodies)
@@ -114,5 +129,5 @@ def test_it_goes_to_another_process(tmp_path) -> None:
 
 def test_without_pinocchio_there_is_none(monkeypatch) -> None:
     geometry = geometry_of(dy.RigidBodies(ARM))
-    monkeypatch.setattr(module.importlib.util, "find_spec", lambda _: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert exact_space(geometry, space_of(geometry)) is None

@@ -122,9 +122,9 @@ class _Scene:
         self._meshes: dict[int, Any] = {}
         for k, solid in enumerate(solids):
             shape = _shape(solid)
-            if solid.mesh is not None:
+            if solid.mesh is not None and (filled := _filled(solid.mesh)):
                 triangles, shape = shape, _hull(shape)
-                if not _is_convex(solid.mesh):
+                if filled < CONVEX:
                     self._meshes[k] = triangles
             self._add(shape, solid.body + 1, solid.frame)
         for obstacle in obstacles:
@@ -208,13 +208,17 @@ def _hull(triangles: Any) -> Any:
     return triangles.convex
 
 
-def _is_convex(mesh: Mesh) -> bool:
-    """Whether the triangles enclose the volume of the convex hull."""
-    from scipy.spatial import ConvexHull
+def _filled(mesh: Mesh) -> float:
+    """Return the share of the volume of their convex hull that triangles enclose; 0 where they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
 
+    try:
+        hull = ConvexHull(mesh.vertices).volume
+    except (QhullError, ValueError):
+        return 0.0
     one, two, three = (mesh.vertices[mesh.triangles[:, k]] - mesh.vertices.mean(axis=0) for k in range(3))
     volume = abs(np.einsum("ki,ki->", one, np.cross(two, three))) / 6
-    return bool(volume > CONVEX * ConvexHull(mesh.vertices).volume)
+    return float(volume / hull)
 
 
 def _standing(obstacle: Obstacle) -> tuple[Any, Array]:

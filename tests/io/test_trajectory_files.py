@@ -69,13 +69,13 @@ def test_odd_names_of_joints_come_back(name: str) -> None:
 
 
 def test_a_file_that_reads_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    write, read, most = files._FORMATS["csv"]
-    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace("1", "2"), read, most))
+    write, read = files._FORMATS["csv"]
+    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace("1", "2"), read))
     with pytest.raises(InputError, match="is not that of the trajectory"):
         trajectory_files(motion(), "motion", 50.0)
-    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace("lift", "x"), read, most))
+    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace("lift", "x"), read))
     with pytest.raises(InputError, match="names of the joints"):
         trajectory_files(motion(), "motion", 50.0)
-    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace(",", ";"), read, most))
+    monkeypatch.setitem(files._FORMATS, "csv", (lambda one: write(one).replace(",", ";"), read))
     with pytest.raises(InputError, match="cannot be read again"):
         trajectory_files(motion(), "motion", 50.0)

@@ -20,7 +20,7 @@ from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.obstacles import obstacle_name
-from dynident.excitation.pairing import mostly_touching, neighbours
+from dynident.excitation.pairing import USUAL, neighbours, touching
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -76,7 +76,8 @@ def exact_space(
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
     A body of which only the joints are known has the capsules of ``space``. All pairs of links are watched but a body
-    and the next one, and those that touch in at least 95 % of 200 poses between ``lower`` and ``upper``.
+    and the next one, and those that touch in nearly all of 200 poses (``capsule_space``) between ``lower`` and
+    ``upper`` (n).
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
@@ -94,9 +95,10 @@ def exact_space(
     moving = [place for place, one in enumerate(solids) if one.body >= 0]
     near = [(one, len(solids) + other) for other in range(len(obstacles)) for one in moving]
     every = ExactSpace(geometry.bodies, solids, obstacles, (*met, *near))
-    out = mostly_touching(every, geometry.bodies, lower, upper, FEW)
-    watched = tuple(pair for pair, gone in zip(every.watched, out, strict=True) if not gone)
-    names = dict.fromkeys(pair for pair, gone in zip(every.pairs, out, strict=True) if gone)
+    most = np.where(np.arange(len(every.watched)) < len(met), USUAL, 1.0)
+    kept = touching(every, geometry.bodies, lower, upper, FEW) < most
+    watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
+    names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))
 
 

@@ -15,12 +15,12 @@ from dynident.excitation.geometry import Geometry
 from dynident.excitation.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
-__all__ = ["capsule_space", "mostly_touching", "neighbours", "poses", "refuse_contact", "space_of"]
+__all__ = ["USUAL", "capsule_space", "neighbours", "poses", "refuse_contact", "space_of", "touching"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 POSES = 600
-USUAL = 0.95  # share of the poses in which a pair touches that is left out
+USUAL = 0.8  # share of the poses in which two links touch that are left out; with an obstacle, all poses
 WHOLE = np.pi  # rad or m: the range of a joint without limits, to both sides
 
 
@@ -35,9 +35,9 @@ def capsule_space(
     """Return the distances of an arm whose links have these capsules, with the pairs to be watched.
 
     These are all pairs of links, but not a body and the next one (of those that have capsules), and all pairs of a
-    moving link and an obstacle. Left out, and named, are pairs that touch in at least 95 % of 600 poses spread evenly
-    between ``lower`` and ``upper`` (n; None: of the file): they are parts of a joint, or what an arm stands on. Boxes
-    of its ``own`` are parts of links that stand still.
+    moving link and an obstacle. Left out, and named, are links that touch in at least 80 % of 600 poses spread evenly
+    between ``lower`` and ``upper`` (n; None: of the file), which are parts of a joint, and what touches an obstacle in
+    all of them, as it stands on that. Boxes of its ``own`` are parts of links that stand still.
     """
     capsules, obstacles = tuple(capsules), (*own, *obstacles)
     next_to = neighbours(bodies, {one.body for one in capsules} | ({-1} if own else set()))
@@ -55,9 +55,9 @@ def capsule_space(
         if other >= len(own) or frozenset((bodies_of[one], -1)) not in next_to
     ]
     every = CapsuleSpace(bodies, capsules, obstacles, _places(meetings), _places(encounters))
-    touching = mostly_touching(every, bodies, lower, upper)
-    kept, count = ~touching, len(meetings)
-    usual = [pair for pair, out in zip(every.pairs, touching, strict=True) if out]
+    count = len(meetings)
+    kept = touching(every, bodies, lower, upper) < np.where(np.arange(len(every.pairs)) < count, USUAL, 1.0)
+    usual = [pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays]
     return CapsuleSpace(
         bodies,
         capsules,
@@ -78,17 +78,16 @@ def space_of(
     return capsule_space(geometry.bodies, capsules_of(geometry), obstacles, lower, upper, own=still_boxes(geometry))
 
 
-def mostly_touching(
+def touching(
     space: Distances,
     bodies: RigidBodies,
     lower: Array | None = None,
     upper: Array | None = None,
     count: int = POSES,
-) -> NDArray[np.bool_]:
-    """Return which pairs (P) touch in at least 95 % of ``count`` poses spread evenly between ``lower`` and ``upper``
+) -> Array:
+    """Return the share (P) of ``count`` poses in which each pair touches, spread evenly between ``lower`` and ``upper``
     (n), of the file where None."""
-    q = poses(*_ranges(bodies, lower, upper), count)
-    return np.asarray((space.distances(q) < 0).mean(axis=0) >= USUAL)
+    return np.asarray((space.distances(poses(*_ranges(bodies, lower, upper), count)) < 0).mean(axis=0))
 
 
 def poses(lower: Array, upper: Array, count: int) -> Array:

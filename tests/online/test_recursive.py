@@ -170,7 +170,7 @@ def test_a_parameter_that_no_motion_shows_is_not_lost() -> None:
 def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
     """Friction of which half is gone is found again, and the bodies keep what hours have shown of them."""
     model = rusty()
-    motion = moving(model, 2000)
+    motion = moving(model, 1200)
     theta = np.array([1.0, 1.0, 0.8, 0.6])
     noise = SIGMA * np.random.default_rng(1).standard_normal(motion.q.shape)
     found = {}
@@ -179,7 +179,7 @@ def test_what_fades_follows_a_change_that_what_lasts_does_not_hide() -> None:
         for k, less in enumerate((1.0, 1.0, 0.5)):
             now = theta * [1.0, 1.0, less, less]
             tau = model.torque(motion.q, motion.dq, motion.ddq, now) + noise
-            taken(fit, replace(motion, t=motion.t + k * 20.0, tau=tau))
+            taken(fit, replace(motion, t=motion.t + k * 12.0, tau=tau))
         found[name] = fit.estimate().value - now
     assert np.abs(found["all"][2:]).min() > 0.1
     assert np.abs(found["friction"][2:]).max() < 0.03

@@ -37,6 +37,7 @@ POSITIVE = click.FloatRange(0, min_open=True)
 @click.option("--parameter", multiple=True, metavar="NAME", help="A parameter that matters (criterion a); repeat it.")
 @click.option("--family", type=click.Choice(["fourier", "bspline"]), help="Periodic, or of one piece.")
 @click.option("--period", type=POSITIVE, metavar="S", help="Seconds of a period.")
+@click.option("--harmonics", type=click.IntRange(1), help="Harmonics of a period.")
 @click.option("--rate", type=POSITIVE, metavar="HZ", help="Rate of the recording.")
 @click.option("--file-rate", type=POSITIVE, metavar="HZ", help="Rate of the files.  [default: that of the recording]")
 @click.option("--floor", type=float, metavar="M", help="Height of a floor, along z of the root link.")
@@ -66,6 +67,7 @@ def excite(
     changes |= {"parameters": list(parameter), "criterion": "a"} if parameter else {}
     changes |= {} if (size := noise_given("--noise", noise)) is None else {"noise": size}
     with result_folder(out) as folder, status() as say:
+        refuse_changed(folder.path, robot)
         project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=say)
         refuse_changed(folder.path)
         with spread.executor("dynident.excitation.design") as executor:

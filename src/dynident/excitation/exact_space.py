@@ -9,7 +9,6 @@ import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from dynident.excitation.capsules import Capsule, still_boxes
 from dynident.excitation.clearance import CapsuleSpace
 from dynident.excitation.geometry import Geometry, Made, Mesh, Solid
 from dynident.excitation.obstacles import obstacle_name
-from dynident.excitation.pairing import USUAL, neighbours, touching
+from dynident.excitation.pairing import USUAL, candidates, touching
 from dynident.excitation.space import Box, Floor, Obstacle
 from dynident.models import RigidBodies
 from dynident.models.robot_file import ShapeKind
@@ -75,9 +74,9 @@ def exact_space(
 ) -> ExactSpace | None:
     """Return the real shapes of an arm among the obstacles of ``space``; None where Pinocchio is not installed.
 
-    A body of which only the joints are known has the capsules of ``space``. All pairs of links are watched but a body
-    and the next one, and those that touch in nearly all of 200 poses (``capsule_space``) between ``lower`` and
-    ``upper`` (n).
+    A body of which only the joints are known has the capsules of ``space``. All pairs are watched but a body and the
+    next one, and those that touch in nearly all of 200 poses (``capsule_space``) between ``lower`` and ``upper`` (n),
+    or, where ``space`` does not watch the two bodies, so that no motion in it keeps them apart, in any.
     """
     if any(importlib.util.find_spec(name) is None for name in ("pinocchio", "coal")):
         return None
@@ -85,21 +84,28 @@ def exact_space(
     solids = (*geometry.solids, *map(_as_solid, by_rule))
     own = still_boxes(geometry)
     obstacles = tuple(one for one in space.obstacles if one not in own)
-    next_to = neighbours(geometry.bodies, {one.body for one in solids})
-    met = [
-        pair
-        for pair in combinations(range(len(solids)), 2)
-        if solids[pair[0]].body != solids[pair[1]].body
-        and frozenset((solids[pair[0]].body, solids[pair[1]].body)) not in next_to
-    ]
+    parts = [*(one.body for one in solids), *map(obstacle_name, obstacles)]
+    met = candidates(geometry.bodies, [one.body for one in solids])
     moving = [place for place, one in enumerate(solids) if one.body >= 0]
     near = [(one, len(solids) + other) for other in range(len(obstacles)) for one in moving]
     every = ExactSpace(geometry.bodies, solids, obstacles, (*met, *near))
-    most = np.where(np.arange(len(every.watched)) < len(met), USUAL, 1.0)
-    kept = touching(every, geometry.bodies, lower, upper, FEW) < most
+    share = touching(every, geometry.bodies, lower, upper, FEW)
+    named = [frozenset((parts[one], parts[other])) for one, other in every.watched]
+    lost = _unwatched(space, own) & {one for one, touches in zip(named, share, strict=True) if touches}
+    most = np.where(np.arange(len(share)) < len(met), USUAL, 1.0)
+    kept = (share < most) & [one not in lost for one in named]
     watched = tuple(pair for pair, stays in zip(every.watched, kept, strict=True) if stays)
     names = dict.fromkeys(pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays)
     return replace(every, watched=watched, left_out=tuple(names))
+
+
+def _unwatched(space: CapsuleSpace, own: Sequence[Box]) -> set[frozenset[int | str]]:
+    """Return the pairs of bodies, or of a body and the name of an obstacle, of which capsules are not watched."""
+    body = [one.body for one in space.capsules]
+    other = [-1 if one in own else obstacle_name(one) for one in space.obstacles]
+    meetings, encounters = space.unwatched
+    met = (frozenset[int | str]((body[a], body[b])) for a, b in meetings)
+    return {*met, *(frozenset[int | str]((body[a], other[b])) for a, b in encounters)}
 
 
 class _Scene:
@@ -116,9 +122,9 @@ class _Scene:
         self._meshes: dict[int, Any] = {}
         for k, solid in enumerate(solids):
             shape = _shape(solid)
-            if solid.mesh is not None:
+            if solid.mesh is not None and (filled := _filled(solid.mesh)):
                 triangles, shape = shape, _hull(shape)
-                if not _is_convex(solid.mesh):
+                if filled < CONVEX:
                     self._meshes[k] = triangles
             self._add(shape, solid.body + 1, solid.frame)
         for obstacle in obstacles:
@@ -202,13 +208,17 @@ def _hull(triangles: Any) -> Any:
     return triangles.convex
 
 
-def _is_convex(mesh: Mesh) -> bool:
-    """Whether the triangles enclose the volume of the convex hull."""
-    from scipy.spatial import ConvexHull
+def _filled(mesh: Mesh) -> float:
+    """Return the share of the volume of their convex hull that triangles enclose; 0 where they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
 
+    try:
+        hull = ConvexHull(mesh.vertices).volume
+    except (QhullError, ValueError):
+        return 0.0
     one, two, three = (mesh.vertices[mesh.triangles[:, k]] - mesh.vertices.mean(axis=0) for k in range(3))
     volume = abs(np.einsum("ki,ki->", one, np.cross(two, three))) / 6
-    return bool(volume > CONVEX * ConvexHull(mesh.vertices).volume)
+    return float(volume / hull)
 
 
 def _standing(obstacle: Obstacle) -> tuple[Any, Array]:

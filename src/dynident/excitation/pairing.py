@@ -15,7 +15,7 @@ from dynident.excitation.geometry import Geometry
 from dynident.excitation.space import Box, Distances, Obstacle
 from dynident.models import RigidBodies
 
-__all__ = ["USUAL", "capsule_space", "neighbours", "poses", "refuse_contact", "space_of", "touching"]
+__all__ = ["USUAL", "candidates", "capsule_space", "neighbours", "poses", "refuse_contact", "space_of", "touching"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -40,32 +40,30 @@ def capsule_space(
     all of them, as it stands on that. Boxes of its ``own`` are parts of links that stand still.
     """
     capsules, obstacles = tuple(capsules), (*own, *obstacles)
-    next_to = neighbours(bodies, {one.body for one in capsules} | ({-1} if own else set()))
-    bodies_of = [one.body for one in capsules]
-    meetings = [
+    # boxes of its own count as parts of the root link here
+    pairs = candidates(bodies, [*(one.body for one in capsules), *(-1 for _ in own)])
+    count = len(capsules)
+    meetings = _places([pair for pair in pairs if max(pair) < count])
+    on_own = sorted(((one, other - count) for one, other in pairs if other >= count), key=lambda pair: pair[1])
+    moving = [place for place, one in enumerate(capsules) if one.body >= 0]
+    encounters = _places([*on_own, *((one, other) for other in range(len(own), len(obstacles)) for one in moving)])
+    every = CapsuleSpace(bodies, capsules, obstacles, meetings, encounters)
+    links = np.arange(len(every.pairs)) < len(meetings) + len(on_own)
+    kept = touching(every, bodies, lower, upper) < np.where(links, USUAL, 1.0)
+    met, near = kept[: len(meetings)], kept[len(meetings) :]
+    unwatched = meetings[~met], encounters[~near]
+    return CapsuleSpace(bodies, capsules, obstacles, meetings[met], encounters[near], unwatched)
+
+
+def candidates(bodies: RigidBodies, parts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return the pairs of ``parts``, each given by its body, that may meet: not of a body and the next one (of those
+    that have parts), nor of one body."""
+    next_to = neighbours(bodies, set(parts))
+    return [
         (one, other)
-        for one, other in combinations(range(len(capsules)), 2)
-        if bodies_of[one] != bodies_of[other] and frozenset((bodies_of[one], bodies_of[other])) not in next_to
+        for one, other in combinations(range(len(parts)), 2)
+        if parts[one] != parts[other] and frozenset((parts[one], parts[other])) not in next_to
     ]
-    moving = [place for place, body in enumerate(bodies_of) if body >= 0]
-    encounters = [
-        (one, other)
-        for other in range(len(obstacles))
-        for one in moving
-        if other >= len(own) or frozenset((bodies_of[one], -1)) not in next_to
-    ]
-    every = CapsuleSpace(bodies, capsules, obstacles, _places(meetings), _places(encounters))
-    count = len(meetings)
-    kept = touching(every, bodies, lower, upper) < np.where(np.arange(len(every.pairs)) < count, USUAL, 1.0)
-    usual = [pair for pair, stays in zip(every.pairs, kept, strict=True) if not stays]
-    return CapsuleSpace(
-        bodies,
-        capsules,
-        obstacles,
-        every.meetings[kept[:count]],
-        every.encounters[kept[count:]],
-        tuple(dict.fromkeys(usual)),
-    )
 
 
 def space_of(

@@ -72,7 +72,7 @@ class Candidates:
 
         Large changes fill every block to that limit in all groups: which it is, the other evidence says.
         """
-        own, covariance = self.covariances(reference, sums)
+        own, covariance = self.covariances(reference, sums, self.tolerance)
         whole = (sums["score"] - sums["information"] @ reference.value) @ self.directions
         scores, left = (sums["clipped"], sums["left_clipped"]) if clipped else (whole, sums["left"])
         found = []
@@ -84,13 +84,15 @@ class Candidates:
             found.append(evidence(gain, rank, reference.dof))
         return np.stack(found)
 
-    def covariances(self, reference: Reference, sums: Mapping[str, Array]) -> tuple[Array, Array]:
+    def covariances(
+        self, reference: Reference, sums: Mapping[str, Array], tolerance: float = 0.0
+    ) -> tuple[Array, Array]:
         """Return information and covariance (S, M, M) of the scores in all directions in S windows: by the scatter of
-        blocks, the error of the reference, and the tolerance."""
+        blocks, the error of the reference, and a tolerance."""
         root, AD = np.sqrt(reference.spread), sums["information"] @ self.directions
         own = self.directions.T @ AD
         square = np.einsum("smm->sm", own) / sums["samples"][:, None]
-        wander = self.tolerance**2 / np.maximum(square, SHOWN * square.max(axis=1, keepdims=True, initial=TINY))
+        wander = tolerance**2 / np.maximum(square, SHOWN * square.max(axis=1, keepdims=True, initial=TINY))
         error = AD.swapaxes(1, 2) @ reference.covariance @ AD + own @ (wander[:, :, None] * own)
         return own, own * root[:, None] * root + error
 

@@ -44,7 +44,7 @@ class Smoothed:
 class FixedLag:
     """A smoothing spline per joint, with as much smoothing in a stream as a ``Spline`` had in a recording.
 
-    ``bandwidth`` (n) s is that of a motion (``motion.smoothing["bandwidth"]``), ``step`` (s) the usual time between
+    ``bandwidth`` (n) s is that of a motion (``motion.smoothing["bandwidth"]``), ``step`` (s) the mean time between
     samples. A sample's motion is final once those of the next ``lag`` (s) are there, and is returned with those of its
     window, ``every`` samples together. A ``lag`` of None is so long that 1e-10 is left of the error at a cut: about 33
     bandwidths. A time between samples above 12 steps is a gap, at which a spline ends and another begins.

@@ -213,7 +213,7 @@ class RecursiveLeastSquares:
         before = np.concatenate([self._clock[1:], at[:-1]])
         if not (at >= before).all():
             k = int(np.flatnonzero(~(at >= before))[0])
-            raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; time must increase.")
+            raise InputError(f"t = {float(t[k])!r} s is before the sample before it, or not finite; leave it out.")
         self._clock[1] = at[-1]
         starts = [0, *(np.flatnonzero(np.diff(at)) + 1).tolist()]
         return [(slice(a, b), int(at[a] - before[a])) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]

@@ -44,7 +44,7 @@ class Block:
 
 
 def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
-    """Return the usual step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
+    """Return the mean step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
 
     A joint that rests, or is as straight as a line, has that of the others. Raises ConfigError where the result has
     another smoother, or no joint moves; InputError as the smoother.
@@ -56,7 +56,7 @@ def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
     moves = np.isfinite(found) & (motion.dq != 0).any(axis=0)
     if not moves.any():
         raise ConfigError(f"{log.source}: no joint moves, so that the smoothing cannot be found; give a `bandwidth`.")
-    return float(np.median(np.diff(log.t))), np.where(moves, found, np.median(found[moves]))
+    return float(log.t[-1] - log.t[0]) / (len(log) - 1), np.where(moves, found, np.median(found[moves]))
 
 
 class Tracker:

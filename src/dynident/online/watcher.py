@@ -49,7 +49,7 @@ class WatchSettings:
     block: float = 5.0
     baseline: float = 600.0
     settle: float = 30.0
-    tolerance: float = 0.03
+    tolerance: float = 0.05
 
     def __post_init__(self) -> None:
         ranges = {"false_alarms": (1e-6, 1e3), "block": (0.5, 600.0), "tolerance": (0.0, 10.0)}
@@ -195,7 +195,7 @@ class Watcher:
             start, _, samples = self._span
             begin = float(t[0]) if math.isnan(start) else start
             self._gram, self._span = self._gram + gram, (begin, float(t[-1]), samples + int(one.motion.mask.sum()))
-            if t[-1] - begin >= self.settings.block:
+            if t[-1] - begin >= self.settings.block - EVERY / 2:
                 events += self._full()
         return events
 

@@ -42,7 +42,8 @@ def told(found: Design) -> Iterator[str]:
     if len(shares):
         yield (
             f"The torque depends on {count(len(one.std), 'combination')} of masses, inertias and friction (base "
-            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard error."
+            f"parameters), {len(shares)} of which have a nominal value. Of these {_grades(shares)}, by one standard "
+            "error."
         )
         longer = shares / np.sqrt(LONGER)
         yield (

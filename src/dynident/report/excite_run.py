@@ -17,11 +17,11 @@ from dynident.excitation import Trajectory, slowed, verify
 from dynident.identification import versions
 from dynident.io.excitation import ExcitationProject, read_excitation
 from dynident.io.folder import ResultFolder, result_folder
-from dynident.io.opener import content, refuse_inputs, watched
+from dynident.io.opener import content, keep, refuse_inputs, watched
 from dynident.io.project import parse_project
 from dynident.io.recording_draft import recording_config
 from dynident.io.results import json_text
-from dynident.io.trajectory_files import trajectory_files
+from dynident.io.trajectory_files import ROS_RATE, trajectory_files
 from dynident.report.excitation import MOTIONS, SLOWER, TRIAL, excitation_findings, excitation_page, motions_of
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ def excite(
             project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
             return project.design(executor, progress)
         with result_folder(out) as folder:
+            refuse_changed(folder.path, robot)
             project = read_excitation(robot, settings, changes, allow_code=allow_code, progress=progress or _silent)
             refuse_changed(folder.path)
             found = project.design(executor, progress)
@@ -95,9 +96,11 @@ def _silent(_: str) -> None:
     """Show no progress."""
 
 
-def refuse_changed(folder: Path) -> None:
-    """Raise ConfigError, before long work, where this run reads what it would write, or where the configuration there
-    was written or changed by hand."""
+def refuse_changed(folder: Path, *inputs: str | Path) -> None:
+    """Raise ConfigError, before long work, where this run reads what it would write (besides what it has read already
+    its ``inputs``), or where the configuration there was written or changed by hand."""
+    for path in inputs:
+        keep(path)
     refuse_inputs(*(folder / name for name in (CONFIG, NUMBERS, REPORT, *_names())))
     path = folder / CONFIG
     if path.exists() and sha256(content(path, remember=False)).hexdigest() != _written(folder).get(CONFIG):
@@ -119,13 +122,6 @@ def _names() -> tuple[str, ...]:
     return tuple(f"{stem}.{ending}" for stem in _STEMS for ending in _USES)
 
 
-def _trial(project: ExcitationProject, found: Design) -> Trajectory:
-    """Return the motion for a first run, checked as the others are: slow, gravity may need more torque."""
-    trial = slowed(found.trajectory, SLOWER)
-    verify(trial, found.model, found.theta, found.limits, found.space, found.request.clearance, shapes=project.shapes)
-    return trial
-
-
 def write_design(folder: ResultFolder, project: ExcitationProject, found: Design) -> tuple[Path, ...]:
     """Write all files of a design, each read again before, and return their paths.
 
@@ -133,8 +129,9 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     """
     rate = project.settings.file_rate or found.request.rate
     files: dict[str, str | bytes] = {}
-    for stem, trajectory in {TRIAL: _trial(project, found), **motions_of(found)}.items():
+    for stem, trajectory in motions_of(found).items():
         files |= trajectory_files(trajectory, stem, rate)
+    files |= trajectory_files(_trial(found), TRIAL, rate, ROS_RATE / SLOWER)
     uses = [(name, f"{_STEMS[stem]}: {_USES[ending]}") for name in files for stem, _, ending in [name.partition(".")]]
     if text := recording_config(project, folder.path):
         parse_project(text, folder.path / CONFIG)  # what is written can be read
@@ -145,6 +142,13 @@ def write_design(folder: ResultFolder, project: ExcitationProject, found: Design
     files[NUMBERS] = json_text(_numbers(project, found, digests))
     files[REPORT] = excitation_page(project, found, uses)
     return folder.replace(files, gone=set() if text else {CONFIG})
+
+
+def _trial(found: Design) -> Trajectory:
+    """Return the motion for a first run: the same path, where slow motion may need more torque, which is checked."""
+    trial = slowed(found.trajectory, SLOWER)
+    verify(trial, found.model, found.theta, found.limits)
+    return trial
 
 
 def _numbers(project: ExcitationProject, found: Design, digests: Mapping[str, str]) -> dict[str, Any]:

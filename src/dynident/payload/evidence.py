@@ -1,0 +1,58 @@
+"""What an identification says of the arm, as measurements of its base parameters with their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynident.errors import InputError, brief
+from dynident.identification import Identification
+
+__all__ = ["Evidence"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Base parameters ``value`` (r) = ``combination`` (r, p) theta, as they were identified, with their ``covariance``
+    (r, r), the parts ``by_joint`` (r, n) that the torque of each joint has in them, and how many of them it determines,
+    ``shares`` (n).
+
+    Where the torque of joint j is (1 + e_j) times the true one, the values are too large by ``by_joint`` e.
+    """
+
+    value: Array
+    combination: Array
+    covariance: Array
+    by_joint: Array
+    shares: Array
+
+    __repr__ = brief
+
+    @classmethod
+    def of(cls, found: Identification, name: str = "the result") -> Evidence:
+        """Return what a result says, before constraints; InputError where it does not know its covariance."""
+        errors, base, consistency = found.errors, found.base.on_data, found.estimate.consistency
+        if errors.base_covariance is None or errors.base_by_joint is None or errors.base_shares is None:
+            raise InputError(f"{name}: does not hold the covariance of its base parameters; identify again.")
+        free = None if consistency is None else consistency.unconstrained
+        theta = found.estimate.value if free is None else free
+        B = np.eye(len(theta)) if base is None else base.combination
+        return cls(B @ theta, B, errors.base_covariance, errors.base_by_joint, errors.base_shares)
+
+    def whitened(self) -> tuple[Array, Array, Array]:
+        """Return value (r), combination (r, p) and by_joint (r, n) in units in which the errors are independent and
+        of variance one; InputError where the covariance is not positive definite."""
+        scale = np.sqrt(np.diag(self.covariance))
+        if not (np.isfinite(scale) & (scale > 0)).all():
+            raise InputError("a base parameter has no standard error; identify again, with a longer recording.")
+        try:
+            half = np.linalg.cholesky(self.covariance / np.outer(scale, scale))
+        except np.linalg.LinAlgError:
+            raise InputError("the covariance of the base parameters is singular; identify again.") from None
+        stacked = np.column_stack([self.value, self.combination, self.by_joint]) / scale[:, None]
+        rows: Array = np.asarray(np.linalg.solve(half, stacked), dtype=np.float64)
+        return rows[:, 0], rows[:, 1 : 1 + self.combination.shape[1]], rows[:, 1 + self.combination.shape[1] :]

@@ -101,7 +101,7 @@ class RecursiveLeastSquares:
 
     @property
     def rows(self) -> float:
-        """The number of rows behind the estimate, of all joints; forgotten ones count as much as they still do."""
+        """The number of rows behind the residual, of all joints; forgotten ones count as much as they still do."""
         self._flush()
         return self._rows
 
@@ -149,7 +149,7 @@ class RecursiveLeastSquares:
         self._peak = np.maximum(self._peak, pivots)
         least = np.divide(LEAST * self._peak, pivots, out=np.ones(p), where=pivots > 0)
         self._R[:p] *= np.minimum(np.maximum(np.exp(-0.5 * seconds / own), least), 1.0)[:, None]
-        left = math.exp(-seconds / float(own.max()))  # the residual, as slowly as any parameter
+        left = math.exp(-seconds / float(own.min()))  # of the residual: what a change has left in it goes as fast
         self._R[p, p] *= math.sqrt(left)
         self._rows *= left
 

@@ -55,7 +55,7 @@ def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
     found = np.array(motion.smoothing["bandwidth"], dtype=float)
     moves = np.isfinite(found) & (motion.dq != 0).any(axis=0)
     if not moves.any():
-        raise ConfigError(f"{log.source}: no joint moves, so that the smoothing cannot be found; give a `bandwidth`.")
+        raise ConfigError(f"{log.source}: no joint moves, so that the smoothing cannot be found; take a log of a motion.")
     return float(log.t[-1] - log.t[0]) / (len(log) - 1), np.where(moves, found, np.median(found[moves]))
 
 

@@ -28,7 +28,8 @@ ACCURACY = 1e-10  # what is left of the error at a cut, by default
 ENDS = 6.0  # bandwidths at the ends of a recording that are not usable, as of ``Spline``
 WINDOW = 64  # samples that are smoothed together at least, as each call has its cost
 FEWEST = 3  # samples of a spline
-LONGEST = 100_000  # samples of a lag
+LONGEST = 50_000  # samples of a lag: those of a bandwidth that double precision allows
+CLOSEST = 1e-6  # of a step: stamps that are closer are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class FixedLag:
 
     The mask leaves out ``ends`` times a bandwidth and a step at both ends of a stretch, as that of ``Spline``.
 
-    Raises ConfigError for a setting that is not positive, or a lag of more than 100 000 samples.
+    Raises ConfigError for a setting that is not positive, or a lag of more than 50 000 samples.
 
     >>> import numpy as np
     >>> from dynident.online import FixedLag
@@ -119,8 +120,9 @@ class FixedLag:
     def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Smoothed, ...]:
         """Take samples, t (B) s, q and tau (B, n), and return the motion of those that are final, without overlap.
 
-        It does not depend on how many are given at a time. Raises InputError for a shape that does not fit, a value
-        that is not finite, or a time that does not increase; none of the samples is taken then.
+        Columns are in the order of ``joints``. The motion does not depend on how many are given at a time. Raises
+        InputError for a shape that does not fit, a value that is not finite, or a time that does not increase; none of
+        the samples is taken then.
         """
         time, n = np.atleast_1d(np.asarray(t, dtype=float)), len(self.joints)
         positions, torques = (np.asarray(x, dtype=float).reshape(-1, n) for x in (q, tau))
@@ -166,8 +168,8 @@ class FixedLag:
                 k = int(np.flatnonzero(~np.isfinite(x).reshape(len(t), -1).all(axis=1))[0])
                 raise InputError(f"{self.source}: {name} of sample {k} is {x[k]}; leave out what is not finite.")
         steps = np.diff(t, prepend=self._last)
-        if (steps <= 0).any():
-            k = int(np.flatnonzero(steps <= 0)[0])
+        if (wrong := steps <= CLOSEST * self.step).any():
+            k = int(np.flatnonzero(wrong)[0])
             raise InputError(
                 f"{self.source}: the stamp {float(t[k])!r} s does not follow that before it; leave it out."
             )

@@ -60,11 +60,11 @@ class FixedLag:
     >>> t = np.arange(200) * 0.01
     >>> for one in stream.push(t, np.sin(t)[:, None], np.cos(t)[:, None]):
     ...     print(one.motion)
-    <Motion 'stream': 50 samples of hinge; 0 to 0.49 s, 100 Hz; 37 usable; natural cubic smoothing spline, fixed lag>
+    <Motion 'stream': 50 samples of hinge; 0 to 0.49 s, 100 Hz; 32 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 0.5 to 0.99 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>
     <Motion 'stream': 50 samples of hinge; 1 to 1.49 s, 100 Hz; 50 usable; natural cubic smoothing spline, fixed lag>
     >>> print(f"left of the error at a cut: {stream.left[0]:.1e}")
-    left of the error at a cut: 8.4e-04
+    left of the error at a cut: 8.5e-04
     """
 
     def __init__(

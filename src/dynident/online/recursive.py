@@ -9,6 +9,9 @@ rows of a group times exp(-t / (2 T)) forget it over T seconds, what is known of
 does the solution of R theta = y. It is the step of a Kalman filter whose process noise is, in each direction, the share
 exp(t / T) - 1 of the variance given all that is forgotten more slowly. What no motion shows is not forgotten below a
 share of the most that was ever known of it, so that an estimate is not lost while the robot rests.
+
+References: Bierman (1977), "Factorization methods for discrete sequential estimation"; Parkum, Poulsen and Holst (1992),
+"Recursive forgetting algorithms".
 """
 
 from __future__ import annotations
@@ -166,14 +169,16 @@ class RecursiveLeastSquares:
         """Return the estimate by all rows as they count now, by default of least squares.
 
         ``PhysicallyConsistent()`` gives the nearest consistent one. Its ``residual`` is that of all joints together,
-        times the noise of each by the weights. Raises the errors of the estimator, and ConfigError for one that needs
-        the samples themselves.
+        times the noise of each by the weights. Raises the errors of the estimator, ConfigError for one that needs
+        the samples themselves, and InputError for any but least squares before the first sample.
         """
         chosen = LeastSquares() if estimator is None else estimator
         if isinstance(chosen, MaximumLikelihood):
             raise ConfigError(
                 "estimator: maximum likelihood needs all samples; take least squares or the consistent fit."
             )
+        if not self.rows and not isinstance(chosen, LeastSquares):
+            raise InputError(f"{type(chosen).__name__} needs samples, and none was taken yet; ask later.")
         near = self.near if isinstance(chosen, LeastSquares) else np.zeros(len(self.near))
         regression = Regression(self.model, ()).with_factors(self.factors.less(near))
         found = called(chosen, Problem(self.model, (), regression), Estimate)

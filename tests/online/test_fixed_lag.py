@@ -125,8 +125,9 @@ def test_a_saved_state_goes_on() -> None:
     whole = streamed(FixedLag(NAMES, STEP, WIDTH, lag=0.2), log)
     for name in ("t", "ddq", "mask"):
         np.testing.assert_array_equal(signal([*first, *rest], name), signal(whole, name))
-    with pytest.raises(InputError, match="is of other settings"):
-        FixedLag(("one",), STEP, [0.01]).restore(stream.state)
+    for other in (FixedLag(("one",), STEP, [0.01]), FixedLag(NAMES, STEP, WIDTH, lag=0.1)):
+        with pytest.raises(InputError, match="is of another step, bandwidth or lag, or of other joints"):
+            other.restore(stream.state)
 
 
 def test_bad_samples_are_refused_whole() -> None:

@@ -97,6 +97,7 @@ class FixedLag:
         size = self._before + self._every + self._lag
         self._t, self._q, self._tau = np.empty(size), np.empty((size, n)), np.empty((size, n))
         self._filled = self._done = 0  # samples that are held, and those of them whose motion was returned
+        self._settings = np.array([self.step, self._lag, self._every, ends, *self.bandwidth])
         self._begin = self._last = math.nan  # the first and the last stamp of this stretch
 
     def __repr__(self) -> str:
@@ -147,13 +148,14 @@ class FixedLag:
         """All that it holds, as arrays, to be saved; ``restore`` takes them again."""
         held = slice(0, self._filled)
         counts = np.array([self._done, self._begin, self._last])
-        return {"t": self._t[held].copy(), "q": self._q[held].copy(), "tau": self._tau[held].copy(), "counts": counts}
+        signals = {"t": self._t[held].copy(), "q": self._q[held].copy(), "tau": self._tau[held].copy()}
+        return signals | {"counts": counts, "settings": self._settings}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Continue from a saved state of the same settings; InputError where it does not fit them."""
+        if not np.array_equal(state["settings"], self._settings):
+            raise InputError("the saved window is of another step, bandwidth or lag, or of other joints; start anew.")
         held = len(state["t"])
-        if held > len(self._t) or np.shape(state["q"])[1:] != self._q.shape[1:]:
-            raise InputError(f"the saved window of {np.shape(state['q'])} samples and joints is of other settings.")
         for own, name in ((self._t, "t"), (self._q, "q"), (self._tau, "tau")):
             own[:held] = state[name]
         self._filled, self._done = held, int(state["counts"][0])

@@ -10,8 +10,8 @@ does the solution of R theta = y. It is the step of a Kalman filter whose proces
 exp(t / T) - 1 of the variance given all that is forgotten more slowly. What no motion shows is not forgotten below a
 share of the most that was ever known of it, so that an estimate is not lost while the robot rests.
 
-References: Bierman (1977), "Factorization methods for discrete sequential estimation"; Parkum, Poulsen and Holst (1992),
-"Recursive forgetting algorithms".
+References: Bierman (1977), "Factorization methods for discrete sequential estimation"; Parkum, Poulsen and Holst
+(1992), "Recursive forgetting algorithms".
 """
 
 from __future__ import annotations
@@ -196,12 +196,15 @@ class RecursiveLeastSquares:
             "peak": self._peak.copy(),
             "clock": self._clock.copy(),
             "rows": np.array(self._rows),
+            "order": self._order.astype(float),
         }
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Continue from a saved state; InputError where it is of another model."""
+        """Continue from a saved state; InputError where it is of another model, or of another memory."""
         if (found := np.shape(state["R"])) != self._R.shape:
             raise InputError(f"the saved factor has shape {found}, but the model needs {self._R.shape}; start anew.")
+        if not np.array_equal(state["order"], self._order):
+            raise InputError("the saved factor is of another memory, for which its parameters are in another order.")
         self._waiting.clear()
         self._R = np.asfortranarray(state["R"], dtype=float).copy(order="F")
         self._peak, self._clock = (np.array(state[name], dtype=float) for name in ("peak", "clock"))

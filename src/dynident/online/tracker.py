@@ -105,8 +105,8 @@ class Tracker:
     def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Block, ...]:
         """Take samples, t (B) s, q and tau (B, n), as many as there are, and return the blocks that they complete.
 
-        Columns are in the order of the model's joints. The blocks and the estimate do not depend on how many samples are
-        given at a time. Raises InputError as ``FixedLag``.
+        Columns are in the order of the model's joints. The blocks and the estimate do not depend on how many samples
+        are given at a time. Raises InputError as ``FixedLag``.
         """
         return self._blocks(self.smoother.push(t, q, tau))
 

@@ -255,7 +255,7 @@ def test_bad_input_is_named() -> None:
         fit.estimate(MaximumLikelihood())
     with pytest.raises(InputError, match=r"the saved factor has shape .*; start anew"):
         RecursiveLeastSquares(pendulum()).restore(fit.state)
+    turned, state = RecursiveLeastSquares(arm(), memory=FRICTION), RecursiveLeastSquares(arm()).state
     with pytest.raises(InputError, match="the saved factor is of another memory"):
-        turned = RecursiveLeastSquares(arm(), memory=FRICTION)
-        turned.restore(RecursiveLeastSquares(arm()).state)
+        turned.restore(state)
     assert fit.rows == pytest.approx(20.0, rel=0.2)

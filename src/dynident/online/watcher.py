@@ -45,7 +45,7 @@ class WatchSettings:
     range.
     """
 
-    false_alarms: float = 1 / 30
+    false_alarms: float = 0.03
     block: float = 5.0
     baseline: float = 600.0
     settle: float = 30.0

@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynident.excitation.feasibility import RESERVE, SPARE, Feasibility
+from dynident.excitation.feasibility import RESERVE, Feasibility
 from dynident.excitation.quintic import Quintic, at_rest, durations
 
 __all__ = ["direct", "way"]
 
 Array = NDArray[np.float64]
-LONGER, TRIES = 1.2, 16  # what is too much for the torque is tried slower
+LONGER, TRIES = 1.3, 10  # what is too much for the torque is tried slower
 POSES, NEAR = (60, 240), 8  # of a detour: random poses, and how many near ones each is tried with
 CHECKS = 150  # ways that are looked at closely
 STOP = 0.5  # s that a pose in between costs
@@ -24,7 +24,7 @@ ROUGH, SPACING = 0.2, 0.02  # rad or m along a path
 def direct(feasible: Feasibility, start: Array, end: Array) -> Quintic | None:
     """Return the shortest allowed quintic from a state to another (3, n), or None."""
     straight = not (start[1:].any() or end[1:].any())  # its path does not depend on its duration
-    if straight and not _path_is_clear(feasible, start[0], end[0]):
+    if straight and not _path_is_free(feasible, start[0], end[0]):
         return None
     last, tries = 0.0, 0
     for duration in durations(feasible.limits, start, end):
@@ -38,10 +38,10 @@ def direct(feasible: Feasibility, start: Array, end: Array) -> Quintic | None:
     return None
 
 
-def _path_is_clear(feasible: Feasibility, start: Array, end: Array) -> bool:
-    """Return whether the straight path between poses (n) keeps its distance."""
+def _path_is_free(feasible: Feasibility, start: Array, end: Array) -> bool:
+    """Return whether the arm is free all along the straight path between poses (n)."""
     steps = np.linspace(0.0, 1.0, 2 + int(np.abs(end - start).max() / SPACING))
-    return bool(feasible.gaps(start + steps[:, None] * (end - start)).min() >= SPARE)
+    return bool(feasible.free(start + steps[:, None] * (end - start)).all())
 
 
 def way(feasible: Feasibility, start: Array, end: Array, rng: np.random.Generator) -> tuple[Quintic, ...] | None:
@@ -81,7 +81,7 @@ def _costs(feasible: Feasibility, poses: Array) -> Array:
     points = np.repeat(poses[one], counts, axis=0) + steps[:, None] * np.repeat(
         poses[other] - poses[one], counts, axis=0
     )
-    free = np.minimum.reduceat(feasible.gaps(points), first) >= SPARE
+    free = np.logical_and.reduceat(feasible.free(points), first)
     cost = np.full(apart.shape, np.inf)
     cost[one[free], other[free]] = cost[other[free], one[free]] = apart[one[free], other[free]] + STOP
     return cost

@@ -109,11 +109,13 @@ def expected_section(found: Design) -> PageSection:
     one, old = found.expected, _before(found)
     rows = np.flatnonzero(valued_of(one))
     labels = [_label(one, k) for k in rows.tolist()]
-    caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
+    caption = (
+        f"Expected standard error of the base parameters that have a value, in % of it; the line is at {WELL:g} %."
+    )
     known = None if old is None else old.relative[rows]
     blocks: list[PageBlock] = [_WHAT]
     if len(rows):
-        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], known), caption))
+        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], WELL, known), caption))
     table = Fold("All numbers", (_table(one, old),))
     return PageSection("Expected standard errors", (*blocks, table, *_formulas(one), *_never(one)))
 

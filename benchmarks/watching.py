@@ -208,7 +208,7 @@ def main() -> None:
         false += sum(isinstance(event, Alarm) for event in wrong)
         for event in events if seed == 0 else wrong:
             print(f"run {seed}  {event_line(event, NAMES, Stamps()).text}", flush=True)
-    for k, one in enumerate(HAPPENINGS):
+    for k, one in enumerate(HAPPENINGS if lates else ()):
         for end in range(len(lates[0][k])):
             late = np.array([run[k][end] for run in lates])
             where = "" if len(lates[0][k]) == 1 else (", at its start", ", at its end")[end]

@@ -222,6 +222,8 @@ def test_without_data_the_values_near_are_kept() -> None:
     near = np.linspace(0.5, 1.5, len(model.names))
     fit = RecursiveLeastSquares(model, near=near)
     np.testing.assert_array_equal(fit.estimate().value, near)
+    with pytest.raises(InputError, match="PhysicallyConsistent needs samples, and none was taken yet"):
+        fit.estimate(PhysicallyConsistent())
     taken(fit, moving(model, 400, moves=2))
     found = fit.estimate()
     rank = found.determined.directions
@@ -253,4 +255,7 @@ def test_bad_input_is_named() -> None:
         fit.estimate(MaximumLikelihood())
     with pytest.raises(InputError, match=r"the saved factor has shape .*; start anew"):
         RecursiveLeastSquares(pendulum()).restore(fit.state)
+    turned, state = RecursiveLeastSquares(arm(), memory=FRICTION), RecursiveLeastSquares(arm()).state
+    with pytest.raises(InputError, match="the saved factor is of another memory"):
+        turned.restore(state)
     assert fit.rows == pytest.approx(20.0, rel=0.2)

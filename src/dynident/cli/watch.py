@@ -24,7 +24,7 @@ __all__ = ["watch"]
 @click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, by which a stopped watch goes on.")
 @click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
 @click.option(
-    "--false-alarms", type=float, default=0.033, show_default=True, metavar="PER_DAY",
+    "--false-alarms", type=float, default=0.03, show_default=True, metavar="PER_DAY",
     help="Changes found by chance in a day of a robot that does not change.",
 )  # fmt: skip
 @click.option(

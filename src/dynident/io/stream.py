@@ -64,7 +64,7 @@ class SampleReader:
     """Samples of joints from lines, with the channels of a configuration.
 
     ``names`` and ``separator`` are those of a table, once its first line is known; ``line`` and ``row`` count what was
-    read, ``zero`` (s) is the midnight from which dates are counted. Raises ConfigError where the configuration does not
+    read, ``zero`` (s) is the midnight from which dates are counted, ``fresh`` says that a file begins. Raises ConfigError where the configuration does not
     fit the joints, or where a column is missing.
     """
 
@@ -76,6 +76,7 @@ class SampleReader:
     line: int = 0
     row: int = 0
     zero: float = math.nan
+    fresh: bool = True
     comments: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -93,7 +94,7 @@ class SampleReader:
     @property
     def state(self) -> dict[str, Any]:
         """What it knows of the stream so far, in plain types."""
-        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero")}
+        return {name: getattr(self, name) for name in ("names", "separator", "line", "row", "zero", "fresh")}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a saved state."""
@@ -102,10 +103,7 @@ class SampleReader:
 
     def new_file(self) -> None:
         """Expect the names of the columns again, or rows that go on without them."""
-        self.line, self.comments = 0, []
-        self._fresh = True
-
-    _fresh: bool = True
+        self.line, self.comments, self.fresh = 0, [], True
 
     def push(self, lines: Iterable[str]) -> Samples:
         """Return the samples of lines."""
@@ -131,8 +129,8 @@ class SampleReader:
         if text.lstrip().startswith(COMMENTS):
             self.comments = [text]
             return None
-        if self._fresh:
-            self._fresh = False
+        if self.fresh:
+            self.fresh = False
             if self._is_head(text):
                 return None
         cells = row_cells(text, self.separator)
@@ -145,7 +143,7 @@ class SampleReader:
     def _is_head(self, text: str) -> bool:
         """Take the names of the columns from the first line, and return whether that is all it holds."""
         names, head, separator = first_row(text, self.comments)
-        if self.names and not head and len(names) == len(self.names):
+        if self.names and not (head and set(self._needed) <= set(names)):
             return False  # the next file goes on without them
         self._require(names)
         self.names, self.separator = names, separator
@@ -165,9 +163,9 @@ class SampleReader:
         if not isinstance(found, dict):
             raise ValueError("no object")
         flat = dict(_flat(found))
-        if self._fresh:
+        if self.fresh:
             self._require(flat)
-            self._fresh = False
+            self.fresh = False
         return flat
 
     def _timed(self, cells: Mapping[str, Any]) -> list[float]:

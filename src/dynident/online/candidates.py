@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from dynident.regression import Group, GroupKind
 __all__ = ["Candidates"]
 
 Array = NDArray[np.float64]
-CLIP = 5.0  # standard deviations of a block's score that count at most: what is there in one block alone is no change
+CLIP = 12.0  # evidence that one block counts as at most, in each group: what is there in it alone is no change
 SHOWN = 1e-6  # of the largest information of a group's directions: less is none
 LOUDNESS = 0.1  # by which the logarithm of what is left of the torque may wander without being a change
 TINY = 1e-300
@@ -57,15 +57,29 @@ class Candidates:
 
     def sums(self, reference: Reference, block: Scores) -> Sums:
         """Return a block as sums; its clipped scores are those beside the reference."""
-        D = self.directions
-        u = D.T @ (block.score - block.information @ reference.value)
-        most = CLIP * np.sqrt(np.einsum("rm,rs,sm->m", D, block.information, D, optimize=True) * reference.spread)
+        one = {"information": block.information[None], "samples": np.array([block.samples])}
+        own, covariance = self.covariances(reference, one, self.tolerance)
+        u = self.directions.T @ (block.score - block.information @ reference.value)
+        for group, part in zip(self.groups, self.parts, strict=True):
+            if is_base(group):
+                gain, rank = gains(u[None, part], own[:, part, part], covariance[:, part, part])
+                u[part] *= np.sqrt(min(1.0, _most(int(rank[0]), reference.dof) / max(float(gain[0]), TINY)))
         z = (block.left - reference.left) / reference.left_std
         known = np.isfinite(z)
+        most = np.sqrt(_most(1, reference.dof) * (1 + self._wander(reference) ** 2))
         return Sums(
-            block.start, block.stop, 1, block.samples, block.information, block.score, np.clip(u, -most, most),
-            np.where(known, z, 0.0), np.where(known, np.clip(z, -CLIP, CLIP), 0.0), known.astype(float),
+            block.start, block.stop, 1, block.samples, block.information, block.score, u, np.where(known, z, 0.0),
+            np.where(known, np.clip(z, -most, most), 0.0), known.astype(float),
         )  # fmt: skip
+
+    def _wander(self, reference: Reference) -> Array:
+        """Return how far (n) what is left of a joint's torque may be off in all blocks, in spreads of one."""
+        return reference.left_error + LOUDNESS / reference.left_std
+
+    def rebased(self, kept: Sequence[Sums], step: Array) -> tuple[Sums, ...]:
+        """Return sums after the reference has moved by a step (r): scores are beside the new one."""
+        move = self.directions.T
+        return tuple(replace(one, clipped=one.clipped - move @ (one.information @ step)) for one in kept)
 
     def evidence(self, reference: Reference, sums: Mapping[str, Array], *, clipped: bool) -> Array:
         """Return the evidence (G, S) of a change of each group alone in S windows; ``clipped``: no block counts much.
@@ -115,8 +129,16 @@ class Candidates:
         """Return the gains and ranks (S) of a change of what is left of a joint's torque."""
         count, std = counts[:, j], float(reference.left_std[j])
         known = (count > 0) & np.isfinite(std)
-        variance = count + (count * (reference.left_error[j] + LOUDNESS / std)) ** 2 if np.isfinite(std) else count
+        variance = count + (count * self._wander(reference)[j]) ** 2 if np.isfinite(std) else count
         return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(float)
+
+
+@cache
+def _most(rank: int, dof: float) -> float:
+    """Return the gain of that evidence."""
+    from scipy.special import fdtri
+
+    return rank * float(fdtri(rank, dof, -np.expm1(-CLIP))) if rank else np.inf
 
 
 def is_base(group: Group) -> bool:

@@ -107,7 +107,9 @@ class Detector:
         if self._newness(reference, block) > NEW:
             new = known.new + 1
             events: tuple[Event, ...] = (NewMotion(block.stop, block.start),) if new == LASTING else ()
-            return replace(known, reference=reference.learned(block), new=new), events
+            after = reference.learned(block)
+            windows = self.candidates.rebased(known.windows, after.value - reference.value)
+            return replace(known, reference=after, windows=windows, new=new), events
         windows = pushed(known.windows, self.candidates.sums(reference, block))
         starts, sums = suffixes(windows)
         if self.candidates.evidence(reference, sums, clipped=True).max() < self.threshold:

@@ -66,6 +66,7 @@ class Sensors:
         m = len(self.joints)
         self.jumped, self.leap = np.zeros(m), np.zeros(m)  # samples since what may be a jump of a position, its size
         self.left, self.left_at, self.pace = np.zeros(m), np.zeros(m), np.zeros(m)  # the value before it, when
+        self.moved = np.zeros(m)  # samples in which it moved
         self.gone = self.held = self.leaps = self.faulty = self.dead = False  # whether any of these is
 
     @property
@@ -168,15 +169,18 @@ class Sensors:
         limit = np.maximum(limit, ABRUPT * np.sqrt(self.bend[:n]))
         late, self.jumped = self.jumped, np.where(self.jumped > 0, self.jumped + 1, 0.0)
         for k in np.flatnonzero(self.jumped == CONFIRMED):
-            if abs(x[k] - self.left[k]) > limit[k] / 2:
+            if abs(x[k] - self.left[k]) > abs(self.leap[k]) / 2:
                 at, leap = float(self.left_at[k]), float(self.leap[k])
                 yield Fault(t, FaultKind.JUMP, Signal.POSITION, self.joints[k], at, leap)
         self.jumped[self.jumped >= CONFIRMED] = 0.0
-        new = (size > limit) & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
+        known = np.isfinite(self.fastest) | (self.moved > SETTLED)
+        new = (size > limit) & known & (self.seen > SETTLED) & (late == 0) & (self.fault[:n] == 0)
         self.jumped[new] = 1.0
         self.left, self.left_at = np.where(new, self.value[:n], self.left), np.where(new, t, self.left_at)
         self.leap, self.leaps = np.where(new, d[:n], self.leap), bool(self.jumped.any())
-        self.pace = np.maximum(np.where(late > 0, 0.0, np.minimum(size, limit)), self.pace * (1 - 1 / MEMORY))
+        usual = np.where(known, np.minimum(size, limit), size)
+        self.moved += size > 0
+        self.pace = np.maximum(np.where(late > 0, 0.0, usual), self.pace * (1 - 1 / MEMORY))
 
     def _frozen(self, t: float) -> Iterator[Event]:
         n, held = len(self.joints), t - self.since

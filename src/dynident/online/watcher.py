@@ -45,7 +45,7 @@ class WatchSettings:
     range.
     """
 
-    false_alarms: float = 1 / 30
+    false_alarms: float = 0.03
     block: float = 5.0
     baseline: float = 600.0
     settle: float = 30.0
@@ -143,6 +143,8 @@ class Watcher:
                     events.append(Gap(at, step))
                 events += self._cut(used=True)
                 self._sensors.forget()
+                if self._back >= BACK and self._smoothing is not None:
+                    self._tracker = self._made(*self._smoothing)  # its stamps may only increase
                 start = k
             elif not math.isnan(step):
                 self._step = step if math.isnan(self._step) else self._step + 0.01 * (step - self._step)
@@ -166,12 +168,15 @@ class Watcher:
         """Smooth samples, and reduce what is final to blocks."""
         if not len(t):
             return []
-        if self._tracker is None:
-            self._held = tuple(np.concatenate(pair) for pair in zip(self._held, (t, q, tau), strict=True))
-            if self._held[0][-1] - self._held[0][0] < FIRST:
-                return []
-            return self._begin()
-        return self._scored(self._tracker.push(t, q, tau))
+        if self._tracker is not None:
+            return self._scored(self._tracker.push(t, q, tau))
+        first = float(self._held[0][0]) if len(self._held[0]) else float(t[0])
+        enough = int(np.searchsorted(t, first + FIRST)) + 1  # whatever comes at a time
+        held, rest = ([x[:enough] for x in (t, q, tau)], [x[enough:] for x in (t, q, tau)])
+        self._held = tuple(np.concatenate(pair) for pair in zip(self._held, held, strict=True))
+        if len(t) < enough:
+            return []
+        return self._begin() + self._motion(*rest)
 
     def _begin(self) -> list[Event]:
         """Find out from the first seconds how much to smooth; wait for more where no joint moves in them."""

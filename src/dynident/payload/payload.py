@@ -193,7 +193,7 @@ def _loaded_logs(
         if one.signals is None:
             continue
         pairs = ((alone, factor), (whole, factor), (other.estimate.value, np.ones_like(factor)))
-        found = LoadedLog(one.name, *(_left(other.model, one, theta, factor) for theta, factor in pairs))
+        found = LoadedLog(one.name, *(_left(other.model, one, theta, gain) for theta, gain in pairs))
         if found.with_payload > max(MOST * usual, WRONG):
             raise InputError(
                 f"{one.name}: the arm of the result with any payload leaves {found.with_payload:.3g} % of the torque, "
@@ -241,9 +241,9 @@ def _not_shown(
     if hidden and logs:
         poses, variance = together([one.motion for one in logs])["q"], _per_second(found.model, other, logs)
         ways = turnings(found.model, payload.mount, payload.value, information, variance, poses)
-    found = [_way_to_show(k, float(body.std[k]), ways) for k in hidden]
-    yield from (note for k, note in zip(hidden, found, strict=True) if k < 4)
-    moments = sorted((note for k, note in zip(hidden, found, strict=True) if k >= 4), key=lambda note: note.std)
+    told = [(k, _way_to_show(k, float(body.std[k]), ways)) for k in hidden]
+    yield from (note for k, note in told if KIND[k] < 2)
+    moments = sorted((note for k, note in told if KIND[k] == 2), key=lambda note: note.std)
     yield from {note.joint: note for note in moments}.values()  # of the inertia the worst for each joint
 
 

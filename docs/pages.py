@@ -29,6 +29,7 @@ GUIDES = {
         "symptoms",
         "choosing",
         "export",
+        "payload",
         "fleets",
         "online",
         "supported",

@@ -44,7 +44,7 @@ class Block:
 
 
 def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
-    """Return the usual step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
+    """Return the mean step (s) of a log, and the bandwidth (n) s with which the result's spline smooths it.
 
     A joint that rests, or is as straight as a line, has that of the others. Raises ConfigError where the result has
     another smoother, or no joint moves; InputError as the smoother.
@@ -55,8 +55,10 @@ def smoothing_of(result: Identification, log: Log) -> tuple[float, Array]:
     found = np.array(motion.smoothing["bandwidth"], dtype=float)
     moves = np.isfinite(found) & (motion.dq != 0).any(axis=0)
     if not moves.any():
-        raise ConfigError(f"{log.source}: no joint moves, so that the smoothing cannot be found; give a `bandwidth`.")
-    return float(np.median(np.diff(log.t))), np.where(moves, found, np.median(found[moves]))
+        raise ConfigError(
+            f"{log.source}: no joint moves, so that the smoothing cannot be found; take a log of a motion."
+        )
+    return float(log.t[-1] - log.t[0]) / (len(log) - 1), np.where(moves, found, np.median(found[moves]))
 
 
 class Tracker:
@@ -103,7 +105,8 @@ class Tracker:
     def push(self, t: ArrayLike, q: ArrayLike, tau: ArrayLike) -> tuple[Block, ...]:
         """Take samples, t (B) s, q and tau (B, n), as many as there are, and return the blocks that they complete.
 
-        The blocks and the estimate do not depend on how many are given at a time. Raises InputError as ``FixedLag``.
+        Columns are in the order of the model's joints. The blocks and the estimate do not depend on how many samples
+        are given at a time. Raises InputError as ``FixedLag``.
         """
         return self._blocks(self.smoother.push(t, q, tau))
 

@@ -167,9 +167,7 @@ class Detector:
         base = [g for g in taken if is_base(self.candidates.groups[g])]
         if not base:
             return reference
-        size, covariance, _ = self.candidates.sizes(reference, sums, base)
-        columns = np.hstack([self.candidates.directions[:, self.candidates.parts[g]] for g in base])
-        return reference.moved(columns, size, covariance)
+        return self.candidates.move(reference, sums, base).of(reference)
 
     def _moved(
         self, known: Knowledge, reference: Reference, sums: dict[str, Array], taken: dict[int, float], alarm: Alarm
@@ -178,12 +176,12 @@ class Detector:
         of, events, total = self.candidates, list[Event](), known.total.copy()
         after, end = self._beside(reference, sums, taken), 0
         base = [g for g in taken if is_base(of.groups[g])]
-        size, covariance, seen = of.sizes(reference, sums, base) if base else (np.zeros(0),) * 3
+        move = of.move(reference, sums, base) if base else None
         for g, chance in taken.items():
             group, part = of.groups[g], of.parts[g]
-            if is_base(group):
+            if move is not None and is_base(group):
                 some = slice(end, end := end + part.stop - part.start)
-                one, std = size[some], np.where(seen[some] > 0, np.sqrt(np.diag(covariance)[some]), np.inf)
+                one, std = move.size[some], np.sqrt(move.variance[some])
                 total[part] += one
                 whole = total[part]
             else:

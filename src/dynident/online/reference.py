@@ -46,14 +46,6 @@ class Reference:
 
     __repr__ = brief
 
-    def moved(self, directions: Array, size: Array, covariance: Array) -> Reference:
-        """Return the reference after a change by ``size`` (k) +- ``covariance`` (k, k) in ``directions`` (r, k)."""
-        return replace(
-            self,
-            value=self.value + directions @ size,
-            covariance=self.covariance + directions @ covariance @ directions.T,
-        )
-
     def louder(self, joint: int, step: float) -> Reference:
         """Return the reference after a change of what is left of a joint's torque, by a step of its logarithm."""
         left = self.left.copy()

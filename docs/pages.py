@@ -21,7 +21,19 @@ SOURCE = ROOT / "src"
 KERNEL = "src/dynident/kernel/README.md"
 SHOWN = ("*.md", "LICENSE", "CITATION.cff", "docs/*.md", "docs/*.png", "docs/*.svg", "docs/*.css", "examples/*", KERNEL)
 GUIDES = {
-    "Your robot": ("recording", "gains", "recipes", "robots", "symptoms", "choosing", "export", "fleets", "watching", "online", "supported"),
+    "Your robot": (
+        "recording",
+        "gains",
+        "recipes",
+        "robots",
+        "symptoms",
+        "choosing",
+        "export",
+        "fleets",
+        "watching",
+        "online",
+        "supported",
+    ),
     "Methods": ("methods", "maximum_likelihood", "article", "notation"),
     "Reference": ("configuration", "cli", "extending", "scaling", "performance", "defaults"),
 }

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import brief
-from dynident.online.scores import Scores
 from dynident.online.evidence import evidence, gains
 from dynident.online.reference import Reference
+from dynident.online.scores import Scores
 from dynident.online.windows import Sums
 from dynident.regression import Group, GroupKind
 
@@ -27,8 +27,8 @@ TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """By how much robot and reference differ in ``directions`` (r, k): ``size`` (k), with its ``variance`` (k), which is
-    infinite in what the window does not show. ``noise`` (k, k) is the part of its covariance that the window's own
+    """By how much robot and reference differ in ``directions`` (r, k): ``size`` (k), with its ``variance`` (k), which
+    is infinite in what the window does not show. ``noise`` (k, k) is the part of its covariance that the window's own
     scatter makes; the error of the reference (r) goes into the size by ``gain`` (k, r)."""
 
     directions: Array
@@ -111,14 +111,13 @@ class Candidates:
         own, covariance = self.covariances(reference, sums, self.tolerance)
         whole = (sums["score"] - sums["information"] @ reference.value) @ self.directions
         scores, left = (sums["clipped"], sums["left_clipped"]) if clipped else (whole, sums["left"])
-        found = []
-        for group, part in zip(self.groups, self.parts, strict=True):
-            if is_base(group):
-                gain, rank = gains(scores[:, part], own[:, part, part], covariance[:, part, part])
-            else:
-                gain, rank = self._louder(reference, left, sums["left_count"], joint_of(group))
-            found.append(evidence(gain, rank, reference.dof))
-        return np.stack(found)
+        found = [
+            gains(scores[:, part], own[:, part, part], covariance[:, part, part])
+            if is_base(group)
+            else self._louder(reference, left, sums["left_count"], joint_of(group))
+            for group, part in zip(self.groups, self.parts, strict=True)
+        ]
+        return np.stack([evidence(gain, rank, reference.dof) for gain, rank in found])
 
     def covariances(
         self, reference: Reference, sums: Mapping[str, Array], tolerance: float = 0.0
@@ -150,12 +149,18 @@ class Candidates:
             gain=inverse @ D.T @ A,
         )
 
-    def _louder(self, reference: Reference, left: Array, counts: Array, j: int) -> tuple[Array, Array]:
+    def louder(self, reference: Reference, sums: Mapping[str, Array], group: Group) -> tuple[Array, Array]:
+        """Return by how much the logarithm of a joint's residual (rms) has changed in a window (1), and its error."""
+        j = joint_of(group)
+        count, spread = sums["left_count"][0, j], reference.left_std[j] / 2  # of a mean square it is twice
+        return spread * sums["left"][0, [j]] / count, np.array([spread / np.sqrt(count)])
+
+    def _louder(self, reference: Reference, left: Array, counts: Array, j: int) -> tuple[Array, NDArray[np.intp]]:
         """Return the gains and ranks (S) of a change of what is left of a joint's torque."""
         count, std = counts[:, j], float(reference.left_std[j])
         known = (count > 0) & np.isfinite(std)
         variance = count + (count * self._wander(reference)[j]) ** 2 if np.isfinite(std) else count
-        return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(float)
+        return np.divide(left[:, j] ** 2, variance, out=np.zeros(len(count)), where=known), known.astype(np.intp)
 
 
 @cache

@@ -30,6 +30,7 @@ GUIDES = {
         "choosing",
         "export",
         "payload",
+        "watching",
         "fleets",
         "online",
         "supported",

@@ -52,13 +52,15 @@ FRICTION = (
     Friction(0.02, 0.2, 0.4, 0.02),
 )
 ROBOTS = {"6 joints": Robot(SIX), "7 joints": Robot(SEVEN, friction=FRICTION)}
-RATE, DURATION, PERIOD, HARMONICS = 200.0, 20.0, 10.0, 5
+RATE, DURATION, PERIOD, HARMONICS = 200.0, 30.0, 10.0, 5
 ENCODER = 2 * np.pi / 2**17
 GAIN, LOAD = 0.03, 0.05
 COLOURED, WHITE, CORRELATION = 0.02, 0.01, np.exp(-1 / (0.1 * RATE))
 DRIFT, OFFSET = 0.10, 0.05  # of friction, and of friction for an offset
 WEIGHED = from_physical(5.0, [0.0, 0.0, 0.05], np.diag([0.01, 0.01, 0.008]))
 SOUGHT = from_physical(3.0, [0.02, -0.03, 0.08], np.diag([0.012, 0.015, 0.006]))
+TRUTH = np.array([3.0, 0.02, -0.03, 0.08, 0.012, 0.0, 0.015, 0.0, 0.0, 0.006])  # of the payload that is sought
+CASES = ("blind", "weighed", "weighed, unloaded", "placed, unloaded")
 SMOOTH = 0.01  # rad/s: friction that grows with the load turns so fast
 
 
@@ -110,11 +112,11 @@ def moved(rng: Rng, n: int) -> tuple[Array, Array, Array, Array]:
 
 def of_robot(robot: Robot) -> tuple[Model, Array]:
     """Return the model of an arm with friction, and its true parameters."""
-    bodies = RigidBodies(urdf(robot.links), gravity=robot.gravity)
+    bodies, n = RigidBodies(urdf(robot.links), gravity=robot.gravity), len(robot.links)
     kinds: list[tuple[Any, str]] = [(RotorInertia, "rotor"), (Viscous, "viscous"), (Coulomb, "coulomb")]
     terms = [kind(bodies.joints) for kind, _ in [*kinds, (Offset, "offset")]]
     values = [
-        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[: len(robot.links)]
+        getattr(one, name) for _, name in [*kinds, (Offset, "offset")] for one in robot.friction[:n]
     ]
     return Model((bodies, *terms)), np.array([*(one.value for one in bodies.parameters), *values])
 
@@ -143,6 +145,9 @@ def one_run(robot: str, seed: int, estimator: Estimator, repeat: bool, say: Call
     out["weighed"] = row(find_payload(found, sought, request=Request(gains=known)))
     known = find_payload(found, weighed, unloaded, Request(known_mass=5.0)).gains
     out["weighed, unloaded"] = row(find_payload(found, sought, unloaded, Request(gains=known)))
+    placed = Request(known_mass=5.0, known_centre=(0.0, 0.0, 0.05))
+    known = find_payload(found, weighed, unloaded, placed).gains
+    out["placed, unloaded"] = row(find_payload(found, sought, unloaded, Request(gains=known)))
     say(f"{robot} {seed}: {out['blind']['values'][0]:.4f} {out['weighed']['values'][0]:.4f}")
     return out
 
@@ -159,25 +164,35 @@ def row(found: Payload) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> None:
-    """Print errors and coverage by robot and case."""
-    truth = np.array([3.0, 0.02, -0.03, 0.08, 0.012, 0.0, 0.015, 0.0, 0.0, 0.006])
-    print(
-        f"{'robot':9} {'case':18} runs  mass %: rms, 95 %, within 1 %  centre mm: rms, 95 %  within 3 mm; coverage: m c I; factor"
+    """Print errors and coverage by robot and case, as a table of Markdown."""
+    heads = (
+        "arm",
+        "gains",
+        "runs",
+        "mass, %: rms (95 %)",
+        "within 1 %",
+        "centre, mm: rms (95 %)",
+        "within 3 mm",
+        "95 % hold",
     )
+    print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
     for robot in dict.fromkeys(one["robot"] for one in rows):
-        for case in ("blind", "weighed", "weighed, unloaded"):
+        for case in CASES:
             several = [one[case] for one in rows if one["robot"] == robot]
-            error = np.array([one["values"] for one in several]) - truth
-            std = np.array([one["std"] for one in several])
-            mass, centre = 100 * np.abs(error[:, 0]) / 3.0, 1e3 * np.linalg.norm(error[:, 1:4], axis=1)
-            held = (np.abs(error) < 1.96 * std).mean(axis=0)
-            print(
-                f"{robot:9} {case:18} {len(several):4}  {np.sqrt(np.mean(mass**2)):.2f} {np.quantile(mass, 0.95):.2f} "
-                f"{np.mean(mass < 1):.2f}   {np.sqrt(np.mean(centre**2)):.2f} {np.quantile(centre, 0.95):.2f} "
-                f"{np.mean(centre < 3):.2f};  {held[0]:.2f} {held[1:4].mean():.2f} {held[4:].mean():.2f}; "
-                f"{np.median([one['factor'] for one in several]):.2f}; "
-                f"std {100 * np.median(std[:, 0]) / 3:.2f} % {1e3 * np.median(std[:, 1:4]):.2f} mm"
-            )
+            error = np.array([one["values"] for one in several]) - TRUTH
+            held = (np.abs(error) < 1.96 * np.array([one["std"] for one in several])).mean(axis=0)
+            mass, centre = 100 * np.abs(error[:, 0]) / TRUTH[0], 1e3 * np.linalg.norm(error[:, 1:4], axis=1)
+            cells = (
+                robot, case, len(several), f"{_rms(mass):.2f} ({np.quantile(mass, 0.95):.2f})",
+                f"{100 * np.mean(mass < 1):.0f} %", f"{_rms(centre):.1f} ({np.quantile(centre, 0.95):.1f})",
+                f"{100 * np.mean(centre < 3):.0f} %",
+                ", ".join(f"{100 * part.mean():.0f} %" for part in (held[:1], held[1:4], held[4:])),
+            )  # fmt: skip
+            print(f"| {' | '.join(map(str, cells))} |")
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def main() -> None:

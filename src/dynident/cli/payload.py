@@ -26,6 +26,10 @@ __all__ = ["payload"]
 @click.option("--unloaded", multiple=True, type=LOG_NAME, help="Recording of the same day without it; repeat it.")
 @click.option("--frame", help="Link that carries it; else the flange.")
 @click.option("--known-mass", type=float, metavar="KG", help="Its mass, weighed: finds the gains of the drives.")
+@click.option(
+    "--known-centre", type=float, nargs=3, metavar="X Y Z",
+    help="Its centre of mass in the frame (m), where that is known, too: for the gains of the wrist.",
+)  # fmt: skip
 @click.option("--gains", type=RESULT, help="payload.json of a payload of known mass, for the gains of the drives.")
 @click.option(
     "--gain-error", type=float, default=3.0, show_default=True, metavar="PERCENT",
@@ -40,7 +44,8 @@ __all__ = ["payload"]
 @ALLOW_CODE
 def payload(
     result: Path, loaded: tuple[str, ...], unloaded: tuple[str, ...], frame: str | None, known_mass: float | None,
-    gains: Path | None, gain_error: float, friction_change: float, removed: bool, out: Path | None, allow_code: bool,
+    known_centre: tuple[float, float, float] | None, gains: Path | None, gain_error: float, friction_change: float,
+    removed: bool, out: Path | None, allow_code: bool,
 ) -> None:  # fmt: skip
     """Identify mass, centre of mass and inertia of what the arm in RESULT (the result.json of identify) carries.
 
@@ -62,7 +67,7 @@ def payload(
     with result_folder(out) if out else nullcontext() as folder:
         with status() as say:
             known = read_gains(gains) if gains else None
-            request = Request(frame, known_mass, gain_error, known, friction_change, removed)
+            request = Request(frame, known_mass, known_centre, gain_error, known, friction_change, removed)
             say("reading the result")
             saved = load(result, allow_code=allow_code)
             if out:

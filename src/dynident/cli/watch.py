@@ -24,14 +24,16 @@ __all__ = ["watch"]
 @click.option("--out", type=DIRECTORY, help="Folder for changes.jsonl and the state, by which a stopped watch goes on.")
 @click.option("--once", is_flag=True, help="Stop at the end of FILE, instead of waiting for more.")
 @click.option(
-    "--false-alarms", type=float, default=0.033, show_default=True, metavar="PER_DAY",
+    "--false-alarms", type=float, default=0.03, show_default=True, metavar="PER_DAY",
     help="Changes found by chance in a day of a robot that does not change.",
 )  # fmt: skip
 @click.option(
     "--baseline", type=float, default=600.0, show_default=True, metavar="S",
     help="Seconds at the start that show what is usual; nothing should change in them.",
 )  # fmt: skip
-@click.option("--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together.")
+@click.option(
+    "--block", type=float, default=5.0, show_default=True, metavar="S", help="Seconds that are looked at together."
+)
 @click.option(
     "--tolerance", type=float, default=0.05, show_default=True,
     help="Changes of the torque by this share of its noise are none.",

@@ -27,7 +27,7 @@ def joint_knowledge(
     robust: Callable[..., Array] = correlated_std,
 ) -> tuple[Array, Array, Array] | tuple[None, None, None]:
     """Return the covariance (r, r) of the base parameters that the columns ``kept`` lead, (r, n) the parts that the
-    torque of each joint has in them, and how many (n) it determines; None where the columns are dependent to working
+    torque of each joint has in them, and its share (n) in their errors; None where the columns are dependent to working
     precision.
 
     With R = U S V' the triangular factor of the weighted columns, the errors of S V' beta are independent where
@@ -35,7 +35,7 @@ def joint_knowledge(
     V S^-1 diag(v) S^-1 V' + ``more`` (r, r): the estimated covariance itself, of few independent samples, would show
     directions that seem to be known without error. Where there is no such figure, all variances are larger by the
     median of those of ``std`` (r) over those for white residuals. A joint contributes
-    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j, and determines the trace of the same with Y_j for tau_j.
+    (sum_j w_j^2 Y_j' Y_j)^-1 w_j^2 Y_j' tau_j; its share is the trace of the same with Y_j for tau_j, over r.
     """
     triangular, n = regression.triangular_factors, len(regression.model.joints)
     w = np.ones(n) if estimate.residual.weights is None else np.asarray(estimate.residual.weights)
@@ -46,7 +46,7 @@ def joint_knowledge(
         return None, None, None
     to_axes, back = size[:, None] * axes * scale, (axes / size[:, None]).T / scale[:, None]
     pulls = np.einsum("j,jik,ji->kj", w**2, triangular.factors[:, :, kept], triangular.factors[:, :, -1])
-    shares = np.square(w[:, None, None] * (triangular.factors[:, :, kept] @ back)).sum(axis=(1, 2))
+    shares = np.square(w[:, None, None] * (triangular.factors[:, :, kept] @ back)).sum(axis=(1, 2)) / len(kept)
     covariance = _covariance(regression, estimate, kept, (to_axes, back), std, robust) + more
     return covariance, back @ (back.T @ pulls), shares
 

@@ -56,8 +56,8 @@ class StandardErrors:
 
     ``base_covariance`` (r, r) is of the base parameters together, for correlated residuals, too, and ``base_by_joint``
     (r, n) what the torque of each joint contributes to their values by least squares: an error of its gain acts so;
-    ``base_shares`` (n) is how many of them its torque determines, r in all. Where all p parameters are determined,
-    these are of them. None in results of older versions.
+    ``base_shares`` (n) are the shares of its torque in their errors, one in all. Where all p parameters are
+    determined, these are of them. None in results of older versions.
     """
 
     std: Array

@@ -184,15 +184,15 @@ def _consistency(given: ConsistencyPart | None, p: int, source: str) -> Consiste
 def _errors(file: ResultFile, source: str) -> StandardErrors:
     rows, base, joint = file.parameters, file.base_parameters.on_data, file.base_parameters
     own = [] if base is None else base.parameters
-    r = len(rows) if base is None else len(own)
+    r, n = len(rows) if base is None else len(own), len(file.model.joints)
     return StandardErrors(
         np.array([row.std for row in rows]),
         _column([row.std_hac for row in rows]),
         None if base is None else _column([row.std for row in own]),
         None if base is None else _column([row.std_hac for row in own]),
         _known(joint.covariance, (r, r), "base_parameters.covariance", source),
-        _known(joint.by_joint, (r, len(file.model.joints)), "base_parameters.by_joint", source),
-        None if joint.shares is None else np.array(joint.shares),
+        _known(joint.by_joint, (r, n), "base_parameters.by_joint", source),
+        None if joint.shares is None else _matrix([joint.shares], (1, n), "base_parameters.shares", source)[0],
     )
 
 

@@ -58,9 +58,10 @@ class Watch:
         What is yielded is saved before. Raises InputError where the stream cannot be read.
         """
         stream, begun = self._begin()
-        yield from begun
-        saved = time.monotonic()
         try:
+            self._save(stream, begun)
+            saved = time.monotonic()
+            yield from begun
             while True:
                 data, fresh, ended = stream.read()
                 if fresh:
@@ -96,9 +97,7 @@ class Watch:
         stream = self._opened(state["position"])
         if not isinstance(stream, FollowedFile) or not stream.found:
             self.watcher.resume_by_replay()
-        resumed = Resumed(self.watcher.latest, self.watcher.latest)
-        self.events.append(resumed)
-        return stream, [resumed]
+        return stream, [Resumed(self.watcher.latest, self.watcher.latest)]
 
     def _opened(self, position: Mapping[str, Any] | None) -> Stream:
         return StandardInput() if self.source == "-" else FollowedFile(Path(self.source), position)

@@ -28,7 +28,7 @@ __all__ = ["Solved", "Source", "solved"]
 Array = NDArray[np.float64]
 LARGEST = 1e3  # kg: weak prior of the mass
 WITHIN, LIGHTEST = 0.5, 0.2  # m, kg: a payload is about so near to its frame, and not taken for lighter
-WEIGHED = 1e-4  # relative error of a known mass
+WEIGHED, PLACED = 1e-4, 5e-4  # relative error of a known mass; m, of a known centre of mass
 ROUNDS = 5
 FREE = 1e6  # of a base parameter, over the torque that it makes: it is not known beforehand
 
@@ -95,18 +95,19 @@ class _Rows:
     left: Array
     right: Array
     weak: bool = False
-    by_joint: Array | None = None
-    shares: Array | None = None
+    evidence: Evidence | None = None
+    white: Array | None = None
 
     def cleaned(self, x: Array, gains: slice) -> _Rows:
         """Return the rows with what is left at x (u) taken out of the columns of the gains.
 
         These hold the noise of what was measured: else gains below the true ones would make it smaller.
         """
-        if self.shares is None or self.by_joint is None:
+        if self.evidence is None or self.white is None:
             return self
+        noise = np.linalg.solve(self.white, self.right - self.left @ x)
         left = self.left.copy()
-        left[:, gains] = self.by_joint - np.outer(self.right - self.left @ x, self.shares)
+        left[:, gains] = self.white @ (self.evidence.by_joint - np.outer(noise, self.evidence.shares))
         return replace(self, left=left)
 
 
@@ -131,11 +132,10 @@ def solved(
     known = np.full(r, FREE * (torque or 1.0)) / basis.scale[list(basis.independent)]
     rows.append(_Rows(Source.PRIOR, _unit(size, place.beta, 1.0 / known), np.zeros(r), weak=True))
     mass = LARGEST if request.known_mass is None else request.known_mass
-    weighed = None if request.known_mass is None else (place, size, request.known_mass)
     for _ in range(ROUNDS):
-        x = _least_squares([*rows, *_body(place, size, mass, weighed)])[0]
+        x = _least_squares([*rows, *_body(place, size, mass, request)])[0]
         rows, mass = [one.cleaned(x, place.gains) for one in rows], max(abs(x[place.phi.start]), LIGHTEST)
-    return _found(basis, place, drift, friction, [*rows, *_body(place, size, mass, weighed)])
+    return _found(basis, place, drift, friction, [*rows, *_body(place, size, mass, request)])
 
 
 def _measured(
@@ -147,16 +147,17 @@ def _measured(
     place: _Unknowns,
     removed: bool,
 ) -> _Rows:
-    value, combination, by_joint = one.whitened()
-    left = np.zeros((len(value), place.phi.stop))
+    white = one.white()
+    combination = white @ one.combination
+    left = np.zeros((len(white), place.phi.stop))
     left[:, place.beta] = combination[:, list(basis.independent)]
-    left[:, place.gains] = by_joint
+    left[:, place.gains] = white @ one.by_joint
     if source is not Source.ARM:
         left[:, place.drift] = combination @ changes[0]
     if source is Source.LOADED:
         left[:, place.friction] = combination @ changes[1]
         left[:, place.phi] = combination @ mount.turn * (-1.0 if removed else 1.0)
-    return _Rows(source, left, value, by_joint=by_joint, shares=one.shares / one.shares.sum())
+    return _Rows(source, left, white @ one.value, evidence=one, white=white)
 
 
 def _changes(model: Model, basis: BaseParameters, theta: Array, percent: float) -> tuple[Array, Array]:
@@ -200,15 +201,16 @@ def _gains_prior(request: Request, place: _Unknowns, size: int, n: int) -> _Rows
     return _Rows(Source.GAINS, left, np.linalg.solve(half, mean))
 
 
-def _body(place: _Unknowns, size: int, mass: float, weighed: tuple[_Unknowns, int, float] | None) -> list[_Rows]:
-    """Return that a payload of about this ``mass`` is not far from its frame, and its mass where it was ``weighed``."""
+def _body(place: _Unknowns, size: int, mass: float, request: Request) -> list[_Rows]:
+    """Return that a payload of about this ``mass`` is not far from its frame, and what is known of it."""
     sizes = mass * WITHIN ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])
     sizes[0] = LARGEST
     found = [_Rows(Source.PRIOR, _unit(size, place.phi, 1.0 / sizes), np.zeros(10), weak=True)]
-    if weighed is not None:
-        row = np.zeros((1, size))
-        row[0, place.phi.start] = 1.0 / (WEIGHED * weighed[2])
-        found.append(_Rows(Source.PRIOR, row, row[:, place.phi.start] * weighed[2], weak=True))
+    if (weight := request.known_mass) is not None:
+        known = np.array([1.0, *(request.known_centre or ())])
+        error = weight * np.array([WEIGHED, PLACED, PLACED, PLACED])[: len(known)]
+        part = slice(place.phi.start, place.phi.start + len(known))
+        found.append(_Rows(Source.PRIOR, _unit(size, part, 1.0 / error), weight * known / error, weak=True))
     return found
 
 

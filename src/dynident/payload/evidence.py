@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Base parameters ``value`` (r) = ``combination`` (r, p) theta, as they were identified, with their ``covariance``
-    (r, r), the parts ``by_joint`` (r, n) that the torque of each joint has in them, and how many of them it determines,
-    ``shares`` (n).
+    (r, r), the parts ``by_joint`` (r, n) that the torque of each joint has in them, and its ``shares`` (n) in their
+    errors.
 
     Where the torque of joint j is (1 + e_j) times the true one, the values are too large by ``by_joint`` e.
     """
@@ -43,9 +43,9 @@ class Evidence:
         B = np.eye(len(theta)) if base is None else base.combination
         return cls(B @ theta, B, errors.base_covariance, errors.base_by_joint, errors.base_shares)
 
-    def whitened(self) -> tuple[Array, Array, Array]:
-        """Return value (r), combination (r, p) and by_joint (r, n) in units in which the errors are independent and
-        of variance one; InputError where the covariance is not positive definite."""
+    def white(self) -> Array:
+        """Return what makes the errors of the values independent, of variance one (r, r); InputError where the
+        covariance is not positive definite."""
         scale = np.sqrt(np.diag(self.covariance))
         if not (np.isfinite(scale) & (scale > 0)).all():
             raise InputError("a base parameter has no standard error; identify again, with a longer recording.")
@@ -53,6 +53,4 @@ class Evidence:
             half = np.linalg.cholesky(self.covariance / np.outer(scale, scale))
         except np.linalg.LinAlgError:
             raise InputError("the covariance of the base parameters is singular; identify again.") from None
-        stacked = np.column_stack([self.value, self.combination, self.by_joint]) / scale[:, None]
-        rows: Array = np.asarray(np.linalg.solve(half, stacked), dtype=np.float64)
-        return rows[:, 0], rows[:, 1 : 1 + self.combination.shape[1]], rows[:, 1 + self.combination.shape[1] :]
+        return np.asarray(np.linalg.inv(half) / scale)

@@ -27,7 +27,7 @@ SOURCES = {
     Source.DRIFT: "drift",
     Source.FRICTION: "friction by the load",
     Source.GAINS: "gains",
-    Source.PRIOR: "usual size",
+    Source.PRIOR: "what is known of it",
 }
 MEANINGS = {
     "mass": "mass", "x": "centre of mass, x", "y": "centre of mass, y", "z": "centre of mass, z",

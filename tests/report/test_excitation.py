@@ -51,7 +51,9 @@ def test_notes_are_said() -> None:
     said = excitation_findings(project, replace(found, notes=(Interrupted(), LeftOut(("Dahl",)), open_one)))
     assert any("stopped before its end" in one for one in said)
     assert any("remember the motion (Dahl)" in one for one in said)
-    assert any("a.Ixx: not excited" in one for one in said)
+    page = excitation_page(project, replace(found, notes=(open_one,)))
+    assert "What stays open, and why" in page
+    assert "it takes motion of lift" in page
 
 
 def test_the_heading_says_how_long_both_take() -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynident.excitation import Programme, Trajectory
 from dynident.identification import versions
+from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.excitation_expected import WELL, expected_section, told, valued_of
 from dynident.report.excitation_scene import scene_section
@@ -73,13 +74,8 @@ PROGRAMMES = {
 
 def excitation_findings(project: ExcitationProject, found: Design) -> list[str]:
     """Return in plain sentences what the motion will tell, what stays open, what was assumed, and the notes."""
-    return [
-        *told(found),
-        *floor_words(project, found),
-        *noise_words(project),
-        *limit_words(found),
-        *map(words, found.notes),
-    ]
+    notes = (words(one) for one in found.notes if not isinstance(one, UnexcitedParameters))  # a table has these
+    return [*told(found), *floor_words(project, found), *noise_words(project), *limit_words(found), *notes]
 
 
 def excitation_tables(found: Design) -> list[PageTable]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynident.errors import listed
-from dynident.excitation import Expected, expected
+from dynident.excitation import Expected, Programme, expected
+from dynident.regression import UnexcitedParameters
 from dynident.report import figures
 from dynident.report.page import Column, Figure, Fold, PageBlock, PageSection, PageTable, number
 from dynident.report.words import count
@@ -24,6 +25,7 @@ WELL, FAIR = 10.0, 30.0  # %, of the value: standard errors of what is known wel
 LONGER = 4.0  # times the duration
 SHORT = 30  # signs of a formula
 SHOWN = 6  # parameters in a sentence
+WHOLE = (Programme.MOTION, Programme.ALL)
 _WHAT = (
     "Standard errors of the base parameters, the combinations that act on the torque each in its own way, from the "
     "information of the motion: the regressor along it, weighted by the noise of the torques. They hold for the model "
@@ -64,7 +66,11 @@ def told(found: Design) -> Iterator[str]:
     if (old := _before(found)) is not None:
         yield from _added(one, old)
     if one.open:
-        yield f"{count(len(one.open), 'base parameter')} stay open: {listed(one.open, SHOWN)}."
+        stay = "stays" if len(one.open) == 1 else "stay"
+        other = (
+            "" if found.request.programme in WHOLE else "; the optimised motion shows more (`--program motion`, `all`)"
+        )
+        yield f"{count(len(one.open), 'base parameter')} {stay} open: {listed(one.open, SHOWN)}{other}."
 
 
 def _grades(shares: Array) -> str:
@@ -109,13 +115,15 @@ def expected_section(found: Design) -> PageSection:
     one, old = found.expected, _before(found)
     rows = np.flatnonzero(valued_of(one))
     labels = [_label(one, k) for k in rows.tolist()]
-    caption = "Expected standard error of the base parameters that have a value, in % of it; the dotted line is at 1 %."
+    caption = (
+        f"Expected standard error of the base parameters that have a value, in % of it; the line is at {WELL:g} %."
+    )
     known = None if old is None else old.relative[rows]
     blocks: list[PageBlock] = [_WHAT]
     if len(rows):
-        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], known), caption))
+        blocks.append(Figure(figures.expected_figure(labels, one.relative[rows], WELL, known), caption))
     table = Fold("All numbers", (_table(one, old),))
-    return PageSection("Expected standard errors", (*blocks, table, *_formulas(one), *_never(one)))
+    return PageSection("Expected standard errors", (*blocks, *_open(found), table, *_formulas(one), *_never(one)))
 
 
 def _table(one: Expected, old: Expected | None) -> PageTable:
@@ -130,6 +138,17 @@ def _table(one: Expected, old: Expected | None) -> PageTable:
         rows.append((*cells, *(number(float(share), 2) if valued[k] else "-" for share in shares)))
     title = f"Base parameters; log det of the information {number(one.log_det)}, condition {number(one.condition, 3)}"
     return PageTable(tuple(columns), tuple(rows), title)
+
+
+def _open(found: Design) -> Iterator[PageBlock]:
+    """Yield what stays open, with the motion that would show it."""
+    rows = []
+    for note in (one for one in found.notes if isinstance(one, UnexcitedParameters)):
+        how = "" if len(note.joints) == 1 else " at the same time" if note.together else ", each by itself"
+        rows += [(_short(name), f"it takes motion of {', '.join(note.joints)}{how}") for name in note.groupings]
+    if rows:
+        columns = (Column("base parameter", numeric=False), Column("why", numeric=False))
+        yield PageTable(columns, tuple(rows), "What stays open, and why")
 
 
 def _formulas(one: Expected) -> Iterator[PageBlock]:
@@ -149,8 +168,12 @@ def _never(one: Expected) -> Iterator[PageBlock]:
 
 
 def _label(one: Expected, k: int) -> str:
+    """Return what a base parameter is called."""
+    return _short(one.basis.groupings[k])
+
+
+def _short(name: str) -> str:
     """Return a base parameter's formula, or, where it is long, its first parameter and how many follow."""
-    name = one.basis.groupings[k]
     if len(name) <= SHORT:
         return name
     lead, *rest = name.replace(" - ", " + ").split(" + ")

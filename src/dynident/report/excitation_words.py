@@ -22,7 +22,7 @@ __all__ = ["floor_words", "limit_words", "noise_words"]
 SHOWN = 8  # joints in a sentence
 RATE, MOST = 50.0, 5000  # Hz and samples of the lowest point
 _ORIGINS = {
-    NoiseOrigin.GIVEN: "as given",
+    NoiseOrigin.GIVEN: "as far as given; of other joints as known, or 1 % of the torque limit",
     NoiseOrigin.RESULT: "the residual of the result, each sample counted as often as it is independent",
     NoiseOrigin.LOGS: "the residual of a fit to the logs, each sample counted as often as it is independent",
     NoiseOrigin.RULE: "by rule: 1 % of the torque limit, or 1 N m. Give `noise`, or a result, for errors to rely on",

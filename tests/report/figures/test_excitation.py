@@ -23,7 +23,7 @@ def test_distances_with_the_clearance() -> None:
 
 def test_what_is_not_known_before_is_left_out() -> None:
     before = np.array([np.inf, 3.0])
-    figure = expected_figure(["<m>", "b"], np.array([1.0, 2.0]), before)
+    figure = expected_figure(["<m>", "b"], np.array([1.0, 2.0]), 10.0, before)
     *_, now, then = figure.data
     assert now["text"] == ["&lt;m&gt;", "b"]
     assert list(then["x"]) == [3.0]

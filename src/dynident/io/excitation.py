@@ -114,7 +114,9 @@ class ExcitationProject:
     def shapes(self) -> Distances | None:
         """The real shapes, which check the finished motion; None where Pinocchio and Coal are not installed."""
         space = self.space
-        return exact_space(self.geometry, space) if self.geometry and isinstance(space, CapsuleSpace) else None
+        if self.geometry is None or not isinstance(space, CapsuleSpace) or not space.pairs:
+            return None
+        return exact_space(self.geometry, space)
 
     def design(self, executor: Executor | None = None, progress: Progress | None = None) -> Design:
         """Return the most informative motion; raises the errors of ``dynident.excitation.design``."""
